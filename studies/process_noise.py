@@ -121,7 +121,7 @@ def cost() -> dict[str, Any]:
     """Likelihoods with process noise over plain ones, where the input changes at every reading and at every 20th."""
     rng, t = np.random.default_rng(1), np.arange(0.0, 20.0, 0.01)
     readings, u, found = rng.normal(3.0, 1.0, (t.size, 2)), np.cumsum(rng.normal(0.0, 0.1, t.size)), {}
-    process = ProcessNoise({"y1": 1.0, "y2": 0.5}, {}, {"y1": 1.0, "y2": 1.0})
+    process = ProcessNoise({"y1": 1.0, "y2": 0.5}, {"y1": 1.0, "y2": 1.0})
     for every in (1, 20):
         signal = InputSignal("u", t[::every], u[::every])
         experiment = Experiment(t, ("y1", "y2"), (signal,), measured=readings)

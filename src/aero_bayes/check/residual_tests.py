@@ -233,19 +233,31 @@ def _states(
 ) -> dict[str, FloatArray]:
     """Fitted outputs, the rates of those that are positions, and the inputs of a recording at one output's samples.
 
-    An input is what it was until the sample: a controller sets the next one by the reading, noise and all.
+    An input is what it was until the sample: a controller sets the next one by the reading, noise and all. So is what a
+    filter predicts, since each prediction follows the readings before it.
     """
     states: dict[str, FloatArray] = {}
+    time, filtered = own.sampling.time, fit.evaluation.sd is not None
     for k, other in enumerate(series):
         if other.experiment != own.experiment:
             continue
-        states[other.output] = np.interp(own.sampling.time, other.sampling.time, fit.evaluation.predicted[k])
+        there, predicted = other.sampling.time, fit.evaluation.predicted[k]
+        level = _until(time, there, predicted) if filtered else np.interp(time, there, predicted)
+        states[other.output] = level
         if units.get(other.output) in ("rad", "m"):
-            states[f"der({other.output})"] = np.gradient(states[other.output], own.sampling.time)
+            rate = np.gradient(level, time)
+            if filtered:
+                rate[1:] = np.diff(level) / np.diff(time)
+                rate[0] = rate[1]
+            states[f"der({other.output})"] = rate
     for signal in calibration.experiments[own.experiment].inputs:
-        at = np.clip(np.searchsorted(signal.time, own.sampling.time, side="left") - 1, 0, signal.time.size - 1)
-        states[signal.name] = signal.values[at]
+        states[signal.name] = _until(time, signal.time, signal.values)
     return states
+
+
+def _until(time: FloatArray, there: FloatArray, values: FloatArray) -> FloatArray:
+    """The last of some values before each time."""
+    return values[np.clip(np.searchsorted(there, time, side="left") - 1, 0, there.size - 1)]
 
 
 def _blocks(innovations: FloatArray, interval: float) -> FloatArray:

@@ -17,7 +17,7 @@ from aero_bayes.estimate.initial_states import StartPolicy, start_parameters
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
-from aero_bayes.estimate.process_noise import process_parameters
+from aero_bayes.estimate.process_noise import process_parameters, uncertain_start
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
 from aero_bayes.simulation.interface import (
@@ -27,7 +27,6 @@ from aero_bayes.simulation.interface import (
     Problem,
     ProcessNoise,
     SolverSettings,
-    StartTarget,
 )
 from aero_bayes.simulation.model import Model
 
@@ -255,7 +254,6 @@ def calibrate(
     nuisances: list[Parameter] = []
     floors: dict[str, float] = {}
     noise = noise or NoiseModel()
-    uncertain = {model.states[model.state_index(name)].name for name in noise.initial_sd}
     for index, recording in enumerate(recordings):
         missing = [name for name in recording.inputs if name not in driven]
         if missing:
@@ -263,8 +261,11 @@ def calibrate(
         suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
         experiment = _experiment(recording, outputs, floors, settings, known.zero_at_rest)
         start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix)
-        start = {name: value for name, value in start.items() if name not in uncertain}
-        nuisances += [p for p in extra if not (isinstance(p.target, StartTarget) and p.target.state in uncertain)]
+        if noise.process:
+            start, start_sd = uncertain_start(start, extra, experiment, model, noise.initial_sd)
+            experiment = replace(experiment, start_sd=start_sd)
+        else:
+            nuisances += extra
         if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], settings.delay, limit):
             nuisances.append(_delay(limit, index, suffix))
         whole.append(experiment)

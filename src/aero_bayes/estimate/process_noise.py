@@ -12,11 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.initial_states import state_sizes
+from aero_bayes.estimate.initial_states import MAX_SPREAD_SHARE, state_of, state_sizes
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.priors import LogNormal
+from aero_bayes.estimate.priors import LogNormal, Normal
 from aero_bayes.sensors.noise import NoiseModel
-from aero_bayes.simulation.interface import DiffusionTarget, Experiment, ProcessNoise, ReadingNoiseTarget
+from aero_bayes.simulation.interface import (
+    DiffusionTarget,
+    Experiment,
+    ProcessNoise,
+    ReadingNoiseTarget,
+    StartTarget,
+)
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.problem_checks import check_process
 
@@ -55,7 +61,7 @@ def process_parameters(
         model.state_index(name)
     held = {name: float(value) for name, value in noise.process.items() if value != "estimated"}
     wanted = [name for name, value in noise.process.items() if value == "estimated"]
-    given = ProcessNoise(held, dict(noise.initial_sd))
+    given = ProcessNoise(held)
     check_process(model, given)
     states = [model.states[model.state_index(name)] for name in wanted]
     sizes = state_sizes(model, experiments[0], states)
@@ -70,14 +76,55 @@ def process_parameters(
     units = {v.name: v.unit for v in model.outputs}
     for column, output in enumerate(experiments[0].outputs):
         values = np.concatenate([_measured(e)[:, column] for e in experiments])
-        spread = float(np.nanmax(values) - np.nanmin(values)) or 1.0
         found.append(
             _parameter(
-                f"noise.{output}.sd_white", units.get(output, ""), READING_SHARE * spread,
+                f"noise.{output}.sd_white", units.get(output, ""), READING_SHARE * _range(values),
                 f"noise of the readings of {output}", ReadingNoiseTarget(output), floors.get(output, 0.0),
             )
         )  # fmt: skip
     return given, found
+
+
+def uncertain_start(
+    start: Mapping[str, float],
+    estimated: Sequence[Parameter],
+    experiment: Experiment,
+    model: Model,
+    given: Mapping[str, float],
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Initial values of states and their standard deviations, by state.
+
+    An initial value is not estimated beside process noise but integrated out: one that is free to meet the first
+    reading would let that reading's noise shrink to nothing.
+
+    Parameters
+    ----------
+    start : mapping of str to float
+        Initial values that are taken from readings.
+    estimated : sequence of Parameter
+        Initial values that would be estimated without process noise.
+    experiment : Experiment
+    model : Model
+    given : mapping of str to float
+        Standard deviations of states that start at the model's own value.
+    """
+    mean, sd = dict(start), {}
+    for p in estimated:
+        if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):
+            mean[p.target.state], sd[p.target.state] = p.start, p.prior.sd
+    for column, output in enumerate(experiment.outputs):
+        state = state_of(model, output)
+        if state is not None and state.name in start:
+            sd[state.name] = MAX_SPREAD_SHARE * _range(_measured(experiment)[:, column])
+    for name, value in given.items():
+        state_name = model.states[model.state_index(name)].name
+        mean.pop(state_name, None)
+        sd[state_name] = value
+    return mean, sd
+
+
+def _range(values: FloatArray) -> float:
+    return float(np.nanmax(values) - np.nanmin(values)) or 1.0
 
 
 def _measured(experiment: Experiment) -> FloatArray:

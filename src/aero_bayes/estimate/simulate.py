@@ -132,8 +132,10 @@ def _problem(
     own = _index(recording, calibration)
     experiment = to_experiment(recording, [], interpolation=calibration.interpolation)
     experiment = replace(experiment, outputs=calibration.outputs, measured=None)
+    like = calibration.experiments[0 if own is None else own]
+    experiment = replace(experiment, start_sd=like.start_sd)
     if own is not None:
-        experiment = replace(experiment, start=calibration.experiments[own].start)
+        experiment = replace(experiment, start=like.start)
     else:
         experiment = replace(experiment, start=_first_readings(recording, calibration))
     columns = _columns(calibration, recording, values, own)

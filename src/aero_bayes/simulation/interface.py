@@ -94,6 +94,8 @@ class Experiment:
         Initial values of states (by name) that differ from the model's own.
     measured : ndarray, shape (n, m), optional
         Measurements of ``outputs``; NaN where there is none. Needed only for the reduced calls.
+    start_sd : mapping of str to float
+        With process noise, the standard deviation of states' initial values; zero for those that are not named.
     """
 
     time: FloatArray
@@ -101,6 +103,7 @@ class Experiment:
     inputs: tuple[InputSignal, ...] = ()
     start: Mapping[str, float] = field(default_factory=dict)
     measured: FloatArray | None = None
+    start_sd: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -151,21 +154,18 @@ ProblemTarget = ParameterTarget | StartTarget | DelayTarget | InputTarget | Diff
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """Process noise of the states, ``dx = f dt + diag(diffusion) dW``, and what a filter of it starts with.
+    """Process noise of the states, ``dx = f dt + diag(diffusion) dW``, beside the noise of the readings.
 
     Parameters
     ----------
     diffusion : mapping of str to float
         By state, in the state's unit over the square root of a second; zero for states that are not named. A
         :class:`DiffusionTarget` replaces it.
-    initial_sd : mapping of str to float
-        Standard deviation of the initial values of states; zero for those that are not named.
     reading_sd : mapping of str to float
         Standard deviation of the white noise of each output's readings. A :class:`ReadingNoiseTarget` replaces it.
     """
 
     diffusion: Mapping[str, float] = field(default_factory=dict)
-    initial_sd: Mapping[str, float] = field(default_factory=dict)
     reading_sd: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -45,11 +45,11 @@ def check_problem(problem: Problem) -> None:
 
 def check_process(model: ModelDescription, process: ProcessNoise) -> None:
     """Raise InputError for process noise at what is no state of the model."""
-    for name in (*process.diffusion, *process.initial_sd):
+    for name in process.diffusion:
         model.state_index(name)
     for name in process.reading_sd:
         model.output(name)
-    for name, value in (*process.diffusion.items(), *process.initial_sd.items(), *process.reading_sd.items()):
+    for name, value in (*process.diffusion.items(), *process.reading_sd.items()):
         if not 0.0 <= value < float("inf"):
             raise InputError(f"process noise of {name}: {value:g} is not a standard deviation")
 
@@ -63,7 +63,7 @@ def _check_experiment(model: ModelDescription, experiment: Experiment, where: st
     _check_grid(where, experiment.time)
     for name in experiment.outputs:
         model.output(name)
-    for name in experiment.start:
+    for name in (*experiment.start, *experiment.start_sd):
         model.state_index(name)
     for signal in experiment.inputs:
         discrete = model.input(signal.name).discrete

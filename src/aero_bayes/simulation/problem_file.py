@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -112,17 +113,21 @@ def _write_experiment(
         w.real(scale)
 
 
+def _by_state(model: ModelDescription, values: Mapping[str, float]) -> NDArray[np.float64]:
+    row = np.zeros(len(model.states))
+    for name, value in values.items():
+        row[model.state_index(name)] = value
+    return row
+
+
 def _write_process(w: _Writer, problem: Problem) -> None:
     process = problem.process
     w.integer(int(process is not None))
     if process is None:
         return
-    for by_state in (process.diffusion, process.initial_sd):
-        row = np.zeros(len(problem.model.states))
-        for name, value in by_state.items():
-            row[problem.model.state_index(name)] = value
-        w.reals(row)
+    w.reals(_by_state(problem.model, process.diffusion))
     for experiment in problem.experiments:
+        w.reals(_by_state(problem.model, experiment.start_sd))
         w.reals([process.reading_sd.get(name, 0.0) for name in experiment.outputs])
 
 

@@ -80,7 +80,7 @@ typedef struct {
     int64_t n, m;
     const double *time;
     const double *measured; /* m rows of n, or NULL */
-    const double *reading_sd; /* of each output, with process noise */
+    const double *reading_sd, *start_sd; /* of each output and of each initial value, with process noise */
     double spacing;         /* uniform sample time, or 0 */
     fmi_reference *output_reference;
     int *output_kind;  /* 0 real, 1 integer, 2 boolean */
@@ -114,7 +114,7 @@ typedef struct {
     int64_t n_fixed;
     fmi_reference *fixed_reference;
     const double *fixed_value;
-    const double *diffusion, *initial_sd; /* of each state, where there is process noise */
+    const double *diffusion; /* of each state, where there is process noise */
     double rtol, atol, time_limit;
     int64_t max_steps;
     int64_t p, n_experiments;

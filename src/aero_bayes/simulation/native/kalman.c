@@ -63,7 +63,7 @@ void kalman_begin(Run *r)
     memset(k->p, 0, sizeof *k->p * (size_t)(n * n));
     for (int i = 0; i < n; i++) {
         k->rate[i] = problem->diffusion[i] * problem->diffusion[i];
-        k->p[i * n + i] = problem->initial_sd[i] * problem->initial_sd[i];
+        k->p[i * n + i] = e->start_sd[i] * e->start_sd[i];
     }
     for (int64_t o = 0; o < e->m; o++) k->variance[o] = e->reading_sd[o] * e->reading_sd[o];
     for (int64_t j = 0; r->values && j < problem->p; j++) {

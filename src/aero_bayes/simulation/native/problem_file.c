@@ -250,9 +250,9 @@ Problem *problem_open(const char *path, char *error, size_t size)
     if (integer(&r)) {
         p->diffusion = array(&r, &count);
         r.broken |= count != p->n;
-        p->initial_sd = array(&r, &count);
-        r.broken |= count != p->n;
         for (int64_t i = 0; i < p->n_experiments && !r.broken; i++) {
+            p->experiments[i].start_sd = array(&r, &count);
+            r.broken |= count != p->n;
             p->experiments[i].reading_sd = array(&r, &count);
             r.broken |= count != p->experiments[i].m;
         }

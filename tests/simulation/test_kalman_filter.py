@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -123,9 +125,10 @@ def oscillator_case(rng):
 @pytest.mark.parametrize("settings", [SolverSettings(), EXACT], ids=["as usual", "exact"])
 def test_linear_rig_has_the_likelihood_of_its_gaussian_process(built, here, rng, settings):
     time, signal, measured = oscillator_case(rng)
-    experiment = Experiment(time, ("y", "a"), (signal,), measured=measured)
     k, d, m, sigma, initial, sd = 4.0, 0.6, 0.5, (0.05, 0.7), (0.1, 0.2), (0.03, 0.4)
-    process = ProcessNoise({"y": 9.0}, dict(zip("yv", initial, strict=True)), {"y": 9.0, "a": sd[1]})
+    start_sd = dict(zip("yv", initial, strict=True))
+    experiment = Experiment(time, ("y", "a"), (signal,), measured=measured, start_sd=start_sd)
+    process = ProcessNoise({"y": 9.0}, {"y": 9.0, "a": sd[1]})
     targets = (ParameterTarget("k"), DiffusionTarget("y"), DiffusionTarget("v"), ReadingNoiseTarget("y"))
     problem = Problem(built(OSCILLATOR), (experiment,), (targets,), settings=settings, process=process)
     with NativeSimulator(problem, pool=here) as simulator:
@@ -136,9 +139,9 @@ def test_linear_rig_has_the_likelihood_of_its_gaussian_process(built, here, rng,
 
 def test_smoothed_states_are_those_of_the_gaussian_process(built, here, rng):
     time, signal, measured = oscillator_case(rng)
-    experiment = Experiment(time, ("y", "a"), (signal,), measured=measured)
     sigma, initial, sd = (0.0, 0.7), (0.1, 0.0), (0.03, 0.4)
-    process = ProcessNoise({"v": sigma[1]}, {"y": initial[0]}, dict(zip("ya", sd, strict=True)))
+    experiment = Experiment(time, ("y", "a"), (signal,), measured=measured, start_sd={"y": initial[0]})
+    process = ProcessNoise({"v": sigma[1]}, dict(zip("ya", sd, strict=True)))
     problem = Problem(built(OSCILLATOR), (experiment,), ((),), settings=EXACT, process=process)
     with NativeSimulator(problem, pool=here) as simulator:
         (states,) = simulator.filtered_states(np.empty(0))
@@ -207,7 +210,8 @@ PENDULUM_VALUES = (3.0, 0.4, 0.8, 0.1, 0.15, 0.0)
 
 def test_nonlinear_rig_has_the_likelihood_of_another_filter(built, here, rng):
     experiment, u = pendulum_case(rng)
-    process = ProcessNoise({"angle": 0.05}, {"angle": 0.1, "v": 0.2})
+    experiment = replace(experiment, start_sd={"angle": 0.1, "v": 0.2})
+    process = ProcessNoise({"angle": 0.05})
     problem = Problem(built(PENDULUM), (experiment,), (PENDULUM_TARGETS,), process=process)
     with NativeSimulator(problem, pool=here) as simulator:
         found = simulator.log_likelihood(np.array([PENDULUM_VALUES]), np.ones(3)).log_likelihood[0, 0]
@@ -218,7 +222,7 @@ def test_nonlinear_rig_has_the_likelihood_of_another_filter(built, here, rng):
 def test_slopes_of_predictions_and_variances_are_those_of_differences(built, here, rng):
     experiment, _ = pendulum_case(rng)
     columns = range(len(PENDULUM_TARGETS))
-    process = ProcessNoise(initial_sd={"angle": 0.1})
+    experiment, process = replace(experiment, start_sd={"angle": 0.1}), ProcessNoise()
     problem = Problem(built(PENDULUM), (experiment,), (PENDULUM_TARGETS,), settings=EXACT, process=process)
     step = 1e-4
     with NativeSimulator(problem, pool=here) as simulator:
@@ -249,8 +253,9 @@ def test_a_stiff_rig_without_derivatives_of_its_fmu(test_fmu, here, rng):
     time = np.cumsum(rng.uniform(0.05, 0.5, 40))
     x = rng.normal(0.0, 1.0, time.size)
     k, sigma, sd = 1e4, 30.0, 0.1
-    experiment = Experiment(time, ("x",), (InputSignal("u", time, rng.normal(0.0, 1.0, 40)),), measured=x[:, None])
-    process = ProcessNoise({"x": sigma}, {"x": 1.0}, {"x": sd})
+    signal = InputSignal("u", time, rng.normal(0.0, 1.0, 40))
+    experiment = Experiment(time, ("x",), (signal,), measured=x[:, None], start_sd={"x": 1.0})
+    process = ProcessNoise({"x": sigma}, {"x": sd})
     for directional in (True, False):
         problem = Problem(
             test_fmu("Dahlquist", directional=directional), (experiment,), ((),), {"k": k}, process=process
