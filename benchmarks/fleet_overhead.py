@@ -20,10 +20,8 @@ import numpy as np
 
 from aero_bayes.config import Config
 from aero_bayes.files import whole_file
-from aero_bayes.fleet import Rig, Table, open_executor, run_all
-from aero_bayes.fleet.parcels import Parcel
+from aero_bayes.fleet import Parcel, Rig, RigTask, Table, open_executor, run_tasks
 from aero_bayes.fleet.runner import _timed
-from aero_bayes.fleet.task import RigTask
 
 #: Processor time of one rig, fit and loop, on which limit and overhead are reckoned, in s.
 RIG_SECONDS = 8.8
@@ -52,9 +50,9 @@ def busy(task: RigTask) -> dict[str, Any]:
 def processor_times(count: int, seconds: float, dask: str, folder: Path) -> dict[str, float]:
     """Measure the processor time of caller and workers for so many tasks; a first one has the workers start."""
     with open_executor(dask, 2) as executor, Table(folder / f"{dask}-{seconds}.sqlite") as table:
-        run_all([warm_up_task(k, folder) for k in range(4)], busy, table, executor)
+        run_tasks([warm_up_task(k, folder) for k in range(4)], busy, table, executor)
         began, cpu = time.perf_counter(), time.process_time()
-        run_all((task_of(k, seconds, folder) for k in range(count)), busy, table, executor)
+        run_tasks((task_of(k, seconds, folder) for k in range(count)), busy, table, executor)
         caller, wall = time.process_time() - cpu, time.perf_counter() - began
         worked = sum(cost["cpu_seconds"] for key, cost in table.costs() if key.startswith("rig-"))
     return {"caller": caller, "wall": wall, "workers": worked}

@@ -26,7 +26,7 @@ from pydantic.fields import FieldInfo
 from aero_bayes import cli, declared, schema
 from aero_bayes.config import Config
 from aero_bayes.default_model import DEFAULT_MODEL
-from aero_bayes.fleet.rigs import FleetFile
+from aero_bayes.fleet import FleetFile
 from aero_bayes.laws.law import shipped_laws
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import describe_law
@@ -221,7 +221,7 @@ def _default(field: FieldInfo) -> str:
 
 def result() -> str:
     """A table a class of the schema, the whole first; types link to their tables."""
-    parts = [schema.RunResult, schema.FleetResult]
+    parts = [schema.RunJson, schema.FleetJson]
     for part in parts:
         for field in part.model_fields.values():
             parts += [p for p in _parts(field.annotation) if p not in parts]

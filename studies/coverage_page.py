@@ -8,7 +8,7 @@ from typing import Any
 
 from scipy.stats import binom
 
-from aero_bayes.report.text import symbol
+from aero_bayes.report import symbol
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1f24; --paper: #fff; --bar: #3b6ea8; --bad: #b3261e; --line: #d5d9de }

@@ -15,7 +15,7 @@ import argparse
 from pathlib import Path
 
 from aero_bayes.files import one_run_at_a_time
-from aero_bayes.workflow.progress import ProgressBar
+from aero_bayes.workflow import ProgressBar
 from paper_replay import replay_paper, write_run
 
 

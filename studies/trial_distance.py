@@ -85,7 +85,7 @@ def _distance(spec: TrialSpec, noise_free: Recording, family: ModelicaFamily, kn
     plain = replace(read, experiments=(experiment,))
     with _here(plain.problem()) as simulator:
         every = range(len(plain.parameters))
-        search = GlobalSearch(Objective(plain, simulator), loop.ascent)
+        search = GlobalSearch(Objective(plain, simulator), loop.global_search)
         first = search.run(every, _here, np.random.default_rng(1)).optimum
     family.prepare(plain, first, _here)
     listed = [k for k in known if k in family.declared.effects]

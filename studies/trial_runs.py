@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from aero_bayes.fleet import Row, Table, run_all
-from aero_bayes.fleet.runner import Task
+from aero_bayes.fleet import Row, Table, Task, run_tasks
 
 #: Distances between which rates are given.
 BANDS = ((0.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, float("inf")))
@@ -31,7 +30,7 @@ def run_trials(
 ) -> list[Row]:
     """Run all tasks that the table does not hold yet, on the runner of fleets, and return all rows in order."""
     with Table(path) as table, tqdm(total=len(tasks)) as bar:
-        run_all(tasks, attempt, table, executor, made_of=lambda task: made_of, until=until, progress=bar.update)
+        run_tasks(tasks, attempt, table, executor, made_of=lambda task: made_of, until=until, progress=bar.update)
         found = {task.key: table.get(task.key) for task in tasks}
     return [row for row in found.values() if row is not None]
 

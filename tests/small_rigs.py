@@ -8,7 +8,7 @@ from pathlib import Path
 
 from numpy.random import Generator
 
-from aero_bayes.export.causalise import ExplicitModel, causalise
+from aero_bayes.export.causalisation import ExplicitModel, causalise
 from aero_bayes.export.equation_system import translate
 from aero_bayes.export.expression import Node, evaluate_nodes
 from aero_bayes.export.flat import FlatModel

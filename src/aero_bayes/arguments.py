@@ -1,4 +1,4 @@
-"""What callers give a function: one or several of a kind, each of the right type."""
+"""Checks of arguments: one object or several, each of the right type."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeVar
 from aero_bayes.errors import InputError
 
 Item = TypeVar("Item")
-#: What gives an object of a kind.
+#: By type, what returns an object of it.
 CONSTRUCTORS = {
     "Fit": "aero_bayes.fit",
     "Model": "aero_bayes.load_model",
@@ -25,14 +25,14 @@ def require_all(given: Item | Sequence[Item], kind: type[Item], what: str) -> tu
     Raises
     ------
     InputError
-        For another type; says what was expected and what came.
+        For another type. The message says what was expected and what was given.
     """
     items = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     return tuple(require_type(item, kind, what) for item in items)
 
 
 def require_type(given: Item, kind: type[Item], what: str) -> Item:
-    """The same object, if it is of a kind; InputError otherwise."""
+    """The object, if it is of the type; else InputError."""
     if not isinstance(given, kind):
         source = f", as {CONSTRUCTORS[kind.__name__]} gives one" if kind.__name__ in CONSTRUCTORS else ""
         raise InputError(f"{what}: expected a {kind.__name__}{source}; got {_shown(given)}")
@@ -40,7 +40,7 @@ def require_type(given: Item, kind: type[Item], what: str) -> Item:
 
 
 def paths_of(given: Paths, what: str) -> tuple[Path, ...]:
-    """One path or a sequence of them; InputError for what is none."""
+    """One path or a sequence of paths as a tuple; InputError for another type."""
     items = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     for item in items:
         if not isinstance(item, str | Path):
@@ -49,7 +49,7 @@ def paths_of(given: Paths, what: str) -> tuple[Path, ...]:
 
 
 def names_of(given: str | Sequence[str], what: str) -> tuple[str, ...]:
-    """One name or a sequence of them; InputError for what is none."""
+    """One name or a sequence of names as a tuple; InputError for another type."""
     return require_all(given, str, what)
 
 

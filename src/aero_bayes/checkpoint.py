@@ -72,7 +72,9 @@ class Checkpoint(ResultCache):
         self.path, self._identity, self._owner = path, identity, os.getpid()
         stored = read_arrays(path)
         if stored is not None and str(stored.pop("identity", "")) != identity:
-            raise InputError(f"{path} is of a run with other data, model or settings: without --resume it begins anew")
+            raise InputError(
+                f"{path} belongs to a run with other data, model or settings; without --resume the run starts again"
+            )
         for name, values in (stored or {}).items():
             key, _, field = name.partition("/")
             self._results.setdefault(key, {})[field] = values

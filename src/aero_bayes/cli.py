@@ -16,7 +16,7 @@ import click
 
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.files import CHECKPOINT
+from aero_bayes.files import CHECKPOINT, RESULT
 
 BAD_INPUT = 2
 COULD_NOT_FINISH = 3
@@ -92,50 +92,57 @@ def run_options(command: Command) -> Command:
     """The options that every command which simulates a model shares."""
     for option in (
         click.option("--model", help=f"Modelica class or FMU file.  [default: {DEFAULT_MODEL}]"),
-        click.option("--config", type=FILE, help="TOML file with everything else."),
+        click.option("--config", type=FILE, help="TOML file with the configuration."),
         click.option(
             "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result."
         ),
-        click.option("--workers", type=click.IntRange(min=1), help="Simulation processes.  [default: one a core]"),
+        click.option("--workers", type=click.IntRange(min=1), help="Simulation processes.  [default: one per core]"),
         click.option("--engine", type=click.Choice(["native", "fmpy"]), help="Simulator.  [default: native]"),
-        click.option("--resume", is_flag=True, help="Go on from the checkpoint in the output folder."),
+        click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder."),
         click.option("--quiet", is_flag=True, help="No progress bars."),
         click.option("--out", type=FOLDER, required=True, help="Folder for result.json, report.html, posterior.nc."),
     ):
         command = option(command)
-    return _says_how_to_resume(command)
+    return _with_state_of_folder(command)
 
 
-def _says_how_to_resume(command: Command) -> Command:
-    """What interrupts the command tells how to go on from there."""
+def _with_state_of_folder(command: Command) -> Command:
+    """End a command that fails by saying what its folder holds: a checkpoint, or the result of an earlier run."""
 
     @wraps(command)
     def guarded(**given: Any) -> Any:
         try:
             return command(**given)
+        except (InputError, CannotFinishError) as error:
+            result = Path(given["out"]) / RESULT
+            if result.is_file():
+                raise type(error)(f"{error} ({result} is from an earlier run)") from None
+            raise
         except KeyboardInterrupt:
             checkpoint = Path(given["out"]) / CHECKPOINT
             if checkpoint.is_file():
-                raise KeyboardInterrupt(f"the same command with --resume goes on from {checkpoint}") from None
-            raise KeyboardInterrupt("nothing to resume from yet, the same command begins anew") from None
+                raise KeyboardInterrupt(f"add --resume to the same command to continue from {checkpoint}") from None
+            raise KeyboardInterrupt("there is no checkpoint yet; run the same command to start again") from None
 
     return cast(Command, guarded)
 
 
 def _options(**given: Any) -> Any:
-    from aero_bayes.workflow.job import RunOptions
+    from aero_bayes.workflow import RunOptions
 
     return RunOptions(**given)
 
 
-@main.command()
+@main.command("fmu")
 @click.option("--compiler", type=click.Choice(["auto", "omc", "embedded"]), default="auto", show_default=True)
 @click.option("--model", default=DEFAULT_MODEL, show_default=True, help="Modelica class.")
 @click.option("--source", "sources", type=FILE, multiple=True, help="Further .mo files to load.")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
 @click.option("--fmi", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Version of the standard.")
 @click.option("--out", type=FILE, required=True, help="The FMU to write.")
-def fmu(compiler: Any, model: str, sources: tuple[Path, ...], libraries: tuple[Path, ...], fmi: str, out: Path) -> None:
+def fmu_command(
+    compiler: Any, model: str, sources: tuple[Path, ...], libraries: tuple[Path, ...], fmi: str, out: Path
+) -> None:
     """Build an FMU from Modelica source."""
     from aero_bayes.export import export_fmu
 
@@ -144,33 +151,38 @@ def fmu(compiler: Any, model: str, sources: tuple[Path, ...], libraries: tuple[P
     click.echo(f"wrote {written}")
 
 
-@main.command()
+@main.command("fit")
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
 @run_options
-def fit(data: tuple[Path, ...], **options: Any) -> None:
-    """Particle swarm, then bounded local search."""
-    from aero_bayes.workflow.commands import run_fit
+def fit_command(data: tuple[Path, ...], **options: Any) -> None:
+    """Fit the parameters by a particle swarm and a bounded local search."""
+    from aero_bayes.workflow import run_fit
 
     run_fit(data, _options(**options))
 
 
-@main.command()
+@main.command("posterior")
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
 @run_options
-def posterior(data: tuple[Path, ...], **options: Any) -> None:
-    """Fit, then Markov chain Monte Carlo."""
-    from aero_bayes.workflow.commands import run_posterior
+def posterior_command(data: tuple[Path, ...], **options: Any) -> None:
+    """Fit, then sample the posterior by Markov chain Monte Carlo."""
+    from aero_bayes.workflow import run_posterior
 
     run_posterior(data, _options(**options))
 
 
 @main.command("close-loop")
 @click.option("--train", type=FILE, multiple=True, required=True, help="Recording to learn from.")
-@click.option("--test", type=FILE, multiple=True, help="Recording to judge on.  [default: a held-out part]")
+@click.option(
+    "--test",
+    type=FILE,
+    multiple=True,
+    help="Recording to test on.  [default: the last part of each training recording]",
+)
 @run_options
-def close_loop(train: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
+def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
     """Find the effect that the model lacks, add it, refit, and report the error before and after."""
-    from aero_bayes.workflow.commands import run_close_loop
+    from aero_bayes.workflow import run_close_loop
 
     run_close_loop(train, test, _options(**options))
 
@@ -187,23 +199,25 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
     return limits
 
 
-@main.command()
-@click.option("--data", type=FILE, multiple=True, required=True, help="Recording at hand; may be given several times.")
-@click.option("--aim", multiple=True, metavar="PARAMETER", help="Parameter to narrow.  [default: the weak ones]")
+@main.command("design")
+@click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
+@click.option(
+    "--aim", multiple=True, metavar="PARAMETER", help="Parameter whose interval to narrow.  [default: the weak ones]"
+)
 @click.option("--separate", nargs=2, metavar="EFFECT EFFECT", help="Two effects to tell apart.")
-@click.option("--loop", type=FOLDER, help="Finished close-loop run: tell its equivalent effects apart.")
+@click.option("--loop", type=FOLDER, help="Finished close-loop run whose equivalent effects to tell apart.")
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), default=30.0, show_default=True, help="In s.")
 @click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), help="In Hz.  [default: as recorded]")
 @click.option("--amplifier", type=click.FloatRange(min=0, min_open=True), 
-              help="Largest input.  [default: as the package declares, else as recorded]")  # fmt: skip
+              help="Largest absolute input.  [default: as the package declares, else as recorded]")  # fmt: skip
 @click.option("--travel", multiple=True, callback=_travel, metavar="OUTPUT=LIMIT",
               help="Largest absolute value of an output (SI).  [default: as the package declares]")  # fmt: skip
 @click.option("--repeats", type=click.IntRange(min=2), default=20, show_default=True,
               help="Simulated repetitions that check the gain.")  # fmt: skip
 @run_options
-def design(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: int, **options: Any) -> None:
-    """Propose the next experiment: the input that would tell most about weak parameters, or tell two effects apart."""
-    from aero_bayes.workflow.design import DesignOptions, run_design
+def design_command(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: int, **options: Any) -> None:
+    """Propose the next experiment: the input that narrows weak parameters most, or tells two effects apart."""
+    from aero_bayes.workflow import DesignOptions, run_design
 
     asked = {key: options.pop(key) for key in ("aim", "loop", "duration", "rate_hz", "amplifier", "travel")}
     run_design(data, _options(**options), DesignOptions(separate=separate or None, repeats=repeats, **asked))
@@ -211,88 +225,88 @@ def design(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: in
 
 @main.command("all")
 @click.option("--data", type=FILE, multiple=True, help="Recording to learn from.  [default: simulated]")
-@click.option("--test", type=FILE, multiple=True, help="Recording to judge on.")
+@click.option("--test", type=FILE, multiple=True, help="Recording to test on.")
 @run_options
-def everything(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
+def all_command(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
     """What plain `make` runs: FMU, fit, closed loop, posterior, one page."""
-    from aero_bayes.workflow.commands import run_all
+    from aero_bayes.workflow import run_all
 
     run_all(data, test, _options(**options))
 
 
-@main.command()
+@main.command("init")
 @click.argument("source", type=FILE, metavar="RIG.MO")
 @click.argument("data", type=FILE, metavar="RUN.CSV")
 @click.option("--model", help="Modelica class.  [default: the one that no other in the file uses]")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
 @click.option("--out", type=FILE, default=Path("rig.toml"), show_default=True, help="The file to write.")
-def init(source: Path, data: Path, model: str | None, libraries: tuple[Path, ...], out: Path) -> None:
+def init_command(source: Path, data: Path, model: str | None, libraries: tuple[Path, ...], out: Path) -> None:
     """Write the configuration for a model and a recording: columns matched by name, every parameter listed."""
-    from aero_bayes.workflow.init import run_init
+    from aero_bayes.workflow import run_init
 
     run_init(source, data, out, model=model, libraries=libraries)
 
 
-@main.command()
+@main.command("ports")
 @click.option("--model", help=f"Modelica class.  [default: {DEFAULT_MODEL}]")
 @click.option("--config", type=FILE, help="TOML file with the sources, and for --data columns and free parameters.")
-@click.option("--data", type=FILE, multiple=True, help="Recording: say which ports it can see.")
-@click.option("--json", "as_json", is_flag=True, help="For programs.")
-def ports(model: str | None, config: Path | None, data: tuple[Path, ...], as_json: bool) -> None:
-    """List where a term may be missing in a model, and the laws that fit there."""
-    from aero_bayes.workflow.ports import run_ports
+@click.option("--data", type=FILE, multiple=True, help="Recording; shows which ports are visible in it.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def ports_command(model: str | None, config: Path | None, data: tuple[Path, ...], as_json: bool) -> None:
+    """List where an effect may be missing in a model, and the laws that fit there."""
+    from aero_bayes.workflow import run_ports
 
     run_ports(model, config, data, as_json=as_json)
 
 
-@main.command()
+@main.command("report")
 @click.argument("directory", type=FOLDER)
-def report(directory: Path) -> None:
+def report_command(directory: Path) -> None:
     """Draw the page of a finished run again."""
-    from aero_bayes.report import write_report
+    from aero_bayes.report import write_run_page
 
-    click.echo(f"wrote {write_report(directory)}")
+    click.echo(f"wrote {write_run_page(directory)}")
 
 
-@main.command()
+@main.command("compare")
 @click.argument("directories", type=FOLDER, nargs=-1, required=True, metavar="DIR DIR [DIR ...]")
 @click.option("--out", type=FILE, default=Path("compare.html"), show_default=True, help="The page to write.")
-def compare(directories: tuple[Path, ...], out: Path) -> None:
-    """Set finished runs side by side on one page: parameters, residuals, settings that differ."""
+def compare_command(directories: tuple[Path, ...], out: Path) -> None:
+    """Compare finished runs on one page: parameters, residuals, different settings."""
     from aero_bayes.report import write_comparison
 
     click.echo(f"wrote {write_comparison(directories, out)}")
 
 
-@main.command()
+@main.command("check")
 @click.argument("recordings", type=FILE, nargs=-1, required=True)
 @click.option("--config", type=FILE, help="TOML file with the mapping of columns.")
-def check(recordings: tuple[Path, ...], config: Path | None) -> None:
+def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
     """Read, check and summarise recordings."""
-    from aero_bayes.workflow.commands import run_check
+    from aero_bayes.workflow import run_check
 
     run_check(recordings, config)
 
 
-@main.command()
+@main.command("bench")
 @click.option("--out", type=FOLDER, required=True)
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-def bench(out: Path, seed: int) -> None:
+def bench_command(out: Path, seed: int) -> None:
     """Write recordings of the simulated AERO (they are not measurements)."""
-    from aero_bayes.workflow.commands import run_bench
+    from aero_bayes.workflow import run_bench
 
     run_bench(out, seed)
 
 
-@main.command()
+@main.command("fleet")
 @click.option("--config", type=FILE, required=True, help="TOML file with [fleet] and the rigs.")
 @click.option("--out", type=FOLDER, required=True, help="Folder for rigs/, rigs.sqlite, fleet.json, report.html.")
 @click.option("--dask", metavar="ADDRESS", help="Dask scheduler, its file, or local.  [default: all cores here]")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result.")
-@click.option("--workers", type=click.IntRange(min=1), help="Rigs at a time on this machine.  [default: one a core]")
+@click.option("--workers", type=click.IntRange(min=1), help="Rigs at a time on this machine.  [default: one per core]")
 @click.option("--quiet", is_flag=True, help="No progress bar.")
-def fleet(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
-    """Fit many rigs of one model, and say what they share; what is done already is not done again."""
+def fleet_command(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
+    """Fit many rigs of one model and compare them. Rigs that were fitted before are not fitted again."""
     from aero_bayes.fleet.command import run_fleet
 
     run_fleet(config, out, dask=dask, seed=seed, workers=workers, quiet=quiet)

@@ -1,4 +1,4 @@
-"""One typed configuration: what a TOML file may say, with one clear line for what it may not."""
+"""The typed configuration in a TOML file. Each error is one line that names the key."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Sections = TypeVar("Sections", bound=BaseModel)
 
 
 class Section(BaseModel):
-    """A table of the file: frozen, and closed to keys that do not exist."""
+    """A table of the file. Unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -186,7 +186,7 @@ class Config(Section):
     _file: Path | None = PrivateAttr(None)
 
     def place(self, name: str) -> str:
-        """File and line that speak of a parameter, to begin an error with; empty where it was not read from a file."""
+        """File and line at which a parameter is configured, for messages; empty if it was not read from a file."""
         if self._file is None:
             return ""
         key = rf"""\s*(\[parameters\.|parameters\.)?["']?{re.escape(name)}["']?\s*[\].=]"""
@@ -207,7 +207,7 @@ def load_config(path: Path | Config | None) -> Config:
     Raises
     ------
     InputError
-        The file cannot be read, is not TOML, or holds a key or value that does not exist; the message names the key.
+        If the file cannot be read, is not TOML, or has an unknown key or a wrong value. The message names the key.
     """
     if path is None or isinstance(path, Config):
         return path or Config()
@@ -217,7 +217,7 @@ def load_config(path: Path | Config | None) -> Config:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """A TOML file as it stands. Raises InputError where there is none."""
+    """The content of a TOML file. Raises InputError if it cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -227,7 +227,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(section: type[Sections], document: Any, where: object) -> Sections:
-    """A document as a section; InputError, which starts with ``where``, for a key or value that does not exist."""
+    """A document as a section. InputError, which starts with ``where``, for an unknown key or a wrong value."""
     try:
         return section.model_validate(document)
     except ValidationError as error:
@@ -235,7 +235,7 @@ def validated(section: type[Sections], document: Any, where: object) -> Sections
 
 
 def resolve_paths(config: Config, folder: Path) -> Config:
-    """The same with relative paths taken from a folder."""
+    """The configuration with relative paths resolved from a folder."""
     model = config.model
     resolved = model.model_copy(
         update={
@@ -260,7 +260,7 @@ def _first_problem(error: ValidationError, whole: type[BaseModel]) -> str:
 
 
 def _known_keys(location: list[str], whole: type[BaseModel]) -> list[str]:
-    """Keys that exist at a place in the file; walks the sections by their annotations."""
+    """Keys that exist at a location in the file, from the annotations of the sections."""
     section: type[BaseModel] | None = whole
     for part in location:
         if section is None or part not in section.model_fields:

@@ -1,7 +1,7 @@
-"""What a Modelica package declares of its rigs beside their equations: ``package.toml`` next to its ``package.mo``.
+"""What a Modelica package declares of its rigs besides equations, in ``package.toml`` next to its ``package.mo``.
 
-Any package may carry one. It holds for the systems that it lists and for models that extend one of them; an FMU built
-from such a model takes it along, see :data:`MEMBER`. All values are in SI units.
+Any package may have one. It applies to the systems that it lists, and to models that extend one of them. An FMU of such
+a model contains it, see :data:`DECLARATION_MEMBER`. All values are in SI units.
 """
 
 from __future__ import annotations
@@ -29,11 +29,10 @@ _STRICT = ConfigDict(extra="forbid")
 
 @dataclass(frozen=True, config=_STRICT)
 class ColumnSpec:
-    """One column: its SI unit and the sizes it can have.
+    """One column of a recording: its SI unit and its plausible values.
 
     ``largest`` bounds its absolute value. ``per_input`` bounds the ratio of its largest absolute value to that of the
-    first input (looked at only when that input reaches 1 in its unit). ``hints`` names the mistakes that a value beyond
-    the bounds suggests.
+    first input, if that input reaches 1 in its unit. ``hints`` are likely mistakes behind a value beyond the bounds.
     """
 
     name: str = ""
@@ -45,19 +44,19 @@ class ColumnSpec:
 
 @dataclass(frozen=True, config=_STRICT)
 class DeclaredRecording:
-    """What a recording of the rig has, and how it is to be understood.
+    """The columns of a recording of the rig, and how they are interpreted.
 
     Parameters
     ----------
     inputs, outputs : mapping of str to ColumnSpec
     rates : (float, float)
-        Believable sample rates in Hz.
+        Plausible sample rates in Hz.
     zero_at_rest : tuple of str
-        Outputs that read nothing where the rig rests; the first that was recorded tells whether it was driven before.
+        Outputs that are zero when the rig is at rest. The first recorded one shows whether the rig was driven before.
     resting : tuple of str, optional
-        Outputs whose state may start anywhere, at rest; all that are states where left out.
+        Outputs whose state may have any initial value at rest; by default all that are states.
     max_input_delay : float
-        How late an input may act, in s; zero for none.
+        Upper bound of the input delay in s; zero for none.
     interpolation : {"auto", "hold", "linear"}
         What inputs do between samples.
     """
@@ -73,7 +72,7 @@ class DeclaredRecording:
 
 @dataclass(frozen=True, config=_STRICT)
 class DeclaredLimits:
-    """What an experiment may ask of the rig: the largest input, and absolute values by output."""
+    """Limits of experiments on the rig: the largest input, and the largest absolute value by output."""
 
     input: Positive | None = None
     travel: Mapping[str, Positive] = field(default_factory=dict)
@@ -81,10 +80,10 @@ class DeclaredLimits:
 
 @dataclass(frozen=True, config=_STRICT)
 class DeclaredParameter:
-    """A parameter that is searched: a log-normal prior about ``median``, by default the model's own value.
+    """A fitted parameter with a log-normal prior. Its ``median`` is by default the value in the model.
 
-    Its spread is ``relative_sd`` of the median, or a ``factor``. Bounds are ``reach`` times beyond start and median.
-    ``auto`` is one that is freed only if the data show it.
+    The standard deviation is ``relative_sd`` of the median, or given by a ``factor``. Bounds are a factor ``reach``
+    beyond the starting value and the median. With ``auto``, the parameter is fitted only if the data identify it.
     """
 
     median: Positive | None = None
@@ -96,16 +95,16 @@ class DeclaredParameter:
 
 @dataclass(frozen=True, config=_STRICT)
 class DeclaredEffect:
-    """An effect by the name that it goes by.
+    """An effect under a declared name.
 
     Parameters
     ----------
     law : str
         The law and its port, as ``law@port``.
     starts : mapping of str to tuple of float
-        Values of its parameters worth starting a search from.
+        Starting values of its parameters.
     inverse_shares : mapping of str to tuple of float
-        In their place: shares of the largest input at whose inverse to start. (A limit acts only below that input.)
+        Instead of starting values: shares of the largest input, whose inverses are the starting values.
     """
 
     law: str
@@ -115,21 +114,21 @@ class DeclaredEffect:
 
 @dataclass(frozen=True, config=_STRICT)
 class PackageDeclaration:
-    """All that a package declares; an empty one for a model of which nothing is known.
+    """All that a package declares; empty for a model without a declaration.
 
     Parameters
     ----------
     package : str
         Its name; empty in an FMU.
     systems : tuple of str
-        Models that it holds for.
-    parameters : mapping of str to Searched
+        Models to which it applies.
+    parameters : mapping of str to DeclaredParameter
     fixed : mapping of str to str
-        Parameters that are not searched, with the reason.
+        Parameters that are not fitted, with the reason.
     ports : mapping of str to str
         Names of replaceable models, by the model's name in snake case.
-    effects : mapping of str to Effect
-        By their names. Where there are any, only they and learned curves are tried.
+    effects : mapping of str to DeclaredEffect
+        By name. If there are any, only these and learned curves are candidates.
     """
 
     package: str = ""
@@ -153,7 +152,7 @@ def parse_declaration(text: str, where: str, package: str = "") -> PackageDeclar
     Raises
     ------
     InputError
-        Where it is no TOML, or holds a key or value that does not exist; names ``where`` it stands and the key.
+        If it is no TOML, or has an unknown key or a wrong value. The message names ``where`` and the key.
     """
     try:
         return _read(text, package)

@@ -1,3 +1,3 @@
-"""What is worked on where no model is named."""
+"""The model that is used if none is named."""
 
 DEFAULT_MODEL = "Aero.Systems.OneDof"

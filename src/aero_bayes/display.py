@@ -1,15 +1,18 @@
-"""How objects show themselves: one short line, a small table, and lists in a sentence."""
+"""Text representations of objects: tables, units, and lists in a sentence."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import MISSING, Field, fields
 from html import escape
-from typing import Any
+from typing import Any, Self
+
+from aero_bayes.errors import InputError
+from aero_bayes.unknown_names import known_names_hint
 
 
 def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: str, notes: Sequence[str] = ()) -> str:
-    """A table with its caption, every cell escaped; ``notes`` stand below in bold."""
+    """An HTML table with a caption. Cells are escaped; ``notes`` are below it in bold."""
     top = "".join(f'<th scope="col">{escape(title)}</th>' for title in head)
     body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
     below = "".join(f"<p><strong>{escape(note)}</strong></p>" for note in notes)
@@ -19,7 +22,7 @@ def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: s
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A number with its unit behind it; none where it is dimensionless (``1``) or unknown."""
+    """A number with its unit, if it has a known one."""
     return text if unit in {"", "1", "-"} else f"{text} {unit}"
 
 
@@ -29,7 +32,14 @@ def join_names(names: Sequence[str]) -> str:
 
 
 class SettingsDisplay:
-    """Settings show what was changed from the defaults."""
+    """Settings show what was changed from the defaults, and refuse a name that is no setting."""
+
+    def __new__(cls, *args: object, **given: object) -> Self:
+        known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+        for name in given:
+            if name not in known:
+                raise InputError(f"{cls.__name__}: no setting {name!r}{known_names_hint(name, known)}")
+        return super().__new__(cls)
 
     def _changed(self) -> list[tuple[str, object]]:
         chosen = ((f.name, getattr(self, f.name), _default(f)) for f in fields(self))  # type: ignore[arg-type]

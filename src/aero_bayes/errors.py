@@ -1,10 +1,10 @@
-"""Errors that a user can mend: one clear line each, exit status 2 on the command line."""
+"""Errors with one line for the user, and their exit status on the command line."""
 
 from __future__ import annotations
 
 
 class InputError(ValueError):
-    """Something the user gave is wrong; the message names what, where, and what was expected.
+    """An input of the user is wrong (exit status 2). The message names what, where, and what was expected.
 
     Examples
     --------
@@ -15,7 +15,7 @@ class InputError(ValueError):
 
 
 class CannotFinishError(RuntimeError):
-    """The work could not be completed with valid input (exit status 3); the message says why.
+    """The work cannot be completed although the input is valid (exit status 3). The message says why.
 
     Examples
     --------

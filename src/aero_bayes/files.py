@@ -11,8 +11,8 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 
-#: In the output folder: where a run goes on from with ``--resume``.
-CHECKPOINT = "checkpoint.npz"
+#: In the output folder: from where ``--resume`` continues, and what a run found.
+CHECKPOINT, RESULT = "checkpoint.npz", "result.json"
 
 
 @contextmanager

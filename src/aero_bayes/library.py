@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aero_bayes.errors import InputError
-from aero_bayes.report import write_report as draw_report
+from aero_bayes.report import write_run_page
 from aero_bayes.report.run_directory import RunDirectory
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def write_report(found: Fit | Posterior | str | Path, path: str | Path | None = 
     from aero_bayes.workflow.commands import write_page  # a second of imports that a finished run does not need
 
     if isinstance(found, str | Path):
-        return draw_report(found)
+        return write_run_page(found)
     if not isinstance(found, Fit | Posterior):
         raise InputError(f"expected a Fit, a Posterior or the folder of a run, got {type(found).__name__}")
     if path is None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from aero_bayes.report import write_report
-from aero_bayes.schema import SCHEMA, StudyColumn, StudyResult, StudyRow
-from aero_bayes.workflow.results import versions, write_result, write_series
+from aero_bayes.report import write_run_page
+from aero_bayes.schema import SCHEMA, StudyColumnJson, StudyJson, StudyRowJson
+from aero_bayes.workflow import versions, write_result, write_series
 from paper_replay.result import Replay
 
 #: Prefix of the curves in series.npz, and the key of the numbers in result.json.
@@ -18,7 +18,7 @@ def write_run(replay: Replay, folder: Path) -> Path:
     """Write ``result.json``, ``series.npz`` and the page into a folder; return the page's path."""
     write_series(folder, replay.series)
     write_result(folder, run_result(replay))
-    return write_report(folder)
+    return write_run_page(folder)
 
 
 def run_result(replay: Replay) -> dict[str, Any]:
@@ -45,23 +45,23 @@ def run_result(replay: Replay) -> dict[str, Any]:
     }
 
 
-def study_section(replay: Replay) -> StudyResult:
+def study_section(replay: Replay) -> StudyJson:
     """Describe the section of the page: Fig. 6, Table 1 beside the paper's fitness, and the notes."""
     names = list(dict.fromkeys(name for row in replay.rows for name in row.parameters))
     columns = [
-        *(StudyColumn(title=f"`{name}`") for name in names),
-        StudyColumn(title="fitness, here", digits=4),
-        StudyColumn(title="fitness, paper", digits=6),
+        *(StudyColumnJson(title=f"`{name}`") for name in names),
+        StudyColumnJson(title="fitness, here", digits=4),
+        StudyColumnJson(title="fitness, paper", digits=6),
     ]
     rows = [
-        StudyRow(
+        StudyRowJson(
             label=row.label,
             note=row.note,
             values=[*(row.parameters.get(name) for name in names), row.fitness, row.paper_fitness],
         )
         for row in replay.rows
     ]
-    return StudyResult(
+    return StudyJson(
         name=NAME,
         title="The paper, replayed",
         output="the paper's output (SI units)",

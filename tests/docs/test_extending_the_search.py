@@ -14,17 +14,20 @@ from test_documentation import ROOT, blocks
 
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.data import Layout, read_recording
-from aero_bayes.judge.checks import Choice, choose
-from aero_bayes.judge.recordings import Recordings
+from aero_bayes.judge import Choice, Recordings, choose
 from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.laws.modelica_family import ModelicaFamily
-from aero_bayes.loop import LoopSettings
-from aero_bayes.loop.base_fit import fit_as_it_stands
-from aero_bayes.loop.workbench import Tally, Workbench
-from aero_bayes.search import Parts, Structure
-from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.explored import Explored, Library
-from aero_bayes.search.models import ModelCache, ModelSource, Noise
+from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, fit_base_model
+from aero_bayes.search import (
+    FitNoise,
+    Library,
+    ModelCache,
+    ModelSource,
+    Parts,
+    SearchResult,
+    Structure,
+    StructureSearch,
+)
 from aero_bayes.simulation import WorkerPool
 
 CART = ROOT / "examples" / "cart"
@@ -39,21 +42,23 @@ def page() -> dict[str, Any]:
 
 
 @contextmanager
-def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Explored]:
+def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[SearchResult]:
     """A search on the cart with these parts, as the loop runs its own."""
     recording = read_recording(CART / "train.csv", layout=Layout.of(["F"], ["position"]))
     family = ModelicaFamily("Rig", (CART / "Rig.mo",), folder, candidate_filter=CandidateFilter(laws=settings.laws))
     recordings = Recordings.of([recording], [], settings.held_out, ["position"])
     with WorkerPool(0) as pool:
-        bench = Workbench(family, recordings, settings, pool, folder, lambda *told: None, Tally(), ResultCache())
-        base = fit_as_it_stands(bench)
-        family.prepare(base.plain, base.fit, bench.open)
+        context = LoopContext(
+            family, recordings, settings, pool, folder, lambda *told: None, LoopStatistics(), ResultCache()
+        )
+        base = fit_base_model(context)
+        family.prepare(base.plain, base.fit, context.open)
         library = Library(family.candidate_groups(), family.refinements(), tuple(family.curves()))
-        source = ModelSource(family, base.plain, base.fit.free, bench.open_objective, bench.open, False)
+        source = ModelSource(family, base.plain, base.fit.free, context.open_objective, context.open, False)
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])
-        fit = replace(settings.climb, floors=base.plain.floors, hold_noise=True)
-        root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), fit)
+        fit = replace(settings.local_fit, floors=base.plain.floors, hold_noise=True)
+        root = model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), fit)
         yield StructureSearch(cache, library, settings.structures, fit, base.floors, parts).run(root)
         cache.close()
 
@@ -76,7 +81,7 @@ def test_parts_of_ones_own_run_beside_the_standard_ones(
 ):
     calls: Counter[str] = Counter()
     for name, method in (
-        ("SwapAtPort", "neighbours"), ("RandomSizes", "starts"), ("Jump", "again"), ("WithinBounds", "judge"),
+        ("SwapAtPort", "neighbours"), ("RandomSizes", "starts"), ("Jump", "refit"), ("WithinBounds", "judge"),
     ):  # fmt: skip
         counting(page[name], method, calls, monkeypatch)
     with searched(page["settings"], page["parts"], tmp_path) as explored:
@@ -87,7 +92,7 @@ def test_parts_of_ones_own_run_beside_the_standard_ones(
 
 def test_what_a_loop_leaves_out_is_not_among_its_parts(page: dict[str, Any]):
     settings = page["settings"]
-    parts = Parts.of(settings.ascent, settings.seed, settings.leave_out)
+    parts = Parts.of(settings.global_search, settings.seed, settings.leave_out)
     names = {type(part).__name__ for part in (*parts.edits, *(restart for restart, _ in parts.restarts))}
-    assert {"DropTerm", "AddTerm", "Swarm"} <= names
+    assert {"DropTerm", "AddTerm", "SwarmRestart"} <= names
     assert not names & {"AddPair", "GrowingHorizon"}

@@ -61,16 +61,15 @@ def mark_and_sleep(task: Count) -> dict[str, Any]:
 
 def killed_with_a_pool(table: str, marks: str) -> None:
     """What a caller of a pool does that the test kills with -9."""
-    from aero_bayes.fleet import Table, run_all
-    from aero_bayes.fleet.executors import open_executor
+    from aero_bayes.fleet import Table, open_executor, run_tasks
 
     with Table(Path(table)) as rows, open_executor(workers=2) as executor:
-        run_all([Count(k, Path(marks)) for k in range(4)], mark_and_sleep, rows, executor)
+        run_tasks([Count(k, Path(marks)) for k in range(4)], mark_and_sleep, rows, executor)
 
 
 def killed_half_way(table: str, marks: str, count: int) -> None:
     """What a caller does that the test kills with -9."""
-    from aero_bayes.fleet import Table, run_all
+    from aero_bayes.fleet import Table, run_tasks
 
     with Table(Path(table)) as rows:
-        run_all([Count(k, Path(marks), 0.02) for k in range(count)], plain, rows)
+        run_tasks([Count(k, Path(marks), 0.02) for k in range(count)], plain, rows)

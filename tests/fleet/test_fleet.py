@@ -13,10 +13,8 @@ from click.testing import CliRunner
 from aero_bayes.cli import main
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
-from aero_bayes.fleet import Rig, Table, fleet, read_fleet
-from aero_bayes.fleet.task import attempt
-from aero_bayes.fleet.whole import tasks_of
-from aero_bayes.schema import FleetResult, undeclared
+from aero_bayes.fleet import Rig, Table, attempt, fleet, read_fleet, tasks_of
+from aero_bayes.schema import FleetJson, undeclared
 from simulated_rigs import draw_fleet, write_fleet
 
 #: Fits from where they start; nothing that only a page of a single rig wants.
@@ -38,11 +36,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def done(folder: Path) -> tuple[Path, FleetResult]:
+def done(folder: Path) -> tuple[Path, FleetJson]:
     return folder / "out", fleet(folder / "fleet.toml", folder / "out", seed=3)
 
 
-def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, FleetResult]) -> None:
+def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, FleetJson]) -> None:
     out, found = done
     truth = {r["name"]: r["parameters"] for r in json.loads((folder / "truth.json").read_text("utf-8"))["rigs"]}
     with Table(out / "rigs.sqlite") as table:
@@ -60,14 +58,14 @@ def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, Fle
     assert [entry.rig for entry in found.stand_out] == ["cart-4"]
     assert "times the noise floor" in found.stand_out[0].reasons[0]
     assert found.simulated
-    assert not list(undeclared(FleetResult.model_validate_json((out / "fleet.json").read_text("utf-8"))))
+    assert not list(undeclared(FleetJson.model_validate_json((out / "fleet.json").read_text("utf-8"))))
     page = (out / "report.html").read_text("utf-8")
     assert "Simulated data" in page
     for link in re.findall(r'href="(rigs/[^"]+)"', page):
         assert (out / link).is_file()
 
 
-def test_a_rig_gives_the_same_row_alone_and_again(folder: Path, done: tuple[Path, FleetResult], tmp_path: Path) -> None:
+def test_a_rig_gives_the_same_row_alone_and_again(folder: Path, done: tuple[Path, FleetJson], tmp_path: Path) -> None:
     out, _ = done
     *_, task = (t for t in tasks_of(read_fleet(folder / "fleet.toml"), tmp_path, 3) if t.key == "cart-2")
     with Table(out / "rigs.sqlite") as table:
@@ -116,7 +114,7 @@ def test_two_rigs_of_one_name_are_refused(tmp_path: Path) -> None:
 
 
 def read_fleet_of(rigs: list[Rig]):
-    from aero_bayes.fleet.rigs import FleetPlan
+    from aero_bayes.fleet import FleetPlan
 
     return FleetPlan({"model": {"name": "Aero.Systems.OneDof"}}, Path(), "fit", rigs)
 

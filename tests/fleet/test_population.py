@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm, t
 
-from aero_bayes.fleet.population import population, stand_out
+from aero_bayes.fleet import fit_population, stand_out
 
 LEVELS = np.array([0.05, 0.5, 0.95])
 
@@ -15,7 +15,7 @@ def test_rigs_that_are_known_exactly_give_the_textbooks_answer() -> None:
     # With s_i -> 0 and a flat prior on the spread, S / τ² ~ χ²(n - 2) and (μ - mean) √n / s ~ Student's t(n - 2).
     rng = np.random.default_rng(3)
     centres = rng.normal(5.0, 2.0, 12)
-    found = population(centres, np.full(12, 1e-6))
+    found = fit_population(centres, np.full(12, 1e-6))
     squares = float(np.sum((centres - centres.mean()) ** 2))
     expected = np.sqrt(squares / chi2.ppf(1.0 - LEVELS, 10))
     np.testing.assert_allclose(found.spread_quantiles(LEVELS), expected, rtol=3e-3)
@@ -29,7 +29,7 @@ def test_rigs_that_are_known_exactly_give_the_textbooks_answer() -> None:
 def test_rigs_that_do_not_differ_are_pulled_together() -> None:
     rng = np.random.default_rng(4)
     widths = np.full(40, 1.0)
-    found = population(rng.normal(0.0, 1.0, 40), widths)
+    found = fit_population(rng.normal(0.0, 1.0, 40), widths)
     low, _, high = found.spread_quantiles(LEVELS)
     assert low < 0.1
     assert high < 0.9
@@ -43,10 +43,10 @@ def test_leaving_a_rig_out_is_the_same_as_not_having_it() -> None:
     widths = np.exp(rng.uniform(-2.0, 0.0, 9))
     centres = rng.normal(1.0, 0.5, 9) + widths * rng.normal(size=9)
     centres[3] = 6.0
-    p_values, away = stand_out(centres, widths, population(centres, widths))
+    p_values, away = stand_out(centres, widths, fit_population(centres, widths))
     for rig in (0, 3):
         kept = np.arange(9) != rig
-        rest = population(centres[kept], widths[kept])
+        rest = fit_population(centres[kept], widths[kept])
         sds = np.sqrt(rest.deviations**2 + rest.spreads**2 + widths[rig] ** 2)
         below = float(rest.weights @ norm.cdf((centres[rig] - rest.means) / sds))
         assert p_values[rig] == pytest.approx(2.0 * min(below, 1.0 - below), rel=0.03)
@@ -63,7 +63,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(spread: float) -> None:
     for _ in range(fleets):
         mean, widths = rng.normal(), np.exp(rng.uniform(-0.7, 0.7, 20))
         centres = mean + spread * rng.normal(size=20) + widths * rng.normal(size=20)
-        found = population(centres, widths)
+        found = fit_population(centres, widths)
         following = mean + spread * rng.normal()
         for k, (low, high, truth) in enumerate(
             (
@@ -84,6 +84,6 @@ def test_rigs_of_one_fleet_seldom_stand_out() -> None:
     for _ in range(100):
         widths = np.exp(rng.uniform(-0.7, 0.7, 20))
         centres = rng.normal(size=20) + widths * rng.normal(size=20)
-        p_values, _ = stand_out(centres, widths, population(centres, widths))
+        p_values, _ = stand_out(centres, widths, fit_population(centres, widths))
         flagged += int(np.sum(p_values < 0.01 / 20))
     assert flagged <= 7  # one are expected

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
-from aero_bayes.fleet.prevalence import Named, prevalence, shared_out
+from aero_bayes.fleet import NamedEffect, estimate_prevalence, shared_out
 
 LEVELS = np.array([0.05, 0.5, 0.95])
 
 
 def test_an_effect_that_cannot_be_missed_is_only_counted() -> None:
     strengths = np.full(30, 9.0) + np.linspace(-0.2, 0.2, 30)
-    found = prevalence(strengths, np.ones(30), 100)
+    found = estimate_prevalence(strengths, np.ones(30), 100)
     assert found.seen > 0.999
     np.testing.assert_allclose(found.quantiles(LEVELS), beta.ppf(LEVELS, 30.5, 70.5), atol=3e-3)
 
 
 def test_an_effect_at_the_edge_of_what_is_noticed_may_be_anywhere() -> None:
-    weak = prevalence(np.abs(np.random.default_rng(1).normal(0.0, 0.4, 6)), np.ones(6), 20)
+    weak = estimate_prevalence(np.abs(np.random.default_rng(1).normal(0.0, 0.4, 6)), np.ones(6), 20)
     assert weak.seen < 0.8
     assert weak.unseen > 0.05
     low, _, high = weak.quantiles(LEVELS)
@@ -38,14 +38,14 @@ def test_intervals_hold_the_share_as_often_as_they_say(distance: float, differs:
         gain = 0.5 * z**2 - 3.0
         named = has & (gain > 7.0)
         strengths = np.log((gain[named] + 4.0) / 11.0)
-        low, high = prevalence(strengths, np.ones(len(strengths)), 20).quantiles(LEVELS[::2])
+        low, high = estimate_prevalence(strengths, np.ones(len(strengths)), 20).quantiles(LEVELS[::2])
         held += low <= 0.3 <= high
     assert held / 100 > 0.78
 
 
 def test_a_rig_that_cannot_tell_learns_from_those_that_can() -> None:
-    sure = [[Named("stiction@v", (), 3.0)]] * 6
-    unsure = [Named("lag@u", ("stiction@v",), 1.0)]
+    sure = [[NamedEffect("stiction@v", (), 3.0)]] * 6
+    unsure = [NamedEffect("lag@u", ("stiction@v",), 1.0)]
     *_, (share,) = shared_out([*sure, unsure])
     assert share["stiction@v"] > 0.9
     assert sum(share.values()) == pytest.approx(1.0)

@@ -16,7 +16,7 @@ import pytest
 from fleet.fleet_tasks import Count, killed_half_way, one_always_dies, plain, work
 
 from aero_bayes.errors import InputError
-from aero_bayes.fleet import Table, open_executor, run_all
+from aero_bayes.fleet import Table, open_executor, run_tasks
 
 assert killed_half_way  # run by a process of its own below
 
@@ -28,7 +28,7 @@ def tasks(folder: Path, count: int) -> list[Count]:
 
 def expected(folder: Path, count: int) -> str:
     with Table(folder / "expected.sqlite") as table:
-        run_all(tasks(folder / "none", count), plain, table)
+        run_tasks(tasks(folder / "none", count), plain, table)
         assert len(table) == count
         return table.digest()
 
@@ -38,14 +38,14 @@ def test_workers_that_die_change_nothing(tmp_path: Path, dask: str | None) -> No
     if dask:
         pytest.importorskip("distributed")
     with open_executor(dask, 2) as executor, Table(tmp_path / "rows.sqlite") as table:
-        run_all(tasks(tmp_path / "marks", 8), work, table, executor)
+        run_tasks(tasks(tmp_path / "marks", 8), work, table, executor)
         assert table.digest() == expected(tmp_path, 8)
         assert table.get("0006") == {"key": "0006", "error": "ValueError: this one cannot be"}
 
 
 def test_a_task_that_kills_every_worker_is_a_row_that_says_so(tmp_path: Path) -> None:
     with open_executor(None, 2) as executor, Table(tmp_path / "rows.sqlite") as table:
-        run_all([Count(k, tmp_path, 0.3) for k in range(4)], one_always_dies, table, executor)
+        run_tasks([Count(k, tmp_path, 0.3) for k in range(4)], one_always_dies, table, executor)
         rows = {row["key"]: row.get("error", "") for row in table.rows()}
     # The others break with the pool as often as it dies, and are not taken for what kills it.
     assert "its worker died 3 times" in rows.pop("0001")
@@ -69,7 +69,7 @@ def test_a_caller_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     assert 15 <= done < count
     again = []
     with Table(path) as table:
-        run_all(tasks(tmp_path / "marks", count), lambda task: again.append(task) or plain(task), table)
+        run_tasks(tasks(tmp_path / "marks", count), lambda task: again.append(task) or plain(task), table)
         assert table.digest() == expected(tmp_path, count)
     assert len(again) == count - done
 
@@ -117,7 +117,7 @@ def test_a_row_made_of_something_else_is_made_anew(tmp_path: Path) -> None:
     with Table(tmp_path / "rows.sqlite") as table:
         table.put({"key": "0000", "value": 7.0}, {}, "old")
         table.put({"key": "0001", "value": 7.0}, {}, "new")
-        run_all(tasks(tmp_path, 2), plain, table, made_of=lambda task: "new")
+        run_tasks(tasks(tmp_path, 2), plain, table, made_of=lambda task: "new")
         assert table.get("0000") != {"key": "0000", "value": 7.0}
         assert table.get("0001") == {"key": "0001", "value": 7.0}
         table.keep_only({"0001"})
@@ -155,7 +155,7 @@ def test_tasks_are_drawn_no_faster_than_they_are_worked_on(tmp_path: Path) -> No
 
     executor = Held()
     with Table(tmp_path / "rows.sqlite") as table:
-        run_all(stream(), plain, table, executor, progress=done.append)
+        run_tasks(stream(), plain, table, executor, progress=done.append)
         assert len(table) == 40
     assert max(ahead) <= Held.window + 1
 

@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate import LocalSettings, Normal, Parameter
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.priors import Normal
-from aero_bayes.judge.holdout import BLOCK_COUNT, blocks_of, held_out_gain
+from aero_bayes.judge import BLOCK_COUNT, blocks_of, held_out_gain
 from aero_bayes.laws.model_family import CandidateTerm
-from aero_bayes.search import Structure
-from aero_bayes.search.models import CandidateModel, Noise
+from aero_bayes.search import CandidateModel, FitNoise, Structure
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import ParameterTarget, open_simulator
 
@@ -44,7 +41,7 @@ def study(times, measured, design, parameters, term, temperature=1.0):
     own = tuple(j for j in range(len(parameters)) if j != term)
     candidates = {"wave": CandidateTerm("wave", "one", ((1.0,),), (term,))}
     model = CandidateModel(Objective(problem, simulator), candidates, own, open_simulator)
-    noise = Noise({o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)}, temperature)
+    noise = FitNoise({o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)}, temperature)
     structures = Structure(("wave",)), Structure()
     return [model.fit(s, model.at({}, ()), noise, EXACT) for s in structures]
 

@@ -5,8 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from aero_bayes.data import Recording
-from aero_bayes.judge.prediction import Error, Prediction, gain_text, surely_worse
-from aero_bayes.judge.recordings import Recordings
+from aero_bayes.judge import Error, Prediction, Recordings, describe_error_change, surely_worse
 
 
 def prediction(**rms: float) -> Prediction:
@@ -15,10 +14,12 @@ def prediction(**rms: float) -> Prediction:
 
 def test_an_output_that_gets_worse_is_told_beside_the_one_that_gains_most() -> None:
     units = {"speed": "rad/s"}
-    one = gain_text(prediction(speed=1.0, angle=1.0), prediction(speed=2.0, angle=0.1), units)
+    one = describe_error_change(prediction(speed=1.0, angle=1.0), prediction(speed=2.0, angle=0.1), units)
     assert "angle falls from 1 to 0.1" in one
     assert "speed grows from 1 to 2 rad/s" in one
-    assert "speed" not in gain_text(prediction(speed=1.0, angle=1.0), prediction(speed=1.01, angle=0.1), units)
+    assert "speed" not in describe_error_change(
+        prediction(speed=1.0, angle=1.0), prediction(speed=1.01, angle=0.1), units
+    )
 
 
 @pytest.mark.parametrize(("missed", "sure"), [(0.0, False), (1.0, True)])

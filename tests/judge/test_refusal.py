@@ -9,9 +9,7 @@ import pytest
 
 from aero_bayes.check.residual_tests import ResidualReport
 from aero_bayes.data import Recording
-from aero_bayes.judge.prediction import Prediction, rms_error
-from aero_bayes.judge.recordings import Recordings
-from aero_bayes.judge.validation import MAX_ERROR_RATIO, refusal
+from aero_bayes.judge import MAX_ERROR_RATIO, Prediction, Recordings, refusal, rms_error
 
 TIME = np.arange(2000) * 0.05
 NOISE = np.random.default_rng(1).normal(0.0, 0.1, (2, TIME.size))

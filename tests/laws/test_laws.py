@@ -151,8 +151,8 @@ def test_attributes_are_ordered_and_scale_with_the_port(laws: tuple[Law, ...]) -
             assert low < p.value("nominal", sizes) < high
         assert law.magnitude.value("default", sizes) == 0.0
     friction = next(law for law in laws if law.id == "viscous_friction")
-    assert friction.switch.unit({"f_n": "N.m", "v_n": "rad/s"}) == "N.m.s/rad"
-    assert friction.switch.value("maximum", {"f_n": 3.0, "v_n": 0.5}) == pytest.approx(60.0)
+    assert friction.magnitude.unit({"f_n": "N.m", "v_n": "rad/s"}) == "N.m.s/rad"
+    assert friction.magnitude.value("maximum", {"f_n": 3.0, "v_n": 0.5}) == pytest.approx(60.0)
 
 
 @pytest.mark.parametrize("key", sorted(CLOSED))

@@ -12,7 +12,7 @@ from aero_bayes import Fit, fit
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import parameters_from_model
-from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.embedded import explicit_model
 from aero_bayes.export.expression import evaluate_nodes
 from aero_bayes.laws import ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws

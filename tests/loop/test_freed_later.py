@@ -46,7 +46,7 @@ def settings(tmp_path):
     (tmp_path / "Ladder.mo").write_text(LADDER, encoding="utf-8")
     return LoopSettings(
         structures=StructureSettings(max_effects=2), sources=(tmp_path / "Ladder.mo",), free=("R_1", "R_2"),
-        laws=("square_loss", "linear_loss", "lag", "gain"), cache=tmp_path / "fmu", undecided=("C_1", "C_2"),
+        laws=("square_loss", "linear_loss", "lag", "gain"), cache=tmp_path / "fmu", free_later=("C_1", "C_2"),
         calibration=replace(LoopSettings().calibration, interpolation="hold"),
     )  # fmt: skip
 
@@ -69,4 +69,4 @@ def test_a_value_that_was_held_wrong_is_freed_beside_the_effect_and_is_no_second
 
 def test_a_parameter_that_the_model_lacks_cannot_be_left_for_later(settings):
     with pytest.raises(InputError, match="no parameter C_3"):
-        close_loop([driven("a", 61)], model="Ladder", settings=replace(settings, undecided=("C_3",)), workers=0)
+        close_loop([driven("a", 61)], model="Ladder", settings=replace(settings, free_later=("C_3",)), workers=0)

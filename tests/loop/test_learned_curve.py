@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopResult, LoopSettings, StructureSettings, close_loop
-from aero_bayes.report.loop_figures import curve_plate
-from aero_bayes.schema import EffectResult
+from aero_bayes.report import curve_plate
+from aero_bayes.schema import EffectJson
 
 SOURCE = """model Slide "A mass on a spring and a damper"
   input Real F(unit = "N");
@@ -60,7 +60,7 @@ def looped(tmp_path, force: Callable[[float, float], float]) -> LoopResult:
 def test_a_ripple_over_the_place_is_learned_and_written(tmp_path) -> None:
     found = looped(tmp_path, lambda x, v: 0.8 * np.sin(4.0 * x + 0.5))
     assert [(e.id, e.kind, e.over) for e in found.effects] == [("position_curve@v", "free_form", "x")], found.sentence
-    assert "that no listed law describes" in found.sentence
+    assert "curve over x" in found.sentence
     assert found.after.test["test", "x"].rms < 2.5 * NOISE < 0.2 * found.before.test["test", "x"].rms
     assert "position_curve" in found.modelica
     # The heights make the ripple where the mass has been: but for a line, which the spring may take.
@@ -75,7 +75,7 @@ def test_a_ripple_over_the_place_is_learned_and_written(tmp_path) -> None:
     x, learned = curve.x[seen], curve.value[seen]
     assert np.all((curve.sd[seen] > 0.0) & (curve.sd[seen] < 0.1))
     both = np.stack([learned, 0.8 * np.sin(4.0 * x + 0.5)])
-    drawn = curve_plate(EffectResult.model_validate(found.effects[0].to_dict("")))
+    drawn = curve_plate(EffectJson.model_validate(found.effects[0].to_dict("")))
     assert drawn is not None
     assert "over x" in drawn.alt
     bent = both - np.stack([np.polyval(np.polyfit(x, y, 1), x) for y in both])
@@ -85,7 +85,7 @@ def test_a_ripple_over_the_place_is_learned_and_written(tmp_path) -> None:
 def test_a_listed_law_is_not_learned(tmp_path) -> None:
     found = looped(tmp_path, lambda x, v: 0.3 * np.tanh(v / 1e-3))
     assert [e.id for e in found.effects] == ["coulomb_friction@v"], found.sentence
-    assert not any("curve" in rival.id and rival.refitted for step in found.steps for rival in step.rivals)
+    assert not any("curve" in rival.id and rival.refitted for step in found.steps for rival in step.candidates)
 
 
 def test_nothing_is_learned_where_nothing_is_missing(tmp_path) -> None:

@@ -13,8 +13,7 @@ import pytest
 from click.testing import CliRunner
 from headless_chromium import Browser, find_chromium
 
-from aero_bayes.bench import Truth, effect, random_levels, simulate_recording, white
-from aero_bayes.bench.truth import Parameters
+from aero_bayes.bench import Parameters, Truth, effect, random_levels, simulate_recording, white
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
 

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from report.headless_chromium import Browser, find_chromium
 
-from aero_bayes.fleet import Table
-from aero_bayes.fleet.summary import summarise
-from aero_bayes.report.fleet_page import write_fleet_page
-from aero_bayes.schema import FleetResult
+from aero_bayes.fleet import Table, summarise_fleet
+from aero_bayes.report import write_fleet_page
+from aero_bayes.schema import FleetJson
 
 
-def made_up(path: Path, count: int) -> tuple[Path, FleetResult]:
+def made_up(path: Path, count: int) -> tuple[Path, FleetJson]:
     """A page of rigs that nobody fitted: one far from the others in R, one that failed, a third with an effect."""
     rng = np.random.default_rng(1)
     with Table(path / "rigs.sqlite") as table:
@@ -29,7 +28,7 @@ def made_up(path: Path, count: int) -> tuple[Path, FleetResult]:
                 "outcome": "extended" if effects else "adequate", "text": "", "words": {},
             }  # fmt: skip
             table.put(row if k != 5 else {"key": "rig-00005", "error": "<b>no file</b>"}, {"seconds": 2.0 + k % 7})
-        result, columns = summarise(table, work="loop", seed=1, versions={})
+        result, columns = summarise_fleet(table, work="loop", seed=1, versions={})
     return write_fleet_page(path, result, columns), result
 
 

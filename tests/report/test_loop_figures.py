@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import re
 
-from aero_bayes.report.diagram_figure import is_all_equations
-from aero_bayes.report.loop_figures import rounds_plates
-from aero_bayes.report.loop_story import changed_equations
-from aero_bayes.schema import CandidateResult, Component, Diagram, LoopPart, StepResult
+from aero_bayes.report import changed_equations, is_all_equations, rounds_plates
+from aero_bayes.schema import CandidateJson, ComponentJson, DiagramJson, LoopJson, StepJson
 
 
-def rounds_of(gains: dict[str, float]) -> LoopPart:
-    candidates = [CandidateResult(id=id_, port="v", delta_evidence=gain, odds=0.123) for id_, gain in gains.items()]
-    return LoopPart(outcome="extended", steps=[StepResult(round=1, candidates=candidates, threshold=7.0, chosen="a")])
+def rounds_of(gains: dict[str, float]) -> LoopJson:
+    candidates = [CandidateJson(id=id_, port="v", delta_evidence=gain, odds=0.123) for id_, gain in gains.items()]
+    return LoopJson(outcome="extended", steps=[StepJson(round=1, candidates=candidates, threshold=7.0, chosen="a")])
 
 
 def test_five_candidates_are_seen_and_the_others_folded() -> None:
@@ -36,12 +34,12 @@ def test_the_added_term_is_marked_in_its_equation() -> None:
     source = "model R\n  Real f;\nequation\n  der(x) = v;\n  m*der(v) = F - d*v - f;\n  f = c*sign(v);\nend R;\n"
     diff = "@@ -2 +2 @@\n-  Real x;\n+  Real f;\n equation\n   der(x) = v;\n-  m*der(v) = F - d*v;\n" \
         "+  m*der(v) = F - d*v - f;\n+  f = c*sign(v);\n"  # fmt: skip
-    loop = LoopPart(outcome="extended", diff=diff, modelica_source=source)
+    loop = LoopJson(outcome="extended", diff=diff, modelica_source=source)
     assert changed_equations(loop) == "m*der(v) = F - d*v<mark> - f</mark>;\n<mark>f = c*sign(v);</mark>"
-    assert changed_equations(LoopPart(outcome="adequate")) is None
+    assert changed_equations(LoopJson(outcome="adequate")) is None
 
 
 def test_a_diagram_of_states_gives_way_to_the_equation_and_one_of_components_stays() -> None:
-    box = Component(name="R", type="model", extent=(0, 0, 1, 1))
-    assert is_all_equations(Diagram(components=[box]))
-    assert not is_all_equations(Diagram(components=[box.model_copy(update={"type": "Mass"})]))
+    box = ComponentJson(name="R", type="model", extent=(0, 0, 1, 1))
+    assert is_all_equations(DiagramJson(components=[box]))
+    assert not is_all_equations(DiagramJson(components=[box.model_copy(update={"type": "Mass"})]))

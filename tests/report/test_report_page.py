@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.report import write_report
+from aero_bayes.report import write_run_page
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}
 LAW_INTERFACES = {"path", "use", "rect", "line", "circle"}
@@ -83,7 +83,7 @@ def result_of(directory: Path) -> dict[str, Any]:
 
 def page_of(directory: Path, result: dict[str, Any]) -> str:
     (directory / "result.json").write_text(json.dumps(result), "utf-8")
-    return write_report(directory).read_text("utf-8")
+    return write_run_page(directory).read_text("utf-8")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -163,7 +163,7 @@ def test_a_parameter_without_an_estimate_never_shows_an_interval(runs: Path, sta
     text = page_of(tmp_path, result)
     assert "8.125" in text
     assert "7.65" not in text
-    assert ("edge of the range" in text) == (status == "at_bound")
+    assert ("on a bound" in text) == (status == "at_bound")
 
 
 def test_the_rounds_name_every_candidate_and_mark_the_chosen(runs: Path, pages: dict[str, str]) -> None:
@@ -199,7 +199,7 @@ def test_ripple_and_encoder_are_shown_with_their_evidence(runs: Path, tmp_path: 
         "theta": {"encoder": {"step": 0.003068, "share": 0.0073}},
     }
     rows = Page(page_of(tmp_path, result)).rows
-    assert any("ripple twice a turn" in r and "0.00809 with it, 0.00503 without" in r for r in rows)
+    assert any("ripple twice a turn" in r and "0.00809 with ripple, 0.00503 without" in r for r in rows)
     assert any("encoder" in r and "0.00307" in r and "0.73 %" in r for r in rows)
 
 
@@ -220,7 +220,7 @@ def test_page_draws_the_other_series_when_one_group_is_missing(runs: Path, group
     with np.load(tmp_path / "series.npz") as archive:
         kept = {key: archive[key] for key in archive.files if not key.startswith(f"{group}/")}
     np.savez(tmp_path / "series.npz", **kept)
-    assert Page(write_report(tmp_path).read_text("utf-8")).faults == []
+    assert Page(write_run_page(tmp_path).read_text("utf-8")).faults == []
 
 
 def test_series_without_a_single_finite_value_are_left_out(tmp_path: Path) -> None:
@@ -274,12 +274,12 @@ def test_a_recording_may_have_a_slash_in_its_name(tmp_path: Path) -> None:
     time = np.linspace(0, 1, 50)
     (tmp_path / "result.json").write_text("{}", "utf-8")
     np.savez(tmp_path / "series.npz", **{"time/a/b": time, "measured/a/b/y": time, "fitted/a/b/y": time**2})
-    assert "<h3>a/b</h3>" in write_report(tmp_path).read_text("utf-8")
+    assert "<h3>a/b</h3>" in write_run_page(tmp_path).read_text("utf-8")
 
 
 def test_one_run_always_gives_the_same_page(runs: Path, tmp_path: Path) -> None:
-    first = write_report(copied(runs, "posterior", tmp_path)).read_bytes()
-    assert write_report(tmp_path).read_bytes() == first
+    first = write_run_page(copied(runs, "posterior", tmp_path)).read_bytes()
+    assert write_run_page(tmp_path).read_bytes() == first
 
 
 def test_page_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -292,16 +292,16 @@ def test_page_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(os, "replace", refuse)
     with pytest.raises(OSError, match="disk full"):
-        write_report(tmp_path)
+        write_run_page(tmp_path)
     assert page.read_text("utf-8") == "the page before"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "result.json"]
 
 
 def test_directory_without_a_result_is_an_input_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no result\.json there"):
-        write_report(tmp_path)
+        write_run_page(tmp_path)
     with pytest.raises(InputError, match=r"no result\.json there"):
-        write_report(tmp_path / "nowhere")
+        write_run_page(tmp_path / "nowhere")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -325,7 +325,7 @@ def test_damaged_files_are_input_errors_in_one_line(name: str, content: bytes, m
     (tmp_path / "result.json").write_text("{}", "utf-8")
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=message) as caught:
-        write_report(tmp_path)
+        write_run_page(tmp_path)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "report.html").exists()
 
@@ -334,4 +334,4 @@ def test_series_of_another_length_than_its_times_is_an_input_error(tmp_path: Pat
     (tmp_path / "result.json").write_text("{}", "utf-8")
     np.savez(tmp_path / "series.npz", **{"time/a": np.arange(9.0), "measured/a/y": np.zeros(8)})
     with pytest.raises(InputError, match=r"measured/a/y has shape \(8,\), expected \(9,\)"):
-        write_report(tmp_path)
+        write_run_page(tmp_path)

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from aero_bayes.report.drawing import Line, Panel, Source, draw, nice_ticks
-from aero_bayes.report.embed import BITS, pack
-from aero_bayes.report.figure import numbers
+from aero_bayes.report.embed import BITS, pack_series
+from aero_bayes.report.figure import data_table
 from aero_bayes.report.posterior_figures import most_correlated
 from aero_bayes.report.svg import Canvas
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import duration, pretty_unit, quantity, sentence, signed, significant, symbol, tidy
+from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
 from aero_bayes.report.thinning import band_envelope, column_means, envelope
 from aero_bayes.sensors.whiteness import autocorrelation
 
@@ -110,7 +110,7 @@ def test_autocorrelation_of_a_first_order_process_decays_as_it_should() -> None:
     ],
 )
 def test_quantities_carry_the_digits_their_interval_justifies(given: tuple, shown: tuple) -> None:
-    found = quantity(*given)
+    found = rounded_value(*given)
     assert (found.value, found.low, found.high, found.unit) == shown
 
 
@@ -124,8 +124,8 @@ def test_significant_digits(given: float | None, shown: str) -> None:
 
 
 def test_tidy_numbers_and_times() -> None:
-    numbers = [tidy(x) for x in (3.1, 1000.0, 251307, 0.0110, 1e-12)]
-    assert numbers == [
+    data_table = [tidy(x) for x in (3.1, 1000.0, 251307, 0.0110, 1e-12)]
+    assert data_table == [
         "3.1",
         "1000",
         "251\u202f307",
@@ -194,8 +194,8 @@ def test_ticks_are_round_and_within_the_ends() -> None:
 def drawn_points(svg: str) -> list[np.ndarray]:
     """The polylines of a drawing's paths, each of shape (n, 2)."""
     pieces = [piece for data in re.findall(r' d="([^"]*)"', svg) for piece in data.split("M") if piece]
-    numbers = [np.array(re.findall(r"-?(?:\d+\.?\d*|\.\d+)", piece), dtype=float) for piece in pieces]
-    return [np.cumsum(steps.reshape(-1, 2), axis=0) for steps in numbers]
+    data_table = [np.array(re.findall(r"-?(?:\d+\.?\d*|\.\d+)", piece), dtype=float) for piece in pieces]
+    return [np.cumsum(steps.reshape(-1, 2), axis=0) for steps in data_table]
 
 
 def test_curves_pass_every_point_with_no_more_points_than_needed() -> None:
@@ -266,7 +266,7 @@ def test_embedded_series_lose_less_than_a_2_to_the_18th_of_their_range(seed: int
     rng = np.random.default_rng(seed)
     values = rng.standard_normal(2000) * 10 ** rng.uniform(-6, 6) + rng.standard_normal()
     values[rng.random(2000) < 0.1] = np.nan
-    packed = pack(values)
+    packed = pack_series(values)
     back = unpacked(packed)
     assert np.array_equal(np.isnan(back), np.isnan(values))
     assert np.nanmax(np.abs(back - values)) <= 0.501 * np.ptp(values[np.isfinite(values)]) / 2**BITS
@@ -275,10 +275,10 @@ def test_embedded_series_lose_less_than_a_2_to_the_18th_of_their_range(seed: int
 
 def test_even_times_are_only_described_and_constants_survive() -> None:
     time = np.round(np.arange(0, 30, 0.001), 6)
-    assert "d" not in pack(time)
-    assert unpacked(pack(time)) == pytest.approx(time, abs=1e-6)
-    assert unpacked(pack(np.full(5, 3.25))).tolist() == [3.25] * 5
-    assert np.isnan(unpacked(pack(np.full(4, np.nan)))).all()
+    assert "d" not in pack_series(time)
+    assert unpacked(pack_series(time)) == pytest.approx(time, abs=1e-6)
+    assert unpacked(pack_series(np.full(5, 3.25))).tolist() == [3.25] * 5
+    assert np.isnan(unpacked(pack_series(np.full(4, np.nan)))).all()
 
 
 def test_the_table_beside_a_figure_states_means_and_rms_of_equal_stretches() -> None:
@@ -287,7 +287,7 @@ def test_the_table_beside_a_figure_states_means_and_rms_of_equal_stretches() -> 
         Line(x, np.floor(x), "accent", label="level"),
         Line(x, np.where(x < 6, 3.0, -4.0), "warm", label="left", rms=True),
     )
-    table = str(numbers([Panel("y (V)", (curve,)), Panel("rest", (left,))], "time (s)", "words"))
+    table = str(data_table([Panel("y (V)", (curve,)), Panel("rest", (left,))], "time (s)", "words"))
     rows = [re.findall(r"<t[hd][^>]*>([^<]*)</t[hd]>", row) for row in table.split("<tr>")[2:]]
     assert len(rows) == 12
     assert [float(row[1]) for row in rows] == pytest.approx(range(12), abs=0.02)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from aero_bayes.schema import RunResult, undeclared
-from aero_bayes.workflow.results import write_result
+from aero_bayes.schema import RunJson, undeclared
+from aero_bayes.workflow import write_result
 
 
 @pytest.mark.parametrize("kind", ["loop", "posterior"])
 def test_every_key_that_a_run_writes_is_declared_and_read_back_unchanged(runs: Path, kind: str, tmp_path: Path) -> None:
     written = json.loads((runs / kind / "result.json").read_text("utf-8"))
-    result = RunResult.model_validate(written)
+    result = RunJson.model_validate(written)
     assert list(undeclared(result)) == []
     write_result(tmp_path, written)
     assert json.loads((tmp_path / "result.json").read_text("utf-8")) == written
@@ -24,7 +24,7 @@ def test_every_key_that_a_run_writes_is_declared_and_read_back_unchanged(runs: P
 
 def test_a_key_that_no_class_names_is_kept_and_told() -> None:
     entry = {"value": 1.0, "guess": 2.0}
-    result = RunResult.model_validate({"parameters": {"R": entry}, "loop": {"outcome": "adequate", "new": 1}, "odd": 3})
+    result = RunJson.model_validate({"parameters": {"R": entry}, "loop": {"outcome": "adequate", "new": 1}, "odd": 3})
     assert sorted(undeclared(result)) == ["loop.new", "odd", "parameters.R.guess"]
     assert result.model_dump(exclude_unset=True)["parameters"]["R"] == entry
 

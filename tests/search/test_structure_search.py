@@ -10,20 +10,28 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate import NoiseModel
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
+from aero_bayes.estimate import LocalSettings, NoiseModel, Normal, Parameter, Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.priors import Normal
 from aero_bayes.laws.model_family import CandidateTerm
-from aero_bayes.search import Parts, Structure, StructureSettings
-from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.edits import likely_pairs, term_directions
-from aero_bayes.search.explored import Library, Work
-from aero_bayes.search.models import CandidateModel, Noise
-from aero_bayes.search.score import Price, autocorrelation_time, common_noise, odds
-from aero_bayes.search.starts import START_RULES, starting_points
+from aero_bayes.search import (
+    START_RULES,
+    CandidateModel,
+    FitNoise,
+    Library,
+    Parts,
+    Penalty,
+    SearchControl,
+    Structure,
+    StructureSearch,
+    StructureSettings,
+    common_noise,
+    likely_pairs,
+    odds,
+    residual_correlation_time,
+    starting_points,
+    term_directions,
+)
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
@@ -83,8 +91,8 @@ CANDIDATES = {
 class OneModel:
     """A cache of one model that has all its candidates at hand, whatever is asked for."""
 
-    undecided = ()
-    reading_is_open = False
+    free_later = ()
+    interpolation_is_free = False
 
     def __init__(self, objective, candidates=None):
         self.model = CandidateModel(objective, candidates or CANDIDATES, (0, 1), open_simulator)
@@ -95,7 +103,7 @@ class OneModel:
         return self.model
 
     def root(self, values=None, noise=NOISE):
-        return self.model.fit(Structure(), self.model.at(values or {}, ()), Noise({"y": noise}), EXACT)
+        return self.model.fit(Structure(), self.model.at(values or {}, ()), FitNoise({"y": noise}), EXACT)
 
 
 FLOORS = {("run 0", "y"): 0.36}
@@ -106,7 +114,7 @@ def searched(cache, settings=None, refines=None, parts=None, work=None, floors=N
     library = Library([tuple(cache.model.candidates)], refines, ())
     search = StructureSearch(
         cache, library, settings or StructureSettings(), LocalFitSettings(), FLOORS if floors is None else floors,
-        parts or Parts(restarts=()), work or Work(),
+        parts or Parts(restarts=()), work or SearchControl(),
     )  # fmt: skip
     return search.run(cache.root(**root))
 
@@ -136,7 +144,7 @@ def test_when_the_time_is_up_what_was_found_by_then_is_kept():
     ended, counts = set(), set()
     for limit in (*range(12), 1000):
         asked = iter(range(limit))
-        work = Work(late=lambda asked=asked: next(asked, None) is None)
+        work = SearchControl(time_is_up=lambda asked=asked: next(asked, None) is None)
         explored = searched(OneModel(study([1.0, 2.0, 0.0, 0.5, 0.7], 3)), work=work)
         ended.add(explored.ended)
         counts.add(len(explored.best.terms))
@@ -164,7 +172,7 @@ def test_a_pair_that_does_little_alone_is_foretold_in_closed_form():
     assert set(likely_pairs(term_directions(root))[0]) == {"sine", "square"}
     both = Structure(("sine", "square"))
     (best, *_) = starting_points(START_RULES, root, both)
-    end = cache.model.fit(both, best.point, Noise({"y": NOISE}), EXACT)
+    end = cache.model.fit(both, best.point, FitNoise({"y": NOISE}), EXACT)
     assert best.expected_gain == pytest.approx(end.optimum.log_likelihood - root.optimum.log_likelihood, rel=0.02)
     assert searched(cache).best.terms == ("sine", "square")
 
@@ -173,17 +181,17 @@ def test_a_term_that_the_free_parameters_imitate_is_not_offered():
     basis = BASIS.copy()
     basis[2] = 0.3 * BASIS[0] - 2.0 * BASIS[1]
     cache = OneModel(study([1.0, 2.0, 0.0, 1.0, 0.0], 6, basis=basis))
-    assert [d.id for d in term_directions(cache.root()) if d.imitated] == ["sine"]
+    assert [d.id for d in term_directions(cache.root()) if d.confounded] == ["sine"]
     assert not any("sine" in s.terms for s in searched(cache).fits)
 
 
 def test_what_is_required_stays_whatever_it_gains_and_the_missing_term_is_found_beside_it():
     settings = StructureSettings(require=("square",))
     alone = found([1.0, 2.0, 0.0, 0.0, 0.0], 100, settings)
-    best = max((f for f in alone.fits.values() if "square" in f.terms), key=alone.price.score)
+    best = max((f for f in alone.fits.values() if "square" in f.terms), key=alone.penalty.score)
     assert best.terms == ("square",)
     beside = found([1.0, 2.0, 0.6, 0.0, 0.0], 2, settings)
-    best = max((f for f in beside.fits.values() if "square" in f.terms), key=beside.price.score)
+    best = max((f for f in beside.fits.values() if "square" in f.terms), key=beside.penalty.score)
     assert set(best.terms) in ({"square", "sine"}, {"square", "twin"})
 
 
@@ -194,9 +202,9 @@ def test_a_refinement_is_found_where_what_it_refines_shows_nothing():
 
 
 def test_a_term_pays_for_every_candidate_and_a_refinement_twice():
-    price = Price(18, 4.0, frozenset({"fine"}))
-    assert price.of_term("plain") == pytest.approx(4.0 + math.log(18.0))
-    assert price.of_term("fine") == pytest.approx(8.0 + math.log(18.0))
+    penalty = Penalty(18, 4.0, frozenset({"fine"}))
+    assert penalty.of_term("plain") == pytest.approx(4.0 + math.log(18.0))
+    assert penalty.of_term("fine") == pytest.approx(8.0 + math.log(18.0))
 
 
 def test_odds_add_up_and_go_with_the_gains():
@@ -212,7 +220,7 @@ def test_the_autocorrelation_time_of_a_first_order_process_is_known(rho):
     """Of ``x' = rho x + e`` it is ``(1 + rho) / (1 - rho)``; the sum ends at a twentieth."""
     rng = np.random.default_rng(7)
     x = lfilter([1.0], [1.0, -rho], rng.standard_normal((4, 40_000)))
-    assert autocorrelation_time(list(x)) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
+    assert residual_correlation_time(list(x)) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
 
 
 def test_noise_with_structure_left_counts_effective_samples():
@@ -224,7 +232,7 @@ def test_noise_with_structure_left_counts_effective_samples():
     assert left.effective_samples["y"] < 100.0
     assert left.noise.outputs["y"].sd == pytest.approx(root.rms()["y"])
     assert left.noise.temperature > 6.0
-    right = cache.model.fit(Structure(("sine",)), root.optimum.coordinates, Noise({"y": NOISE}), EXACT)
+    right = cache.model.fit(Structure(("sine",)), root.optimum.coordinates, FitNoise({"y": NOISE}), EXACT)
     assert common_noise(right, FLOORS).effective_samples["y"] == 600.0
 
 
@@ -278,7 +286,7 @@ def damped(time, p):
 class FromElsewhere:
     """A restart of a user's own: from a frequency of 3.72."""
 
-    def again(self, fitted, settings):
+    def refit(self, fitted, settings):
         start = fitted.model.at(fitted.values | {"b": 3.72}, fitted.terms)
         return fitted.model.fit(fitted.structure, start, fitted.noise, settings)
 

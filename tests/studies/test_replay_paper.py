@@ -12,7 +12,7 @@ from aero_closed_form import linear_run
 from click.testing import CliRunner
 
 from aero_bayes.cli import main
-from aero_bayes.schema import RunResult, undeclared
+from aero_bayes.schema import RunJson, undeclared
 from aero_bayes.simulation import Outcome
 from paper_replay import paper_recording, replay_paper, write_run
 from paper_replay.published import TABLE_1, TABLE_PARAMETERS
@@ -97,7 +97,7 @@ def test_goes_into_result_json(replay):
 def test_page_shows_every_row_and_can_be_drawn_again(replay, tmp_path):
     page = write_run(replay, tmp_path)
     text = page.read_text("utf-8")
-    result = RunResult.model_validate_json((tmp_path / "result.json").read_text("utf-8"))
+    result = RunJson.model_validate_json((tmp_path / "result.json").read_text("utf-8"))
     assert {key.partition(".")[0] for key in undeclared(result)} == {"replay"}  # kept for programs, not shown
     assert [row.label for row in result.study.rows] == [row.label for row in replay.rows]
     assert text.count("<small>") >= len(replay.rows)

@@ -155,6 +155,28 @@ def test_unknown_option_is_bad_input(tmp_path: Path) -> None:
     assert CliRunner().invoke(main, ["fit", "--dta", "x.csv"]).exit_code == 2
 
 
+def test_a_refused_run_says_whose_result_is_in_its_folder(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "result.json").write_text("{}")
+    bad = tmp_path / "bad.csv"
+    bad.write_text(recording.read_text("utf-8").replace("V_m", "volts", 1))
+    for out_there, said in ((out, True), (tmp_path / "new", False)):
+        result = CliRunner().invoke(main, ["fit", "--data", str(bad), "--out", str(out_there)])
+        assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)
+        assert (str(out_there / "result.json") in result.stderr) == said
+
+
+def test_bounds_in_the_wrong_order_name_the_modelica_file(tmp_path: Path) -> None:
+    source = tmp_path / "Rig.mo"
+    source.write_text("model Rig\n  parameter Real k(min = 30, max = 10) = 20;\n  output Real x(start = 1);\n"
+                      "equation\n  der(x) = -k * x;\nend Rig;\n")  # fmt: skip
+    result = CliRunner().invoke(main, ["fmu", "--model", "Rig", "--source", str(source), "--out", f"{tmp_path}/x.fmu"])
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: Rig.mo:2: ")
+    assert "k: min = 30" in result.stderr
+
+
 def test_report_of_an_empty_folder(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["report", str(tmp_path)])
     assert result.exit_code == 2

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from aero_bayes.bench import Truth, effect, pulse, simulate_recording, white
-from aero_bayes.bench.truth import Parameters
+from aero_bayes.bench import Parameters, Truth, effect, pulse, simulate_recording, white
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
 from aero_bayes.export import export_fmu

@@ -10,9 +10,9 @@ import pytest
 
 from aero_bayes.export import modelica_root
 from aero_bayes.language.component_tree import build_tree, look_up, read_library
-from aero_bayes.schema import Component, Diagram
+from aero_bayes.schema import ComponentJson, DiagramJson
 from aero_bayes.simulation import Model, Variable
-from aero_bayes.workflow.diagram import model_diagrams
+from aero_bayes.workflow import model_diagrams
 
 LIBRARY = """
 within ;
@@ -84,7 +84,7 @@ def fmu() -> Model:
     return Model(**(blank | {"inputs": (u,), "states": (v, x), "outputs": (y,)}))
 
 
-def named(diagram: Diagram) -> dict[str, Component]:
+def named(diagram: DiagramJson) -> dict[str, ComponentJson]:
     return {component.name: component for component in diagram.components}
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from aero_bayes.bench import Truth, paper_step, simulate_recording, white
-from aero_bayes.bench.truth import Parameters
+from aero_bayes.bench import Parameters, Truth, paper_step, simulate_recording, white
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
 

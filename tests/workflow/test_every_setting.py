@@ -22,10 +22,15 @@ from aero_bayes.config import Config, load_config
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.laws.candidate_filter import CandidateFilter
-from aero_bayes.workflow.job import Job, RunOptions, open_job
-from aero_bayes.workflow.loop import loop_settings
-from aero_bayes.workflow.prediction import prediction_settings
-from aero_bayes.workflow.settings import fit_settings, sample_settings
+from aero_bayes.workflow import (
+    Job,
+    RunOptions,
+    fit_settings,
+    loop_settings,
+    open_job,
+    prediction_settings,
+    sample_settings,
+)
 
 ALL = ("fit", "posterior", "close-loop")
 #: The commands that do what a section is about; the others may be given the same file and pass it over.

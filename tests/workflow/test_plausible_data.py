@@ -86,7 +86,9 @@ def test_degrees_celsius_are_told_from_kelvin(folder: Path, rise: float):
     done = fit(folder, 60.0 * np.arange(400), shift=-273.15 + np.linspace(0.0, rise, 400))
     assert done.exit_code == 2
     assert "run.csv, column T: reads" in done.stderr
-    assert 'looks like degC; say so by [data.columns.T] unit = "degC"' in done.stderr
+    assert '[data.columns.T] unit = "degC"' in done.stderr
+    checked = CliRunner().invoke(main, ["check", "--config", f"{folder / 'room.toml'}", f"{folder / 'run.csv'}"])
+    assert (checked.exit_code, checked.stderr) == (2, done.stderr)
 
 
 def test_milliseconds_are_told_from_seconds(folder: Path):

@@ -59,12 +59,19 @@ def test_every_port_is_listed_with_its_place_states_and_laws(rig):
     assert rows["a"]["states"] == ["a"]
     assert "square_law" in rows["u"]["laws"]
     assert "linear_loss" in rows["a"]["laws"]
-    assert "seen" not in rows["a"]
+    assert "visible" not in rows["a"]
 
 
 def test_a_recording_sees_what_its_outputs_answer_to(rig):
     rows = json.loads(ports("--config", rig / "rig.toml", "--data", rig / "run.csv", "--json"))
-    assert {row["id"]: row["seen"] for row in rows} == {"u": "seen", "level": "seen", "a": "seen", "b": "not seen"}
+    assert {row["id"]: row["visible"] for row in rows} == {"u": "yes", "level": "yes", "a": "yes", "b": "no"}
+
+
+def test_the_table_says_what_a_response_is(rig):
+    lines = ports("--config", rig / "rig.toml", "--data", rig / "run.csv").splitlines()
+    assert {"response", "visible"} <= set(lines[0].split())
+    assert lines[5].startswith("response: ")
+    assert "response" not in ports("--config", rig / "rig.toml")
 
 
 def test_the_response_is_that_of_the_probe_that_is_imitated_least(rig):
@@ -115,7 +122,7 @@ def test_a_reading_that_a_lag_would_move_is_seen_though_offset_and_gain_are_free
     imitated = np.column_stack([truth, np.ones(400)])
     left = rate - imitated @ np.linalg.lstsq(imitated, rate, rcond=None)[0]
     assert found["response"] == pytest.approx(np.linalg.norm(left) / SD, rel=0.15)
-    assert found["seen"] == "seen"
+    assert found["visible"] == "yes"
 
 
 STILL = """model Still "A weight on a string that is cut by nobody: gravity is all that acts"
@@ -147,7 +154,7 @@ def test_a_force_that_follows_the_motion_is_seen_though_a_constant_one_is_imitat
     x += 1e-3 * np.random.default_rng(2).normal(size=300)
     np.savetxt(tmp_path / "run.csv", np.column_stack([time, force, x]), delimiter=",", header="time,F,y", comments="")
     rows = json.loads(ports("--config", tmp_path / "rig.toml", "--data", tmp_path / "run.csv", "--json"))
-    assert {row["id"]: row["seen"] for row in rows}["v"] == "seen"
+    assert {row["id"]: row["visible"] for row in rows}["v"] == "yes"
 
 
 def test_the_table_is_aligned_and_names_file_and_line(rig):
@@ -166,4 +173,4 @@ def test_recordings_beside_an_fmu_are_refused_in_one_line():
     result = CliRunner().invoke(main, ["ports", "--model", "some.fmu", "--data", "run.csv"])
     assert result.exit_code == 2
     assert len(result.stderr.splitlines()) == 1
-    assert "--data needs the source" in result.stderr
+    assert result.stderr.startswith("error: some.fmu: --data")

@@ -11,8 +11,7 @@ import pytest
 from click.testing import CliRunner
 from written_effects import write_effects
 
-from aero_bayes.bench import Truth, pulse, random_levels, simulate_recording, white
-from aero_bayes.bench.truth import Parameters
+from aero_bayes.bench import Parameters, Truth, pulse, random_levels, simulate_recording, white
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
 from aero_bayes.export import export_fmu
@@ -95,7 +94,7 @@ def test_a_single_recording_has_no_prediction_and_a_weak_parameter_a_profile(tmp
     assert "K_sp" not in found["profiles"]
     assert not any("a function of" in line for line in found["text"])
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
-    assert "Profiles of the doubtful ones" in page
+    assert "Profile likelihoods" in page
     assert "recording sees only ratios to it" in page
 
 

@@ -18,7 +18,8 @@ import pytest
 CART = Path(__file__).parents[2] / "examples" / "cart"
 #: The program with a checkpoint that is written whenever there is anything new.
 EAGER = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-EAGER += "import aero_bayes.checkpoint as c; c.EVERY = c.SPARING = 0.0; from aero_bayes.cli import main; main()"
+EAGER += "import aero_bayes.checkpoint as c; c.MIN_WRITE_INTERVAL = c.MIN_INTERVAL_RATIO = 0.0; "
+EAGER += "from aero_bayes.cli import main; main()"
 FEW = '\n[loop]\nlaws = ["coulomb_friction", "cubic_stiffness", "quadratic_drag"]\n'
 
 
@@ -67,7 +68,8 @@ def test_a_loop_that_was_stopped_ends_as_if_it_had_not_been(rig: Path):
     assert whole.returncode == 0
     out, checkpoint = rig / "out", rig / "out" / "checkpoint.npz"
     said = stop(begin(rig, "out"), checkpoint, 0, signal.SIGINT)
-    assert said[-1] == "interrupted: the same command with --resume goes on from out/checkpoint.npz"
+    assert said[-1].startswith("interrupted: ")
+    assert {"--resume", "out/checkpoint.npz"} <= set(said[-1].split())
     assert not any("Traceback" in line for line in said)
     size = checkpoint.stat().st_size
     stop(begin(rig, "out", "--resume"), checkpoint, size + 15_000, signal.SIGKILL)
@@ -75,7 +77,7 @@ def test_a_loop_that_was_stopped_ends_as_if_it_had_not_been(rig: Path):
     other = begin(rig, "out", "--resume", "--seed", "2")
     words = other.communicate(timeout=60)[1].splitlines()
     assert (other.returncode, len(words)) == (2, 1)
-    assert "out/checkpoint.npz is of a run with other data, model or settings" in words[0]
+    assert words[0].startswith("error: out/checkpoint.npz ")
     resumed = begin(rig, "out", "--resume")
     resumed.communicate(timeout=300)
     assert resumed.returncode == 0

@@ -1,7 +1,7 @@
-"""Log-densities of stretches of time, each given everything before it: what time-ordered comparison is made of.
+"""Log-densities of blocks of time, each given everything before it, for time-ordered cross-validation.
 
 With noise that is white plus Ornstein-Uhlenbeck the density of a recording factorises over its samples by a scalar
-Kalman filter; a stretch's factor is the density of its readings given all earlier ones of the same recording.
+Kalman filter. The factor of a block is the density of its readings given all earlier ones of the same recording.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from aero_bayes.simulation.interface import Outcome
 
 FloatArray = NDArray[np.float64]
 
-#: Numbers of trajectory held at once.
+#: Largest number of simulated values in memory.
 _MAX_TRAJECTORY_NUMBERS = 4_000_000
 
 
 def block_edges(joint: JointTarget, blocks: int) -> tuple[FloatArray, ...]:
-    """Times that split each recording into so many stretches of equal length, each shape (blocks + 1,)."""
+    """Times that split each recording into blocks of equal length, each shape (blocks + 1,)."""
     return tuple(np.linspace(e.time[0], e.time[-1], blocks + 1) for e in joint.target.calibration.experiments)
 
 
 def block_log_likelihood(joint: JointTarget, points: FloatArray, edges: Sequence[FloatArray]) -> list[FloatArray]:
-    """Log-density of every stretch of every recording given what came before it.
+    """Log-density of every block of every recording given the readings before it.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def block_log_likelihood(joint: JointTarget, points: FloatArray, edges: Sequence
     points : ndarray, shape (s, d)
         Draws: search coordinates of the free parameters, then logarithms of the noise parameters.
     edges : sequence of ndarray, one a recording, shape (b + 1,)
-        Increasing times in s; readings before the first edge belong to the first stretch, after the last to the last.
+        Increasing times in s. Readings before the first edge belong to the first block, after the last to the last.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""How well a model predicts: WAIC, leave-one-out and leave-future-out over stretches of time, in order.
+"""How well a model predicts: WAIC, leave-one-out and leave-future-out over blocks of time, in order.
 
-Single samples of a recording predict each other through correlated noise, so the unit here is a stretch that is long
+Single samples of a recording predict each other through correlated noise, so the unit here is a block that is long
 against it, and its density is always given what came before. References: Watanabe (2010), JMLR 11, 3571; Vehtari,
 Gelman and Gabry (2017), Stat. Comput. 27, 1413; Buerkner, Gabry and Vehtari (2020), J. Stat. Comput. Simul. 90, 2499.
 """
@@ -19,15 +19,15 @@ from aero_bayes.errors import InputError
 from aero_bayes.sample.importance import RELIABLE_BELOW, pareto_smooth
 
 FloatArray = NDArray[np.float64]
-#: Densities (s, b) of all stretches over draws of the posterior that has seen only the first so many stretches.
+#: Densities (s, b) of all blocks over draws of the posterior that has seen only the first so many blocks.
 Refit = Callable[[int], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
 class ElpdEstimate:
-    """Expected log-density of unseen stretches.
+    """Expected log-density of unseen blocks.
 
-    ``elpd`` is the sum over stretches (larger is better), ``pointwise`` (b,) its parts, ``parameters`` the effective
+    ``elpd`` is the sum over blocks (larger is better), ``pointwise`` (b,) its parts, ``parameters`` the effective
     number of parameters (not defined for leave-future-out), ``pareto_k`` (b,) how far each part can be trusted (below
     0.7), ``refits`` how many posteriors had to be computed anew.
     """
@@ -41,7 +41,7 @@ class ElpdEstimate:
 
     @property
     def se(self) -> float:
-        """Standard error of ``elpd`` over stretches."""
+        """Standard error of ``elpd`` over blocks."""
         n = self.pointwise.size
         return float(math.sqrt(n * np.var(self.pointwise, ddof=1))) if n > 1 else math.inf
 
@@ -64,7 +64,7 @@ class ElpdEstimate:
 
 @dataclass(frozen=True)
 class ElpdDifference:
-    """Difference in ``elpd`` of two models on the same stretches, with the standard error of the paired difference."""
+    """Difference in ``elpd`` of two models on the same blocks, with the standard error of the paired difference."""
 
     elpd: float
     se: float
@@ -76,10 +76,10 @@ def compare_elpd(first: ElpdEstimate, second: ElpdEstimate) -> ElpdDifference:
     Raises
     ------
     InputError
-        If they are not over the same number of stretches.
+        If they are not over the same number of blocks.
     """
     if first.pointwise.size != second.pointwise.size:
-        raise InputError(f"{first.pointwise.size} and {second.pointwise.size} stretches cannot be compared")
+        raise InputError(f"{first.pointwise.size} and {second.pointwise.size} blocks cannot be compared")
     gap = first.pointwise - second.pointwise
     return ElpdDifference(
         float(gap.sum()), float(math.sqrt(gap.size * np.var(gap, ddof=1))) if gap.size > 1 else math.inf
@@ -87,7 +87,7 @@ def compare_elpd(first: ElpdEstimate, second: ElpdEstimate) -> ElpdDifference:
 
 
 def waic(densities: FloatArray) -> ElpdEstimate:
-    """Watanabe's criterion from log-densities of stretches (s, b) over posterior draws."""
+    """Watanabe's criterion from log-densities of blocks (s, b) over posterior draws."""
     count = len(densities)
     lppd = logsumexp(densities, axis=0) - math.log(count)
     penalty = np.var(densities, axis=0, ddof=1)
@@ -97,9 +97,9 @@ def waic(densities: FloatArray) -> ElpdEstimate:
 
 
 def leave_one_out(densities: FloatArray) -> ElpdEstimate:
-    """Each stretch predicted from all others, by importance sampling from the posterior draws (s, b).
+    """Each block predicted from all others, by importance sampling from the posterior draws (s, b).
 
-    What is left out is the factor of the stretch given what came before it.
+    What is left out is the factor of the block given what came before it.
     """
     smoothed, shape = _weights(-densities)
     part = logsumexp(smoothed + densities, axis=0)
@@ -108,19 +108,19 @@ def leave_one_out(densities: FloatArray) -> ElpdEstimate:
 
 
 def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = None) -> ElpdEstimate:
-    """Each stretch from the ``first``-th on predicted from those before it only.
+    """Each block from the ``first``-th on predicted from those before it only.
 
-    From the last stretch backwards the draws are re-weighted so that they forget it; where the weights become
-    unreliable, ``refit`` gives draws of the posterior that has seen only the stretches before.
+    From the last block backwards the draws are re-weighted so that they forget it; where the weights become
+    unreliable, ``refit`` gives draws of the posterior that has seen only the blocks before.
 
     Parameters
     ----------
     densities : ndarray, shape (s, b)
         Over draws of the posterior that has seen everything.
     first : int
-        Stretches that are never predicted (at least 1).
+        Blocks that are never predicted (at least 1).
     refit : callable, optional
-        Without it unreliable stretches stay so, and say so.
+        Without it unreliable blocks stay so, and say so.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = No
     """
     count = densities.shape[1]
     if not 0 < first < count:
-        raise InputError(f"{first} of {count} stretches to learn from leave nothing to predict")
+        raise InputError(f"{first} of {count} blocks to learn from leave nothing to predict")
     known, draws, refits = count, densities, 0
     part, shapes = np.empty(count - first), np.empty(count - first)
     for b in range(count - 1, first - 1, -1):
@@ -142,7 +142,7 @@ def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = No
 
 
 def pooled_blocks(densities: Sequence[FloatArray]) -> FloatArray:
-    """Stretches of several recordings side by side, shape (s, total)."""
+    """Blocks of several recordings side by side, shape (s, total)."""
     return np.concatenate(list(densities), axis=1)
 
 

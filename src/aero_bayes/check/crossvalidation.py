@@ -1,4 +1,4 @@
-"""Predicting what was left out: later stretches of a recording, or a whole recording."""
+"""Cross-validation of a fit: later blocks of a recording, or whole recordings, are left out and predicted."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from aero_bayes.simulation.interface import DelayTarget
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float, str], None]
 _REFIT_SETTINGS = FitSettings(method="local", staged=False)
-#: Points at which the delay of a recording is tried before it is refined.
+#: Number of delays that are tried before the best one is refined.
 _DELAY_POINTS = 21
 
 
 @dataclass(frozen=True, eq=False)
 class TimeOrderedScores:
-    """Criteria of one fit over stretches of time, all from the same draws."""
+    """WAIC, leave-one-out and leave-future-out of one fit over blocks of time, from the same draws."""
 
     waic: ElpdEstimate
     leave_one_out: ElpdEstimate
@@ -50,10 +50,10 @@ class TimeOrderedScores:
 
 @dataclass(frozen=True, eq=False)
 class LeftOutPrediction:
-    """A recording predicted by the others.
+    """A recording that was left out and predicted by a fit to the others.
 
-    ``rms`` is the prediction's error by output and ``rms_fitted`` that of the fit which had seen it; ``elpd`` is its
-    log-density under the posterior of the others, its own delay and start integrated out.
+    ``rms`` is the error of the prediction by output, ``rms_fitted`` that of the fit to all recordings. ``elpd`` is the
+    log-density of the recording under the posterior of the others, with its own delay and initial state integrated out.
     """
 
     recording: str
@@ -76,7 +76,7 @@ def time_ordered_scores(
     refits: bool = True,
     progress: Progress | None = None,
 ) -> TimeOrderedScores:
-    """WAIC, leave-one-out and leave-future-out of a fit over stretches of its recordings.
+    """WAIC, leave-one-out and leave-future-out of a fit over blocks of its recordings.
 
     Parameters
     ----------
@@ -85,18 +85,18 @@ def time_ordered_scores(
         Makes a simulator of a problem.
     rng : Generator
     blocks : int
-        Stretches each recording is split into; each should be long against the noise's correlation time.
+        Blocks each recording is split into; each should be long against the noise's correlation time.
     first : int
-        Stretches of each recording that leave-future-out learns from before it predicts.
+        Blocks of each recording that leave-future-out learns from before it predicts.
     draws : int
         Posterior draws.
     refits : bool
-        Compute posteriors anew where re-weighting is unreliable; without, such stretches are only said to be so.
+        Compute a new posterior where importance sampling is unreliable. Without, such blocks are only marked.
 
     Notes
     -----
-    With several recordings leave-future-out goes stretch by stretch through all of them at once: the k-th stretches of
-    all recordings are predicted from the stretches before in all of them.
+    With several recordings leave-future-out goes block by block through all of them at once: the k-th blocks of
+    all recordings are predicted from the blocks before in all of them.
     """
     densities = _densities(fit, fit.calibration, open_simulator, rng, blocks, draws)
 
@@ -126,10 +126,10 @@ def leave_one_recording_out(
 ) -> tuple[LeftOutPrediction, ...]:
     """Predict each recording from a fit to the others.
 
-    A recording's own nuisances (its delay, its start) are no prediction of the others: for every draw they are fitted
-    to it within their priors and integrated by Laplace's approximation.
+    The other recordings do not predict the nuisance parameters of a recording (its delay, its initial state). For every
+    draw, these are fitted within their priors and integrated out by Laplace's approximation.
 
-    No recording is begun that, by the time the others took, would end after ``time_limit`` s.
+    The next recording is not started if it is expected to end after ``time_limit`` s.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def _densities(
     blocks: int,
     draws: int,
 ) -> list[FloatArray]:
-    """Log-densities of every stretch of a calibration's recordings over draws of a fit's posterior, (s, b) each."""
+    """Log-densities of every block of a calibration's recordings over draws of a fit's posterior, (s, b) each."""
     with open_simulator(fit.calibration.problem()) as simulator:
         sample = importance_posterior(fit, simulator, 8 * draws, rng).resample(draws, rng)
     with open_simulator(calibration.problem()) as simulator:

@@ -1,4 +1,4 @@
-"""Profile likelihood: hold one parameter at values across its range, fit all others again, and see what it costs."""
+"""Profile likelihood: one parameter is fixed at values across its range, and all others are fitted again."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from aero_bayes.simulation.interface import Simulator
 
 FloatArray = NDArray[np.float64]
 
-#: Drop of the log-posterior at the ends of a 90 % interval (half the 90 % quantile of chi-squared with 1 degree).
+#: Drop of the log-posterior at the ends of a 90 % interval: half the 90 % quantile of chi-squared (1 degree of
+#: freedom).
 LOG_POSTERIOR_DROP_90 = 1.3527
 
 
 @dataclass(frozen=True)
 class LikelihoodProfile:
-    """Best log-posterior (noise as fitted) at each held value, relative to the best of all: shapes (k,).
+    """Profile of the log-posterior over one parameter, at the fitted noise.
 
-    ``values`` are SI; ``drop`` is zero at the best and grows away from it, infinite where every simulation failed.
+    ``values`` (k,) are in SI units. ``drop`` (k,) is the largest log-posterior of all less the one at each value: zero
+    at the best value, and infinite where every simulation failed.
     """
 
     name: str
@@ -33,13 +35,13 @@ class LikelihoodProfile:
 
     @property
     def interval(self) -> tuple[float | None, float | None]:
-        """Ends of the 90 % interval; None on a side where the profile stays flat to the end of the range."""
+        """Ends of the 90 % interval; None on a side where the profile does not drop that far within the range."""
         best = int(np.argmin(self.drop))
         return self._crossing(slice(best, None, -1)), self._crossing(slice(best, None))
 
     @property
     def bounded(self) -> bool:
-        """Whether the data (with the priors) bounds the parameter on both sides."""
+        """Whether the data and the priors bound the parameter on both sides."""
         return None not in self.interval
 
     def _crossing(self, part: slice) -> float | None:
@@ -63,7 +65,7 @@ def profile_likelihood(
     width: float = 4.0,
     settings: LocalSettings | None = None,
 ) -> LikelihoodProfile:
-    """Profile of one free parameter of a fit, its points one after the other.
+    """Compute the profile of one free parameter of a fit.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""What a fit leaves behind: how large against the noise floor, whether white, and where it sits.
+"""Tests of the residual of a fit: its size relative to the noise floor, its whiteness, and its dependence on states.
 
-All tests work on innovations, the residual after the fitted noise has been filtered out, so that correlated noise does
-not count as structure. They keep their size on thousands of samples: the portmanteau statistic is the one that is
-robust to changing variance (Lobato, Nankervis & Savin 2001), and structure over states is a chi-square of a few smooth
-functions from which the fitted parameters' own directions are projected out.
+All tests use innovations, that is whitened residuals, so that correlated noise does not count as structure. Their size
+is right for thousands of samples. The portmanteau statistic is robust to changing variance (Lobato, Nankervis and
+Savin, 2001). Dependence on states is a chi-square statistic of a few smooth functions, from which the sensitivities of
+the fitted parameters are projected out.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from aero_bayes.sensors import OutputNoise, autocorrelation, is_rotor_speed, whi
 FloatArray = NDArray[np.float64]
 ResidualVerdict = Literal["adequate", "structured"]
 
-#: Probability that the tests of one residual together call it structured when it is noise.
+#: Probability that a residual which is noise is called structured by all its tests together.
 FALSE_ALARM_RATE = 1e-3
-#: Where a rotor turns, innovations are averaged over blocks of this many s before the test for autocorrelation: ripple
-#: is faster, and missing physics is slower.
+#: If a rotor turns, innovations are averaged over blocks of this length in s before the test of autocorrelation: ripple
+#: is faster, missing physics is slower.
 ROTOR_BLOCK_LENGTH = 0.2
 #: Largest lag of the autocorrelation of a report, in samples.
 CORRELATION_LAGS = 200
-#: Ratio of residual to noise floor above which a residual is structured whatever the tests say.
+#: Ratio of a residual to the noise floor above which it is structured, regardless of the tests.
 MAX_FLOOR_RATIO = 2.0
 
 
 @dataclass(frozen=True)
 class StructureTest:
-    """One question put to a residual: a chi-square statistic, its degrees of freedom, and its p-value."""
+    """A test of a residual: a chi-square statistic, its degrees of freedom, and the p-value."""
 
     name: str
     statistic: float
@@ -50,10 +50,10 @@ class StructureTest:
 class ResidualReport:
     """The residual of one output of one recording.
 
-    ``autocorrelation`` are of the plain residual at ``lags`` (s); ``correlations`` with inputs and fitted states;
-    ``worst_time`` (start and end in s) is the tenth of the recording that holds most of the excess, ``worst_share`` its
-    share of the squared innovations. ``noise_floor`` is None where it is unknown, ``noise`` the fitted noise's standard
-    deviation.
+    ``autocorrelation`` is that of the residual at ``lags`` (s); ``correlations`` are with inputs and fitted states.
+    ``worst_time`` (start and end in s) is the tenth of the recording with the largest squared innovations,
+    ``worst_share`` its share of them. ``noise_floor`` is None if unknown; ``noise`` is the standard deviation of the
+    fitted noise.
     """
 
     recording: str
@@ -71,7 +71,7 @@ class ResidualReport:
 
     @property
     def ratio(self) -> float:
-        """Residual over the noise floor, over the fitted noise where no floor is known."""
+        """Residual over the noise floor, or over the fitted noise if no floor is known."""
         size = self.noise if self.noise_floor is None else self.noise_floor
         return self.rms / size if size > 0.0 else math.inf
 
@@ -97,7 +97,7 @@ class ResidualReport:
 
 
 def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
-    """The reports of residuals that sensors do not explain."""
+    """The reports of structured residuals."""
     return [report for report in reports if report.verdict == "structured"]
 
 
@@ -133,12 +133,12 @@ def smooth_dependence_test(
     Parameters
     ----------
     slopes : ndarray, shape (k, n)
-        Whitened sensitivities of the fitted parameters on this series; what they can imitate is not structure.
+        Whitened sensitivities to the fitted parameters. What they can explain is not structure.
     """
     low, high = float(over.min()), float(over.max())
     if not high > low:
         return StructureTest(name, 0.0, 0, 1.0)
-    # Half of the knots by rank, so that rarely visited ranges do not hold most of them.
+    # Half of the weight of the knots is by rank, so that most of them are where the data are.
     knots = 0.5 * (np.linspace(low, high, 8) + np.quantile(over, np.linspace(0.0, 1.0, 8)))
     knots = knots[np.concatenate(([True], np.diff(knots) > 1e-6 * (high - low)))]
     basis = np.stack([np.interp(over, knots, row) for row in np.eye(knots.size)])
@@ -179,7 +179,7 @@ def check_residuals(
     fit: Optimum,
     floors: Mapping[tuple[str, str], float],
 ) -> tuple[ResidualReport, ...]:
-    """Report on every output of every recording.
+    """Test the residual of every output of every recording.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def check_residuals(
         Of the objective that was fitted.
     fit : Optimum
     floors : mapping of (recording, output) to float
-        Noise floors from the data alone, as far as they are known.
+        Noise floors from the readings alone, as far as they are known.
     """
     reports = []
     units = {v.name: v.unit for v in calibration.model.outputs}
@@ -231,10 +231,10 @@ def check_residuals(
 def _states(
     calibration: Calibration, series: Sequence[Series], fit: Optimum, own: Series, units: Mapping[str, str]
 ) -> dict[str, FloatArray]:
-    """Fitted outputs, the rates of those that are positions, and the inputs of a recording at one output's samples.
+    """Fitted outputs, derivatives of outputs that are positions, and inputs, at the samples of one output.
 
-    An input is what it was until the sample: a controller sets the next one by the reading, noise and all. So is what a
-    filter predicts, since each prediction follows the readings before it.
+    An input has its value just before the sample: a controller computes the next value from the reading and its noise.
+    So have the outputs of a filter, whose predictions follow the readings.
     """
     states: dict[str, FloatArray] = {}
     time, filtered = own.sampling.time, fit.evaluation.sd is not None

@@ -1,15 +1,16 @@
-"""What a recording must satisfy before anything is fitted to it; each complaint is one line that says where."""
+"""Checks of a recording before a model is fitted to it. Each message is one line with file, row and column."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import isfinite
+from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data.layout import Layout
-from aero_bayes.data.recording import FloatArray, Recording
 from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
 
@@ -18,18 +19,47 @@ MIN_PAUSE_INTERVALS = 100
 #: Smallest number of samples of a recording.
 MIN_SAMPLES = 4
 RowName = Callable[[int], str]
+FloatArray = NDArray[np.float64]
 
 
-def check_recording(recording: Recording, layout: Layout | None = None, where: RowName | None = None) -> None:
-    """Raise InputError for the first thing that is wrong.
+class Recorded(Protocol):
+    """What the checks read of a recording (:class:`aero_bayes.data.Recording`)."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def path(self) -> Path | None: ...
+
+    @property
+    def time(self) -> FloatArray: ...
+
+    @property
+    def inputs(self) -> Mapping[str, FloatArray]: ...
+
+    @property
+    def outputs(self) -> Mapping[str, FloatArray]: ...
+
+    @property
+    def rows(self) -> int: ...
+
+    @property
+    def interval(self) -> float: ...
+
+    @property
+    def rate_hz(self) -> float: ...
+
+
+def check_recording(recording: Recorded, layout: Layout | None = None, where: RowName | None = None) -> None:
+    """Raise InputError for the first error in a recording.
 
     Parameters
     ----------
-    recording : Recording
+    recording : Recorded
     layout : Layout, optional
-        Believable sizes and rates; any by default.
+        Plausible magnitudes and sample rates; any by default.
     where : callable, optional
-        Names a row for the message; "sample 3" by default.
+        The name of a row in messages; "sample 3" by default.
     """
     place = where or (lambda row: f"sample {row + 1}")
     name = str(recording.path or recording.name)
@@ -45,8 +75,8 @@ def check_recording(recording: Recording, layout: Layout | None = None, where: R
         _check_sizes(name, recording, layout, place)
 
 
-def long_gap_warning(recording: Recording) -> str:
-    """What is to be said of a long pause in the sampling; empty where there is none."""
+def long_gap_warning(recording: Recorded) -> str:
+    """A warning about a long gap in the sampling; empty if there is none."""
     steps = np.diff(recording.time)
     row, usual = int(np.argmax(steps)), recording.interval
     if steps[row] < MIN_PAUSE_INTERVALS * usual:
@@ -103,7 +133,7 @@ def _run(bad: NDArray[np.bool_]) -> int:
     return int(np.argmin(rest)) if not rest.all() else int(rest.size)
 
 
-def _check_rate(name: str, recording: Recording, layout: Layout) -> None:
+def _check_rate(name: str, recording: Recorded, layout: Layout) -> None:
     low, high = layout.rates
     rate = recording.rate_hz
     if rate < low:
@@ -117,7 +147,7 @@ def _check_rate(name: str, recording: Recording, layout: Layout) -> None:
         )
 
 
-def _check_sizes(name: str, recording: Recording, layout: Layout, place: RowName) -> None:
+def _check_sizes(name: str, recording: Recorded, layout: Layout, place: RowName) -> None:
     for quantity in (*layout.inputs, *layout.outputs):
         values = {**recording.inputs, **recording.outputs}.get(quantity.name)
         if values is None or not isfinite(quantity.largest):

@@ -1,14 +1,14 @@
-"""Differences of readings, and what of them noise and a moving signal may be.
+"""Differences of readings, and the variances of noise and signal in them.
 
-A difference of order p over k samples has weights that take away any local polynomial of degree p - 1 and are scaled
-to keep the variance of white noise. With readings x_j its variance is
+A difference of order p at lag k removes any local polynomial of degree p - 1. Its weights are scaled so that white
+noise keeps its variance. With readings x_j, the variance of the difference is
 
 - the same at every lag k for white noise;
 - ``1 + 2 sum_j (-1)^j C(2p, p + j) / C(2p, p) r^j`` with r = exp(-k dt / tau) for an Ornstein-Uhlenbeck process;
-- in proportion to k for a signal whose values jump or drift at random, to k^3 for one whose slope does, and to k^2p
-  for one that is smooth over the p k samples.
+- proportional to k for a signal that is a random walk, to k^3 for one whose slope is a random walk, and to k^2p for one
+  that is smooth over the p k samples.
 
-What is constant over the lags is therefore white noise; what grows may be either.
+So the part that does not depend on the lag is white noise. The part that grows is a signal or correlated noise.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scipy.optimize import nnls
 
 FloatArray = NDArray[np.float64]
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-#: Largest number of differences for each lag, spread evenly over a longer recording.
+#: Largest number of differences at each lag, evenly spread over a longer recording.
 MAX_DIFFERENCES = 20_000
 #: Relative difference below which two time steps count as equal.
 MAX_STEP_DEVIATION = 1e-6
@@ -31,12 +31,13 @@ MAX_STEP_DEVIATION = 1e-6
 TRIM_QUANTILE = 0.8
 #: Mean square of a standard normal variable below its 80 % quantile in absolute value.
 TRIMMED_NORMAL_VARIANCE = 0.4377
-#: Samples after a jump of an input that are left out: the most that leave ``MIN_UNDISTURBED_SHARE`` of the readings.
+#: Samples after a jump of an input that are not used: the largest number that leaves ``MIN_UNDISTURBED_SHARE`` of them.
 SETTLING_SAMPLES = (1000, 500, 300, 200, 100, 50, 30, 20, 10, 0)
 MIN_UNDISTURBED_SHARE = 0.4
-#: Lags are used up to the first whose variance is this many times that of the first lag: longer ones show only signal.
+#: Lags are used up to the first whose variance is this many times that of the first lag: longer ones show the signal
+#: only.
 MAX_VARIANCE_RATIO = 10.0
-#: Relative error that the variance curves of the noise models themselves may have.
+#: Relative model error of the variance curves.
 SHAPE_ERROR = 0.04
 #: Gain in chi-squared of correlated noise over white noise with a smooth signal, and over a drifting signal, above
 #: which correlated noise is accepted.
@@ -49,20 +50,20 @@ MAX_INPUT_LAG = 12
 
 @dataclass(frozen=True)
 class NoiseVariances:
-    """Variances of noise as differences of one order show them.
+    """Variances of noise, from differences of one order.
 
     Parameters
     ----------
     white, slow : float
-        Of white noise and of noise with memory.
+        Of white and of correlated noise.
     memory : float
-        Correlation time of the latter in samples, 0 where there is none.
+        Correlation time of the correlated noise in samples; 0 if there is none.
     near : float
-        Variance of the noise's differences of neighbouring readings.
+        Variance of the noise in differences at the first lag.
     whole : float
-        That of all differences of neighbouring readings, signal and all.
+        Variance of differences at the first lag, noise and signal.
     windows : int
-        How many of those there were.
+        Number of differences at the first lag.
     """
 
     white: float
@@ -75,7 +76,7 @@ class NoiseVariances:
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Readings whose differences are asked for.
+    """Differences of readings.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ class Differences:
     time : ndarray, shape (n,)
         Increasing; the steps need not be even.
     inputs : sequence of ndarray, shape (n,)
-        What was applied.
+        Inputs.
     """
 
     values: FloatArray
@@ -92,7 +93,7 @@ class Differences:
     inputs: Sequence[FloatArray] = ()
 
     def noise_variances(self, order: int) -> NoiseVariances | None:
-        """Noise by the growth of the differences' variance over the lags; None for too few readings."""
+        """Variances of noise, from the growth of the variance with the lag; None for too few readings."""
         lags, variances, windows, calm = self._variances(order)
         if not lags.size or lags[0] != 1.0:
             return None
@@ -104,10 +105,10 @@ class Differences:
         return _fit_noise_variances(lags[:stop], variances[:stop], order, windows, calm)
 
     def explained(self, order: int) -> float:
-        """Share of the variance of neighbouring readings' differences that those of the inputs tell in advance.
+        """Share of the variance of differences at the first lag that differences of earlier inputs predict.
 
-        A regression on the inputs up to ``MAX_INPUT_LAG`` samples ago, fitted on one half of the recording and judged
-        on the other. 1 where inputs move and there are too few readings for it.
+        It is the cross-validated R^2 of a regression on inputs up to ``MAX_INPUT_LAG`` samples ago: fitted on one half
+        of the recording, and tested on the other. 1 if inputs move and there are too few readings.
         """
         weights, rows = _weights(self.time, order, 1)
         found = (weights * self.values[rows]).sum(axis=1)
@@ -131,7 +132,7 @@ class Differences:
         return max(1.0 - _trimmed(left) / whole, 0.0) if whole > 0.0 else 0.0
 
     def _variances(self, order: int) -> tuple[FloatArray, FloatArray, int, bool]:
-        """Lags, trimmed variances, number of windows at the first lag, and whether inputs were at rest in them."""
+        """Lags, trimmed variances, number of differences at the first lag, and whether inputs were constant in them."""
         lags, variances, windows, rested = [], [], 0, False
         for lag in LAGS:
             if self.values.size < max(2 * order * lag, order * lag + 5):
@@ -148,10 +149,10 @@ class Differences:
         return np.array(lags), np.array(variances), windows, rested
 
     def _undisturbed(self, rows: NDArray[np.intp], usable: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], bool]:
-        """Windows (w, p + 1) in which no input jumps, none having jumped lately; all where that leaves too few."""
+        """Windows (w, p + 1) without a jump of an input in or shortly before them; all, if these are too few."""
         since, interval = _since_jump(self.time, self.inputs), float(np.median(np.diff(self.time)))
         length = self.time[rows[:, -1]] - self.time[rows[:, 0]]
-        # Undisturbed: the jump before the window's end also lies before its start.
+        # Undisturbed: the last jump before the end of the window is before its start.
         calm = np.where(since[rows[:, -1]] >= length, since[rows[:, 0]] / interval, -1.0)
         for settled in SETTLING_SAMPLES:
             chosen = usable & (calm > settled)
@@ -216,8 +217,8 @@ def _correlated_variance(lags: FloatArray | float, memory: float, order: int) ->
 def _fit_noise_variances(
     lags: FloatArray, variances: FloatArray, order: int, windows: int, calm: bool
 ) -> NoiseVariances:
-    """Least squares over the lags; memory is believed where inputs rest and it is likelier than a drift."""
-    # A window of p lags holds about one independent difference; their squares spread by sqrt(2).
+    """Non-negative least squares over the lags. Correlated noise must fit better than a drift."""
+    # A window of p lags has about one independent difference, whose square has a relative deviation of sqrt(2).
     error = np.sqrt(2.0 * order * lags / windows / TRIM_QUANTILE + SHAPE_ERROR**2)
     over = lags / lags[-1]
     steady, smooth, drift, kinks = np.ones(lags.size), over ** (2 * order), over, over**3

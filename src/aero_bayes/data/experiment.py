@@ -22,7 +22,7 @@ def to_experiment(
     zero_at_rest: Sequence[str] | None = None,
     interpolation: Mapping[str, Interpolation] | Interpolation = "hold",
 ) -> Experiment:
-    """The run that a model must repeat, with its held inputs reduced to the samples where they change.
+    """The experiment that a simulator runs. Held inputs are reduced to the samples at which they change.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def to_experiment(
 
 
 def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float | None = None) -> InputSignal:
-    """A held input with one grid point a change; ``before`` is its value until the first sample."""
+    """A piecewise constant input with a point at every change. ``before`` is its value until the first sample."""
     keep = np.concatenate(([True], values[1:] != values[:-1]))
     grid, levels = time[keep], values[keep]
     if before is not None and before != levels[0]:
@@ -80,11 +80,11 @@ def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float |
 def input_before_start(
     recording: Recording, zero_at_rest: Sequence[str] | None = None, share: float = 0.02
 ) -> dict[str, float]:
-    """What each input was before the first sample.
+    """The value of each input before the first sample: zero if the rig was at rest, else its first value.
 
-    Of outputs that are ``zero_at_rest``, the first that was recorded decides: where it first reads nearly zero
-    (``share`` of its largest value), the rig was not driven: zero. One that already moves was driven as it is at the
-    first sample; so is one of which nothing is known. Where none of them was recorded, the rig counts as at rest.
+    The first recorded output among ``zero_at_rest`` decides. If it begins at nearly zero (``share`` of its largest
+    value), the rig was at rest. If none of them was recorded, the rig counts as at rest. Without ``zero_at_rest``,
+    inputs have their first values.
     """
     moving = not zero_at_rest
     for name in zero_at_rest or ():

@@ -1,4 +1,4 @@
-"""Where a series of readings begins: as surely as its noise lets one say."""
+"""The initial value of a series of noisy readings, by local polynomial regression."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-#: How many of the first readings are looked at together.
+#: Numbers of first readings to which a polynomial is fitted.
 WINDOW_LENGTHS = (3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-#: Polynomials of up to this degree are tried, and each is held against the next.
+#: Largest degree of the polynomials. Each is compared with the next higher degree.
 MAX_DEGREE = 2
-#: Standard deviations by which what a curve leaves may exceed the noise.
+#: Standard deviations by which the squared residual of a polynomial may exceed its expectation.
 MAX_RESIDUAL_RATIO = 2.0
 
 
 class InitialLevel(NamedTuple):
-    """Where readings begin, and the standard deviation of its error."""
+    """The initial value, and the standard deviation of its error."""
 
     level: float
     sd: float
 
 
 def initial_level(values: FloatArray, time: FloatArray, floor: float) -> InitialLevel | None:
-    """Value at ``time[0]`` of the constant, line or parabola through first readings that seems nearest to it.
+    """Value at ``time[0]`` of the constant, line or parabola with the least estimated mean squared error.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ def initial_level(values: FloatArray, time: FloatArray, floor: float) -> Initial
     time : ndarray, shape (n,)
         In s.
     floor : float
-        Standard deviation of their noise: a curve that leaves more than that is none; without noise the first reading
-        is what there is.
+        Standard deviation of their noise. A polynomial with a larger residual is not used. Without noise, the result is
+        the first reading.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def initial_level(values: FloatArray, time: FloatArray, floor: float) -> Initial
             break
         found = [_extrapolated(y[:n], t[:n], degree, floor) for degree in range(min(MAX_DEGREE + 2, n))]
         for (level, variance, fits), (further, doubt, _) in pairwise(found):
-            # What the next degree would change is bias, but for what its own noise makes of it.
+            # The change to the next degree estimates the bias, less the variance of that change.
             bias = max((further - level) ** 2 - (doubt - variance), 0.0)
             if fits and variance + bias < error:
                 best, error = level, variance + bias
@@ -62,7 +62,7 @@ def initial_level(values: FloatArray, time: FloatArray, floor: float) -> Initial
 
 
 def _extrapolated(y: FloatArray, t: FloatArray, degree: int, floor: float) -> tuple[float, float, bool]:
-    """Value at zero of a polynomial through readings, its variance, and whether it leaves no more than the noise."""
+    """Value at zero of a fitted polynomial, its variance, and whether its residual is within the noise."""
     basis = np.vander(t / (float(t[-1]) or 1.0), degree + 1, increasing=True)
     inverse = np.linalg.pinv(basis)
     left, free = y - basis @ (inverse @ y), y.size - degree - 1

@@ -1,4 +1,4 @@
-"""What columns a recording has: names, roles, units, and what sizes are believable."""
+"""The columns of a recording: names, roles, units, and plausible magnitudes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Where a column of the contract is found in a file, and how it becomes SI.
+    """Where a signal is found in a file, and how it is converted to SI units.
 
-    The value is ``(raw + offset) * scale`` in ``unit``, then converted to the unit of the model.
+    The value in ``unit`` is ``(raw + offset) * scale``. It is then converted to the unit of the model.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class ColumnMap:
         Unit in the file, any that can become the model's: ``ms``, ``rpm``, ``cm``, ``degC``, ``l/min``; or ``count``
         (with ``counts_per_revolution``). Left out, the file is in the model's unit.
     scale, offset : float
-        For anything else.
+        For any other conversion.
     counts_per_revolution : float, optional
         Of the encoder, for ``count`` and ``count/s``.
     """
@@ -43,7 +43,7 @@ class ColumnMap:
     counts_per_revolution: float | None = None
 
     def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
-        """Raw numbers in the unit ``expected``, in SI where that is empty. InputError for a unit of another kind."""
+        """Raw values in the unit ``expected``, or in SI if it is empty. InputError for a unit of another dimension."""
         values = (values + self.offset) * self.scale
         if self.unit is None:
             return values
@@ -72,9 +72,9 @@ class Layout:
     outputs : tuple of ColumnSpec
         Any of them may be; at least one must.
     rates : (float, float)
-        Believable sample rates in Hz.
+        Plausible sample rates in Hz.
     constants : mapping of str to float
-        Inputs that have no column, and the value that each has throughout, in its SI unit.
+        Inputs without a column, and their constant values in SI units.
 
     Examples
     --------
@@ -89,7 +89,7 @@ class Layout:
 
     @classmethod
     def of(cls, inputs: Sequence[str], outputs: Sequence[str], units: Mapping[str, str] | None = None) -> Layout:
-        """A layout of names and units, without bounds on sizes."""
+        """A layout of names and units, without bounds on magnitudes."""
         known = units or {}
         return cls(
             tuple(ColumnSpec(name, known.get(name, "")) for name in inputs),

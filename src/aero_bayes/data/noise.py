@@ -1,24 +1,23 @@
-"""The noise floor of an output from its readings alone: no model, no fit.
+"""The noise floor of an output, estimated from its readings without a model.
 
-The variance of differences of readings (:mod:`aero_bayes.data.differences`) tells white noise, which is constant over
-their lag, from what grows with it. A floor is known where
+The variance of differences of readings (:mod:`aero_bayes.data.differences`) separates white noise, whose variance does
+not depend on the lag, from signals, whose variance grows with the lag. The floor is known if
 
-- at least half of the variance at neighbouring readings is noise by that growth,
-- differences of two successive orders (third and fourth, else fourth and fifth) say the same, which a vibration or a
-  signal with a curve between two samples does not let them,
-- and the inputs do not tell the differences in advance: an output that follows an input which changes at every sample
-  looks white.
+- by this growth, at least half of the variance of neighbouring readings is noise, - differences of two successive
+orders (third and fourth, else fourth and fifth) agree, which they do not for a vibration,
+  or a signal that is not smooth between two samples,
+- and the inputs do not predict the differences: an output that follows an input which changes at every sample looks
+white.
 
-Elsewhere it is unknown, and the size of the differences only says what it is at most. Feedback of the readings to an
-input looks like the latter, so that it hides the floor as well. A signal as fast as the samples whose cause was not
-recorded cannot be told from noise by anybody.
+Otherwise the floor is unknown, and the differences give only an upper bound. Feedback of the readings to an input also
+makes inputs predict the differences, so that the floor is unknown. A signal that is as fast as the sampling, and whose
+cause was not recorded, cannot be separated from noise.
 
-Noise with memory is believed where the inputs rest, and only if the variance stops growing while the signal does not
-show yet: for a correlation time of 3 to 10 samples under a signal of a hundred samples, its size is right within 30 %.
-Slower or weaker memory looks like a drift or like the signal and is missed: the floor is then the white part. A ripple
-is not noise here: it is left out where the sample rate resolves it (see :mod:`aero_bayes.data.ripple`) and counts as
-white where it does not. A quantised reading that stands still says nothing: the floor is then the quantum over
-sqrt(12).
+Correlated noise is accepted where the inputs are constant, and only if the variance stops growing before the signal
+dominates. For a correlation time of 3 to 10 samples and a signal with a time scale of a hundred samples, the estimate
+is right within 30 %. Slower or weaker correlation looks like a drift or a signal and is missed. The floor is then the
+white part. Ripple is no noise: it is excluded if the sample rate resolves it (see :mod:`aero_bayes.data.ripple`), and
+counts as white otherwise. Constant quantised readings have no information. The floor is then the step over sqrt(12).
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from aero_bayes.data.differences import Differences, NoiseVariances
 from aero_bayes.data.recording import Recording
 
 FloatArray = NDArray[np.float64]
-#: Orders of differences; the estimates of two successive orders must agree.
+#: Orders of differences. The estimates of two successive orders must agree.
 DIFFERENCE_ORDERS = (3, 4, 5)
 #: Smallest share of the differences' variance that is noise, and largest share that the inputs explain.
 MIN_NOISE_SHARE, MAX_EXPLAINED_SHARE = 0.5, 0.25
@@ -51,20 +50,19 @@ class NoiseFloor:
     Parameters
     ----------
     sd : float or None
-        Standard deviation of all of it, never below ``quantum / sqrt(12)``; None where noise and signal cannot be told
-        apart.
+        Standard deviation of the noise, at least ``quantum / sqrt(12)``; None if noise and signal cannot be separated.
     at_most : float
-        The same where it is known, else the size of the readings' differences.
+        ``sd`` if it is known, else an upper bound.
     white, slow : float
-        Its white part, and the part with memory; 0 where it is unknown.
+        Standard deviations of the white and of the correlated part; 0 if unknown.
     slow_time : float
-        Correlation time of the slow part in s, 0 where there is none.
+        Correlation time of the correlated part in s; 0 if there is none.
     correlation : float
         Correlation of the noise of neighbouring readings.
     quantum : float or None
-        Step of the readings where they are quantised.
+        Step of quantised readings, else None.
     readings : int
-        How many there were.
+        Number of readings.
     """
 
     sd: float | None
@@ -91,8 +89,8 @@ def noise_floor(values: FloatArray, time: FloatArray, inputs: Sequence[FloatArra
     time : ndarray, shape (n,)
         Increasing times in s; they need not be even.
     inputs : sequence of ndarray, shape (n,)
-        What was applied. What follows a jump, for as long as enough is left elsewhere, is not used: the transients of
-        current and speed are no noise. What inputs explain is none either.
+        Inputs. Readings after a jump of an input are not used, if enough others are left, because transients are no
+        noise. Differences that inputs predict are no noise either.
 
     Returns
     -------
@@ -115,7 +113,7 @@ def noise_floor(values: FloatArray, time: FloatArray, inputs: Sequence[FloatArra
 
 
 def _noise(differences: Differences) -> NoiseVariances | float | None:
-    """The noise where it is known; else how large it is at most, None where there are no differences to say so."""
+    """The noise if it is known, else an upper bound; None without differences."""
     lower: NoiseVariances | None = None
     most: float | None = None
     for order in DIFFERENCE_ORDERS:
@@ -132,7 +130,7 @@ def _noise(differences: Differences) -> NoiseVariances | float | None:
 
 
 def _agree(one: NoiseVariances, other: NoiseVariances) -> bool:
-    """Whether differences of two orders are mostly noise, and of the same size."""
+    """Whether differences of two orders are mostly noise, and agree."""
     if (
         min(one.windows, other.windows) < MIN_DIFFERENCES
         or min(one.near / one.whole, other.near / other.whole) < MIN_NOISE_SHARE
@@ -142,12 +140,12 @@ def _agree(one: NoiseVariances, other: NoiseVariances) -> bool:
 
 
 def output_noise_floor(recording: Recording, output: str) -> NoiseFloor:
-    """Noise of an output of a recording, from its readings and what was applied."""
+    """Noise floor of an output of a recording, from its readings and the inputs."""
     return noise_floor(recording.outputs[output], recording.time, list(recording.inputs.values()))
 
 
 def noise_floors(recordings: Sequence[Recording], outputs: Sequence[str]) -> dict[tuple[str, str], float]:
-    """Noise floors by recording and output, from readings alone; where one is unknown there is no entry."""
+    """Noise floors by recording and output. There is no entry for an unknown one."""
     floors = {}
     for recording in recordings:
         for output in outputs:
@@ -159,9 +157,9 @@ def noise_floors(recordings: Sequence[Recording], outputs: Sequence[str]) -> dic
 def quantisation_step(values: FloatArray) -> float | None:
     """Step of quantised readings, None where they are continuous.
 
-    Robust against a print format that rounds: a step q counts if the distinct values lie within q / 10 of its
-    multiples.
-    Needs at least two distinct values, and five readings a value or one in five that is the one before.
+    A step q is accepted if the distinct values are within q / 10 of its multiples, so that a rounding print format does
+    not matter. There must be at least two distinct values, and five readings for each value, or one in five readings
+    that equals the one before.
     """
     seen = values[np.isfinite(values)]
     if seen.size < 10:
@@ -176,7 +174,7 @@ def quantisation_step(values: FloatArray) -> float | None:
     step = float(np.quantile(gaps, 0.1))
     step = float(np.median(gaps[gaps < 1.5 * step]))
     raised = distinct - distinct[0]
-    # The first guess is only good for a few multiples; each pass reaches twice as far.
+    # The first estimate is accurate for a few multiples only; each pass covers twice as many.
     for reach in 2 ** np.arange(2, 64):
         part = raised[: min(int(reach), raised.size)]
         counts = np.rint(part / step)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arguments import names_of
+from aero_bayes.data.checks import check_recording
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.plot_backend import plot_backend
@@ -118,8 +119,6 @@ class Recording:
         >>> aero_bayes.Recording.from_frame(frame, inputs="F", outputs="position", name="train")
         <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
         """
-        from aero_bayes.data.checks import check_recording
-
         if not hasattr(frame, "columns"):
             raise InputError(f"frame: expected a data frame of pandas, got {type(frame).__name__}")
         roles = [names_of(inputs, "inputs"), names_of(outputs, "outputs")]

@@ -1,4 +1,4 @@
-"""Ripple that is locked to the rotor: found by regression on the angle that the recorded speed integrates to."""
+"""Ripple that is locked to the angle of a rotor, by regression on the integral of the recorded speed."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from aero_bayes.data.differences import input_jumps
 from aero_bayes.data.recording import Recording
 
 FloatArray = NDArray[np.float64]
-#: Length in s of the pieces within which the integrated angle keeps its phase.
+#: Length in s of the segments within which the integrated angle keeps its phase.
 SEGMENT_LENGTH = 0.5
-#: Smallest speed of a rotor whose ripple is examined, in rad/s.
+#: Least speed of a rotor whose ripple is examined, in rad/s.
 MIN_ROTOR_SPEED = 20.0
 
 
@@ -31,11 +31,10 @@ def _rotor_angle(recording: Recording, speed: FloatArray) -> FloatArray:
 
 
 def ripple_amplitudes(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) -> dict[int, float]:
-    """Amplitude of the ripple of an output at so many periods a turn, by order.
+    """Amplitude of the ripple of an output by order (periods a turn), in the unit of the output.
 
-    Orders that do not stand out of the noise are left out, and so is one that the sample rate folds onto a near
-    standstill. Amplitudes are in the output's unit, averaged over the pieces of the recording in which the rotor turns
-    and no input has jumped lately.
+    It is averaged over segments in which the rotor turns and no input jumped shortly before. Orders that are not above
+    the noise are left out, and so are orders that alias to a very low frequency.
     """
     speed = _rotor_speed(recording)
     if speed is None or recording.rate_hz <= 0.0:
@@ -70,7 +69,7 @@ def _regress(
     orders: tuple[int, ...],
     powers: dict[int, list[tuple[float, float]]],
 ) -> None:
-    """Add (squared amplitude, what noise alone gives) of each order in one piece."""
+    """Add the squared amplitude of each order in one segment, and its expectation for noise alone."""
     t = (time - time[0]) / (time[-1] - time[0]) - 0.5
     columns = [np.ones_like(t), t, t**2, t**3]
     for order in orders:

@@ -1,4 +1,4 @@
-"""What a recording is like: sampling, input, and each output's resolution and noise; `aero-bayes check` prints it."""
+"""Summary of a recording: sampling, inputs, and resolution and noise of each output. `aero-bayes check` prints it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from aero_bayes.data.ripple import ripple_amplitudes
 from aero_bayes.display import table_html, with_unit
 
 FloatArray = NDArray[np.float64]
-#: Equal readings in a row at an extreme value that make a saturated sensor of a continuous one.
+#: Number of equal readings in a row at an extreme value that mean saturation of a continuous sensor.
 MIN_SATURATED_RUN = 5
 
 
 @dataclass(frozen=True)
 class InputSummary:
-    """An input: its range, how often it jumps and when (the first 20), and the share of time at its largest size."""
+    """An input: its range, its jumps (times of the first 20), and the share of time at its largest magnitude."""
 
     name: str
     unit: str
@@ -43,7 +43,7 @@ class InputSummary:
 
 @dataclass(frozen=True)
 class OutputSummary:
-    """An output: range, missing readings, share of readings stuck at an extreme, noise, ripple by periods a turn."""
+    """An output: range, missing readings, share of saturated readings, noise floor, ripple by periods a turn."""
 
     name: str
     unit: str

@@ -1,4 +1,4 @@
-"""What a proposed experiment would look like: the outputs that are expected, with their spread."""
+"""The outputs that are expected of a proposed experiment, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 class ExpectedOutputs:
     """Expected outputs at the times of a proposal, without sensor noise.
 
-    ``middle``, ``lower`` and ``upper`` (n, m) are the median and the 90 % band over what is known of the parameters.
+    ``middle``, ``lower`` and ``upper`` (n, m) are the median and the 90 % band over the posterior of the parameters.
     """
 
     outputs: tuple[str, ...]

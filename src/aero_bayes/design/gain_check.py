@@ -1,4 +1,4 @@
-"""Does the expected gain come true? The proposed experiment is simulated, fitted, and its errors are counted."""
+"""A simulation study of a proposed experiment: whether fits to it are as accurate as expected."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GainCheck:
-    """Errors that simulated repetitions of a design really left.
+    """Errors of the parameters in simulated repetitions of an experiment.
 
     ``expected`` and ``realised`` are, by parameter, the error after over the standard deviation before; a realised
     value over ``repeats`` repetitions is itself uncertain by ``1 / sqrt(2 repeats)`` of it. ``failures`` counts
@@ -60,15 +60,16 @@ def check_gain(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> GainCheck:
-    """Draw truths from what is known, make the recordings that the design would give, and fit them.
+    """Draw true values from the posterior, simulate recordings of the experiment, and fit these.
 
-    What was known enters each fit as its Gaussian approximation; the new recording's own delay is fitted with the rest.
+    The prior of each fit is the Gaussian approximation of the posterior. The delay of the new recording is fitted as
+    well.
 
     Parameters
     ----------
     design : Design
     fit : Fit
-        The one that the design was made for.
+        The fit for which the design was made.
     repeats : int
     seed : int
     engine, workers, progress
@@ -126,9 +127,10 @@ def _repetition(predictor: ExperimentPredictor, design: Design, rng: np.random.G
 def refit_experiment(
     predictor: ExperimentPredictor, experiment: Experiment, noise: list[OutputNoise]
 ) -> tuple[FloatArray, float] | None:
-    """Most probable search coordinates of the shared parameters, from what was known and a new recording.
+    """Posterior mode of the shared parameters in search coordinates, from a Gaussian prior and a new recording.
 
-    With the negative logarithm of likelihood and prior there, the prior's own scale left out; None if no fit converged.
+    The second value is the negative log-posterior there, without the normalisation of the prior. None if the fit did
+    not converge.
     """
     shared, count = predictor.shared, len(predictor.shared)
     free = ParameterSet((*shared, *((predictor.delay,) if predictor.delay is not None else ())))
@@ -166,7 +168,7 @@ def _posterior(
     noise: FloatArray,
     delay: float,
 ) -> QuadraticModel | None:
-    """Negative log-posterior at a point (p,), from the centre and the precision of what was ``known``."""
+    """Negative log-posterior at a point (p,); ``known`` is the mean and the precision of the prior."""
     centre, precision = known
     values = free.from_search(point[None])
     full = values if len(free) == len(simulator.problem.targets[0]) else np.append(values, [[delay]], axis=1)

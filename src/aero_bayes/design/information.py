@@ -1,4 +1,4 @@
-"""What an experiment that was not made yet would tell: Fisher information from the engine's exact sensitivities."""
+"""Fisher information of an experiment that is not made yet, from simulated sensitivities."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import Calibration, OutputNoise, Parameter, ParameterSet
 from aero_bayes.sensors import SampleTimes, whiten
+from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -26,13 +27,13 @@ from aero_bayes.simulation.workers import WorkerPool
 FloatArray = NDArray[np.float64]
 Engine = Literal["native", "fmpy"]
 
-#: Sample times that information is summed over; a faster recording is thinned and its white noise scaled to match.
+#: Largest number of samples in the sum of the information. More are thinned, and their white noise is scaled.
 MAX_SAMPLES = 1500
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the rig allows.
+    """Limits of an experiment.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ class Limits:
 
 
 class GaussianFit(Protocol):
-    """A fit as experiments are designed from it; ``covariance`` is in search coordinates, ``free`` ones first."""
+    """A fit with a Gaussian posterior. ``covariance`` is in search coordinates, those in ``free`` first."""
 
     @property
     def calibration(self) -> Calibration: ...
@@ -72,11 +73,11 @@ class GaussianFit(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PredictedExperiment:
-    """What a candidate experiment is expected to do.
+    """Prediction of a candidate experiment.
 
-    ``information`` (p, p) on the search coordinates of the shared parameters, nuisances of the new recording
-    integrated out; ``travel`` the largest absolute value by limited output; ``outputs`` (n, m); ``sensitivities``
-    (n, m, p + 1) on search coordinates, the delay last.
+    ``information`` (p, p) is the Fisher information on the search coordinates of the shared parameters, with the delay
+    of the new recording integrated out. ``travel`` is the largest absolute value by limited output. ``outputs`` is (n,
+    m), ``sensitivities`` (n, m, p + 1), with respect to search coordinates, the delay last.
     """
 
     information: FloatArray
@@ -138,7 +139,7 @@ class ExperimentPredictor:
         self._sampling = SampleTimes.of(self.time, self.time)
 
     def precision(self) -> FloatArray:
-        """What is known already of the shared parameters, shape (p, p), in search coordinates."""
+        """Posterior precision of the shared parameters in search coordinates, shape (p, p)."""
         total = np.diag(self.shared.prior_sd() ** -2.0)
         known = [k for k, j in enumerate(self._columns) if j in self.fit.free]
         rows = [self.fit.free.index(self._columns[k]) for k in known]
@@ -147,7 +148,7 @@ class ExperimentPredictor:
         return total
 
     def draws(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Draws of the shared parameters from what is known, in SI units, shape (count, p)."""
+        """Posterior draws of the shared parameters in SI units, shape (count, p)."""
         factor = np.linalg.cholesky(np.linalg.inv(self.precision()))
         low, high = self.shared.box
         point = self.shared.to_search(self.values) + rng.standard_normal((count, len(self.shared))) @ factor.T
@@ -175,8 +176,6 @@ class ExperimentPredictor:
 
     def open(self, problem: Problem) -> Simulator:
         """A simulator on this forecaster's workers."""
-        from aero_bayes.simulation import open_simulator
-
         return open_simulator(problem, self._engine, self._workers, self._pool)
 
     def predict(
@@ -220,7 +219,7 @@ class ExperimentPredictor:
 
     @property
     def delay_precision(self) -> float:
-        """What is known of a new recording's delay, in 1/s^2; infinite where the fit has none."""
+        """Prior precision of the delay of a new recording, in 1/s^2; infinite if the fit has no delay."""
         if self.delay is None:
             return np.inf
         sd = float(ParameterSet((self.delay,)).prior_sd()[0]) * (self.delay.upper - self.delay.lower)
@@ -236,11 +235,11 @@ class ExperimentPredictor:
 
 
 def _thinned(noise: OutputNoise, every: int) -> OutputNoise:
-    """Noise with which every n-th sample tells as much as all of them do: only the white part averages out."""
+    """Noise for which every n-th sample has the information of all samples: the white part averages out."""
     return replace(noise, sd_white=noise.sd_white / every**0.5)
 
 
 def posterior_sd(precision: FloatArray) -> FloatArray:
-    """Standard deviations that a precision matrix leaves, shape (p,)."""
+    """Standard deviations (p,) of a Gaussian with a precision matrix (p, p)."""
     scale = np.sqrt(np.diag(precision))
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(precision / np.outer(scale, scale)))) / scale)

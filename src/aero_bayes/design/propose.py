@@ -1,4 +1,4 @@
-"""Propose the experiment that would narrow the weak parameters most.
+"""Propose the experiment that reduces the uncertainty of weakly identified parameters most.
 
 The expected posterior of a design is Gaussian: what is known already plus the Fisher information of the new recording
 (Fedorov, 1972; Ljung, 1999, chapter 13), evaluated where the fit stands. What it is worth is the mean logarithm of
@@ -135,7 +135,7 @@ def propose_experiment(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Design:
-    """The input signal, within what the rig allows, that would tell most about the weak parameters.
+    """The input signal within given limits that reduces the uncertainty of weakly identified parameters most.
 
     Parameters
     ----------

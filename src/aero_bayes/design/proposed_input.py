@@ -1,4 +1,4 @@
-"""The signal that an experiment is to play, and its file."""
+"""The input signal of a proposed experiment, and its file."""
 
 from __future__ import annotations
 

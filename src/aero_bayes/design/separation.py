@@ -1,4 +1,4 @@
-"""Propose the experiment that would tell two fitted models apart.
+"""Propose the experiment that separates two fitted models best.
 
 If model A is true, its expected gain in log-evidence over B is half the squared, whitened difference of their
 predictions that B cannot make up by moving its own parameters within what is known of them (the T-optimality of
@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Separation(ProposedInput):
-    """A proposed experiment and how far it would set two models apart.
+    """A proposed experiment, and the expected difference in log-evidence of two models.
 
     ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
     three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal.
@@ -72,7 +72,7 @@ def separating_experiment(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Separation:
-    """The input signal, within what the rig allows, that would best tell two models of one rig apart.
+    """The input signal within given limits that separates two models of one rig best.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _differences(
 def _unexplained(
     rival: ExperimentPredictor, known: FloatArray, difference: FloatArray, own: PredictedExperiment
 ) -> float:
-    """Half the whitened square of a difference (n, m) that a rival cannot follow."""
+    """Half the squared norm of a whitened difference (n, m), less the part that the other model can explain."""
     columns = own.sensitivities if rival.delay is not None else own.sensitivities[:, :, :-1]
     p = known.shape[0]
     leeway = np.zeros((columns.shape[2],) * 2)

@@ -1,4 +1,4 @@
-"""Does a proposed experiment tell two models apart? Each makes recordings in turn, and both are fitted to them."""
+"""A simulation study of a separating experiment: each model simulates recordings, and both are fitted to them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]
 
-#: Difference in log-evidence from which two models count as told apart (odds of 20 to 1).
+#: Difference in log-evidence above which two models count as separated (odds of 20 to 1).
 MIN_LOG_EVIDENCE_DIFFERENCE = 3.0
 
 
@@ -35,12 +35,12 @@ class SeparationCheck:
 
     @property
     def achieved(self) -> float:
-        """Mean difference, of whichever model is the harder to tell."""
+        """Mean difference, of the model for which it is smaller."""
         return min(float(np.mean(self.first_true)), float(np.mean(self.second_true)))
 
     @property
     def told_apart(self) -> float:
-        """Share of repetitions in which the true model was ahead by the decisive difference."""
+        """Share of repetitions in which the evidence decided for the true model."""
         return float(np.mean(np.array([*self.first_true, *self.second_true]) > MIN_LOG_EVIDENCE_DIFFERENCE))
 
     def to_dict(self) -> dict[str, object]:
@@ -66,13 +66,13 @@ def check_separation(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> SeparationCheck:
-    """Make the recordings that the experiment would give if one of two fitted models were true, and fit both to them.
+    """Simulate recordings of the experiment with each of two fitted models, and fit both models to them.
 
     Parameters
     ----------
     separation : Separation
     first, second : Fit
-        The ones that the experiment was made for.
+        The fits for which the experiment was made.
     repeats : int
         Recordings, half of them from either model.
     seed : int
@@ -107,7 +107,7 @@ def check_separation(
 def _repetition(
     separation: Separation, truth: ExperimentPredictor, rival: ExperimentPredictor, rng: np.random.Generator
 ) -> float | None:
-    """Log-evidence of the true model over its rival's, noise being what the rival holds it to be."""
+    """Log-evidence of the true model less that of the other one, under the noise of the other one."""
     outputs = truth.fit.calibration.outputs
     experiment = replace(truth.experiment(separation.values, separation.time), outputs=outputs)
     with truth.open(truth.problem([experiment])) as simulator:

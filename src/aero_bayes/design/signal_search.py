@@ -1,4 +1,4 @@
-"""Search over families of input signals: a space-filling start, then steps about the best of every family."""
+"""Search over families of input signals: a Latin hypercube, then random local search from the best of each family."""
 
 from __future__ import annotations
 

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from aero_bayes.export.arrays import Value, scalars
     from aero_bayes.export.build import c_compiler, compile_kept, write_archive
-    from aero_bayes.export.causalise import ExplicitModel, causalise
+    from aero_bayes.export.causalisation import ExplicitModel, causalise
     from aero_bayes.export.compilers import Compiler, export_fmu, first_compiler
     from aero_bayes.export.compose import (
-        ACTING,
-        TRUE,
+        ACTING_SUFFIX,
+        TRUE_SUFFIX,
         add_input,
         add_output,
         add_parameter,
@@ -39,11 +39,11 @@ if TYPE_CHECKING:
     from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
     from aero_bayes.export.library import declaration_of, library_roots, modelica_root, needed_libraries
     from aero_bayes.export.library_view import link_packages, names_used_in, path_in_library
-    from aero_bayes.export.possible_values import possible_values
     from aero_bayes.export.rumoca_front import load_flat
     from aero_bayes.export.scope import Scope
     from aero_bayes.export.source_check import refuse_dropped
     from aero_bayes.export.tables import call_table
+    from aero_bayes.export.value_sets import possible_values
 
 #: The public names of the folder and the file of each; imported when first used, since SciPy takes long to load.
 _HOME = {
@@ -58,8 +58,8 @@ _HOME = {
     "FlatVariable": "flat",
     "EquationSystem": "equation_system",
     "translate": "equation_system",
-    "ExplicitModel": "causalise",
-    "causalise": "causalise",
+    "ExplicitModel": "causalisation",
+    "causalise": "causalisation",
     "Builder": "expression",
     "Node": "expression",
     "evaluate_nodes": "expression",
@@ -67,11 +67,11 @@ _HOME = {
     "Scope": "scope",
     "Value": "arrays",
     "scalars": "arrays",
-    "possible_values": "possible_values",
+    "possible_values": "value_sets",
     "call_table": "tables",
     "refuse_dropped": "source_check",
-    "ACTING": "compose",
-    "TRUE": "compose",
+    "ACTING_SUFFIX": "compose",
+    "TRUE_SUFFIX": "compose",
     "add_input": "compose",
     "add_output": "compose",
     "add_parameter": "compose",
@@ -98,8 +98,8 @@ _HOME = {
 }
 
 __all__ = [
-    "ACTING",
-    "TRUE",
+    "ACTING_SUFFIX",
+    "TRUE_SUFFIX",
     "Builder",
     "Compiler",
     "EquationSystem",

@@ -34,12 +34,14 @@ def scalars(value: Value) -> list[Node]:
 
 
 def shape(value: Value) -> tuple[int, ...]:
+    """Sizes of an array along its dimensions; empty for a number or a record."""
     if not isinstance(value, list) or isinstance(value, Record):
         return ()
     return (len(value), *(shape(value[0]) if value else ()))
 
 
 def filled(item: Value, sizes: Sequence[int]) -> Value:
+    """An array of these sizes whose every element is `item`."""
     for size in reversed(sizes):
         item = [item] * size
     return item
@@ -73,12 +75,14 @@ def pairs(a: Value, b: Value) -> list[tuple[Node, Node]]:
 
 
 def mapped(apply: Callable[[Node], Node], value: Value) -> Value:
+    """Apply a function of one number to every element."""
     if isinstance(value, str):
         raise ShapeError("text where a number is needed")
     return [mapped(apply, v) for v in value] if isinstance(value, list) else apply(value)
 
 
 def total(b: Builder, value: Value) -> Node:
+    """The sum of all elements."""
     result = b.zero
     for n in scalars(value):
         result = b.add(result, n)
@@ -96,6 +100,13 @@ def product(b: Builder, left: list[Value], right: list[Value]) -> Value:
 
 
 def select(b: Builder, condition: Node, then: Value, otherwise: Value) -> Value:
+    """`then` where the condition holds, else `otherwise`, element by element.
+
+    Raises
+    ------
+    ShapeError
+        For branches of different size.
+    """
     if condition.op == "const":
         return then if condition.value else otherwise
     if isinstance(then, list) and isinstance(otherwise, list) and len(then) == len(otherwise):
@@ -142,6 +153,7 @@ def element(b: Builder, items: list[Value], index: Node) -> Value:
 
 
 def transposed(value: Value) -> Value:
+    """The transpose of a matrix; a vector counts as a column."""
     rows = _matrix(value)
     return [[row[j] for row in rows] for j in range(len(rows[0]))] if rows else []
 

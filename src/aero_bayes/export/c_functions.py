@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from aero_bayes.export.c_writer import ExpressionWriter
-from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.expression import Builder, Node
 
 #: Values that a function stores at most, where it is long and can be cut.
@@ -22,6 +22,7 @@ class StoredValue:
 
 
 def loop_function(k: int | str, targets: Sequence[StoredValue], leaves: dict[Node, str]) -> str:
+    """The function of one algebraic loop: its residuals into ``f``, their Jacobian by columns into ``j``."""
     writer = ExpressionWriter(leaves)
     writer.write([t.node for t in targets])
     stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
@@ -30,6 +31,7 @@ def loop_function(k: int | str, targets: Sequence[StoredValue], leaves: dict[Nod
 
 
 def assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> str:
+    """The function that marks the assertions that do not hold, and tells whether there are any."""
     writer = ExpressionWriter(leaves)
     writer.write(conditions)
     lines = [f"    any |= bad[{i}] = !({writer.term(c)});" for i, c in enumerate(conditions)]
@@ -38,6 +40,7 @@ def assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> s
 
 
 def c_string(message: str) -> str:
+    """A message as a C string literal of plain ASCII."""
     plain = message.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")
     return f'"{plain}"'
 
@@ -45,6 +48,7 @@ def c_string(message: str) -> str:
 def reinit_function(
     model: ExplicitModel, prepared: Sequence[Node], leaves: dict[Node, str], states: Sequence[Node]
 ) -> str:
+    """The function that gives states the values of active ``reinit()``, and tells whether there are any."""
     writer = ExpressionWriter(leaves)
     writer.write(prepared)
     lines = [

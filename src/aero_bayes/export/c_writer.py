@@ -26,6 +26,7 @@ class ExpressionWriter:
         self.known: dict[Node, str] = {}
 
     def term(self, node: Node) -> str:
+        """The C text of an expression that is a leaf, a constant or was written before."""
         if node in self.leaves:
             return self.leaves[node]
         if node.op == "const":
@@ -33,6 +34,7 @@ class ExpressionWriter:
         return self.known[node]
 
     def write(self, nodes: Iterable[Node]) -> None:
+        """Append one statement for each operation that the expressions need and that was not written before."""
         done: dict[Node, object] = {**self.known, **self.leaves}
         for n in topological_order(nodes, done):
             if n.op == "const":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
+from aero_bayes.export.algebraic_loops import AlgebraicLoop
 from aero_bayes.export.c_functions import (
     StoredValue,
     assertion_function,
@@ -17,11 +18,10 @@ from aero_bayes.export.c_functions import (
     start_function,
     store_function,
 )
-from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Builder, Node, evaluate_nodes
 from aero_bayes.export.layout import VariableLayout
-from aero_bayes.export.loops import AlgebraicLoop
 from aero_bayes.export.parameter_stage import ParameterStage
 
 
@@ -106,7 +106,7 @@ def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
         return _jacobian(b, of, by, stage, memory.at[group])
 
     differences = prepare(r.difference for r in events.relations)
-    instants = {i: t for i, r in enumerate(events.relations) if (t := model.timed(r.difference)) is not None}
+    instants = {i: t for i, r in enumerate(events.relations) if (t := model.time_of_change(r.difference)) is not None}
     groups = {
         "dx": targets("R", rates, nx),
         "y": targets("R", outputs, layout.first_output),
@@ -129,7 +129,7 @@ def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
     reinits = prepare(x for r in events.reinits for x in (r.active, r.value))
     assertions = prepare(c for c, _ in events.assertions)
     loop_rows = _loop_targets(b, model.loops, loops, stage)
-    saved = stage.saved([t.node for g in (*groups.values(), *loop_rows) for t in g] + reinits + assertions)
+    saved = stage.to_store([t.node for g in (*groups.values(), *loop_rows) for t in g] + reinits + assertions)
     kept = {n: memory.place("K", i) for i, n in enumerate(saved)}
     memory.size += len(kept)
     early = [StoredValue(place, n) for n, place in kept.items()]
@@ -227,7 +227,7 @@ def _step_starts(
 ) -> list[Node]:
     """Values of the discrete variables before the first event."""
     b = model.system.builder
-    by_name = {v.name: v for v in model.system.steps}
+    by_name = {v.name: v for v in model.system.discrete_variables}
     given = model.discrete.before
     return prepare(
         given[s] if s in given else by_name[s.name].attributes.get("start", b.zero) if s.name in by_name else b.zero

@@ -36,9 +36,9 @@ from aero_bayes.language.syntax import (
 
 _DEFAULTS = {"min": -math.inf, "max": math.inf, "nominal": 1.0, "start": 0.0, "fixed": 0.0}
 
-#: What stands behind a reading that is a state, or an array of readings, and what an array of inputs becomes, after
-#: its name.
-TRUE, ACTING = "_true", "_acting"
+#: Suffixes of names: of the true value that an output with a measurement law had before, and of the input that acts on
+#: the model behind an input law.
+TRUE_SUFFIX, ACTING_SUFFIX = "_true", "_acting"
 
 Change = Callable[[Name], Expression]
 
@@ -189,14 +189,14 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
 
 
 def separate_elements(flat: FlatModel, element: str) -> FlatModel:
-    """The model with an array that is an input or output kept from what it stands for, element by element.
+    """The model with an array input or output separated, element by element, from the array that the equations use.
 
     ``u[1]`` and its like are then named in one equation each, ``u_acting[1] = u[1]`` or ``y[1] = y_true[1]``; all else
     is about the other array. A model where this is so already, or ``element`` is a variable by itself, stays as it is.
     """
     name = parse_reference(element).name
     v = flat.variable(name)
-    inner = f"{name}{ACTING if v.causality == 'input' else TRUE}"
+    inner = f"{name}{ACTING_SUFFIX if v.causality == 'input' else TRUE_SUFFIX}"
     if name == element or any(w.name == inner for w in flat.variables):
         return flat
     own = replace(v, name=inner, causality="local", binding=None)

@@ -98,6 +98,7 @@ class EventActions:
         self.conditions = 0
 
     def assign(self, symbol: Node, value: Node) -> None:
+        """Give a discrete variable its value in an event. Raises InputError where it has one already."""
         if symbol in self.updates:
             raise self.scope.fail(f"{symbol.name!r}, which is assigned in two places")
         self.updates[symbol] = value
@@ -164,6 +165,7 @@ class EventActions:
         return found
 
     def statements(self, body: Sequence[Statement]) -> None:
+        """Execute the statements of an algorithm, when statements among them."""
         scope = self.scope
         for s in body:
             if isinstance(s, WhenStatement):
@@ -174,6 +176,7 @@ class EventActions:
                 scope.run((s,))
 
     def when_statement(self, s: WhenStatement) -> None:
+        """A when statement of an algorithm with its elsewhen branches."""
         scope, b = self.scope, self.scope.builder
         taken = b.zero
         for condition, body in s.branches:

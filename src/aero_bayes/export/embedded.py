@@ -10,9 +10,9 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import compile_library, write_archive
-from aero_bayes.export.causalise import ExplicitModel, causalise
+from aero_bayes.export.causalisation import ExplicitModel, causalise
 from aero_bayes.export.codegen import generate
-from aero_bayes.export.description import write_fmi2_description
+from aero_bayes.export.description_fmi2 import write_fmi2_description
 from aero_bayes.export.description_fmi3 import convert_to_fmi3
 from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatModel

@@ -44,7 +44,7 @@ class ScalarVariable:
 class EquationSystem:
     """Residuals ``0 = r`` over symbols. ``der(x)`` is the symbol of that name; dependent parameters are resolved.
 
-    ``steps`` are the discrete variables; ``discrete`` is what happens in events. Between them its symbols are constant.
+    ``discrete`` is what happens in events. Between them its symbols are constant.
     """
 
     name: str
@@ -55,7 +55,7 @@ class EquationSystem:
     variables: tuple[ScalarVariable, ...]
     residuals: tuple[Node, ...]
     initial_residuals: tuple[Node, ...]
-    steps: tuple[ScalarVariable, ...]
+    discrete_variables: tuple[ScalarVariable, ...]
     discrete: DiscretePart
     derivatives: dict[str, Node] = field(default_factory=dict)
 
@@ -84,7 +84,7 @@ def translate(model: FlatModel) -> EquationSystem:
     in_events = assigned_in_events(model)
     variables: list[ScalarVariable] = []
     inputs: list[ScalarVariable] = []
-    steps: list[ScalarVariable] = []
+    discrete_variables: list[ScalarVariable] = []
     for v in others:
         scope.place = v.place
         for variable in _scalars(scope, v, None):
@@ -93,10 +93,10 @@ def translate(model: FlatModel) -> EquationSystem:
                     raise scope.fail(f"the input {v.name!r} of type {v.type}")
                 inputs.append(variable)
             elif v.variability == "discrete" or v.name in in_events:
-                steps.append(variable)
+                discrete_variables.append(variable)
             else:
                 variables.append(variable)
-    symbols = [builder.symbol(v.name) for v in steps]
+    symbols = [builder.symbol(v.name) for v in discrete_variables]
     events.piecewise_constant |= set(symbols)
     scope.place, scope.operators.events = None, events
     actions = EventActions(scope, events)
@@ -132,7 +132,7 @@ def translate(model: FlatModel) -> EquationSystem:
         tuple(variables),
         tuple(residuals),
         initial,
-        tuple(steps),
+        tuple(discrete_variables),
         DiscretePart(
             actions.updates,
             tuple(actions.reinits),

@@ -50,9 +50,11 @@ class Builder:
         return node
 
     def const(self, value: float) -> Node:
+        """A number."""
         return self._intern("const", value=float(value) + 0.0)  # + 0.0: one zero, not two
 
     def symbol(self, name: str) -> Node:
+        """A symbol; the same node for the same name."""
         return self._intern("symbol", name=name)
 
     def unary(self, op: str, a: Node) -> Node:
@@ -156,18 +158,23 @@ class Builder:
         return a if a is b else None
 
     def add(self, a: Node, b: Node) -> Node:
+        """``a + b``."""
         return self.binary("add", a, b)
 
     def sub(self, a: Node, b: Node) -> Node:
+        """``a - b``."""
         return self.binary("sub", a, b)
 
     def mul(self, a: Node, b: Node) -> Node:
+        """``a * b``."""
         return self.binary("mul", a, b)
 
     def div(self, a: Node, b: Node) -> Node:
+        """``a / b``."""
         return self.binary("div", a, b)
 
     def neg(self, a: Node) -> Node:
+        """``-a``."""
         return self.unary("neg", a)
 
     def select(self, condition: Node, a: Node, b: Node) -> Node:

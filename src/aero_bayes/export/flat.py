@@ -81,6 +81,8 @@ class When:
 
 @dataclass(frozen=True)
 class WhenAction:
+    """One action of a when clause: an assignment, the reinit of a state, an assertion, or the end of the simulation."""
+
     kind: Literal["assign", "reinit", "assert", "terminate"]
     target: Name | None
     value: Expression
@@ -88,6 +90,8 @@ class WhenAction:
 
 @dataclass(frozen=True)
 class Assertion:
+    """A condition that should hold, and the message where it does not; ``warning`` is its level."""
+
     condition: Expression
     message: str
     warning: bool = False
@@ -115,6 +119,11 @@ class Argument:
 
 @dataclass(frozen=True)
 class Function:
+    """A function of the model: its variables and the statements of its algorithm.
+
+    ``constructor`` marks the constructor of a record; ``external`` is the name of an external C function.
+    """
+
     name: str
     inputs: tuple[Argument, ...]
     outputs: tuple[Argument, ...]

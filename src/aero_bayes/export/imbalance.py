@@ -1,4 +1,4 @@
-"""Which variables and equations of a model with too few or too many equations are the trouble, and where they stand."""
+"""Names the variables determined by too few or too many equations (Dulmage-Mendelsohn decomposition), with the file."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""What an FMU shows of a model, and under which value references."""
+"""The variables of an FMU and their value references."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Node
 
@@ -26,14 +26,17 @@ class VariableLayout:
 
     @property
     def first_parameter(self) -> int:
+        """Value reference of the first independent parameter."""
         return 2 * len(self.states) + len(self.inputs)
 
     @property
     def first_dependent(self) -> int:
+        """Value reference of the first dependent parameter."""
         return self.first_parameter + len(self.parameters)
 
     @property
     def first_output(self) -> int:
+        """Value reference of the first output that is no state."""
         return self.first_dependent + len(self.dependent)
 
 
@@ -70,12 +73,8 @@ def lay_out(model: ExplicitModel, *, sharing: bool = True) -> VariableLayout:
                 fixed=inner.fixed,
             )
         states.append(inner)
-    used = frozenset[Node]().union(
-        *(
-            b.symbols(e)
-            for e in (*model.rates, *(model.solved.get(o.name, b.zero) for o in top), *model.starts, *model.deeper)
-        )
-    )
+    expressions = (*model.rates, *(model.solved.get(o.name, b.zero) for o in top), *model.starts)
+    used = frozenset[Node]().union(*(b.symbols(e) for e in (*expressions, *model.loop_and_event_expressions)))
     free, dependent = [], []
     for p in model.system.parameters:
         if p.type != "Real" or p.final or p.variability == "constant" or p.binding is None:
@@ -85,7 +84,7 @@ def lay_out(model: ExplicitModel, *, sharing: bool = True) -> VariableLayout:
                 free.append(p)
         elif "." not in p.name:
             dependent.append(p)
-    outputs = [o for o in (*top, *(v for v in model.system.steps if v.shown)) if o.name not in position]
+    outputs = [o for o in (*top, *(v for v in model.system.discrete_variables if v.shown)) if o.name not in position]
     return VariableLayout(
         tuple(states), model.states, model.system.inputs, tuple(free), tuple(dependent), tuple(outputs), aliases
     )

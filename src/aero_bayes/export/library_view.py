@@ -1,4 +1,4 @@
-"""Folders of libraries as a compiler is to see them: of the standard library what a model can reach."""
+"""Folders of libraries for the compiler: of the standard library only what a model can reach."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which equation gives which unknown, and in what order: matching and strongly connected components."""
+"""Bipartite matching of equations and unknowns, and their order by strongly connected components."""
 
 from __future__ import annotations
 

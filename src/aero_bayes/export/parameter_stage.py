@@ -15,31 +15,33 @@ class ParameterStage:
         self.parameters = parameters
         self._memo: dict[Node, Node] = {}
 
-    def early(self, node: Node) -> bool:
+    def of_parameters_only(self, node: Node) -> bool:
+        """Whether an expression depends on parameters alone."""
         return self.builder.symbols(node) <= self.parameters
 
     def reciprocal(self, node: Node) -> Node:
+        """The expression with divisions by early expressions as multiplications by their reciprocals."""
         b = self.builder
         for n in topological_order([node], self._memo):
             args = tuple(self._memo[a] for a in n.args)
-            if n.op == "div" and self.early(args[1]) and not self.early(args[0]):
+            if n.op == "div" and self.of_parameters_only(args[1]) and not self.of_parameters_only(args[0]):
                 self._memo[n] = b.mul(args[0], b.div(b.one, args[1]))
             else:
                 self._memo[n] = b.apply(n, args) if n.args else n
         return self._memo[node]
 
-    def saved(self, nodes: Sequence[Node]) -> list[Node]:
+    def to_store(self, nodes: Sequence[Node]) -> list[Node]:
         """Early expressions (no plain symbols or constants) that late ones or the results use directly."""
         found: dict[Node, None] = {}
 
         def consider(n: Node) -> None:
-            if n.args and self.early(n):
+            if n.args and self.of_parameters_only(n):
                 found.setdefault(n)
 
         for n in nodes:
             consider(n)
-        for n in topological_order(nodes, {}, lambda n: not self.early(n)):
-            if not self.early(n):
+        for n in topological_order(nodes, {}, lambda n: not self.of_parameters_only(n)):
+            if not self.of_parameters_only(n):
                 for a in n.args:
                     consider(a)
         return sorted(found, key=lambda n: n.index)

@@ -19,8 +19,8 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.imbalance import balanced_model, explain_imbalance
 from aero_bayes.export.library import check_model_name, copy_sources, library_roots, needed_libraries, rig_packages
 from aero_bayes.export.library_view import link_packages, names_used_in
+from aero_bayes.export.rumoca_document import read_structured
 from aero_bayes.export.source_check import locate, refuse_dropped
-from aero_bayes.export.structured import read_structured
 from aero_bayes.language.edits import TextEdit, apply_edits
 from aero_bayes.language.sources import modelica_files, read_modelica_text, sources_in
 from aero_bayes.language.tokens import line_of, split_outside, tokenize

@@ -9,9 +9,9 @@ from aero_bayes.export.arrays import Record, ShapeError, Value
 from aero_bayes.export.evaluation import Evaluator
 from aero_bayes.export.expression import Node
 from aero_bayes.export.flat import FlatEquation, Function
-from aero_bayes.export.possible_values import possible_values
-from aero_bayes.export.solved import without_solve
+from aero_bayes.export.matrix_solve import without_solve
 from aero_bayes.export.tables import with_search_from_first_row
+from aero_bayes.export.value_sets import possible_values
 from aero_bayes.language.syntax import (
     AssertStatement,
     Assign,

@@ -1,4 +1,4 @@
-"""Looks at Modelica source text for what rumoca drops without a word, and for arrays that it never finishes."""
+"""Refuses Modelica source that rumoca drops without a message, and arrays so large that it never ends."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _tokens(text: str) -> list[Token]:
 
 
 def _modifiers(tokens: Sequence[Token]) -> Sequence[Token]:
-    """What stands in parentheses after the name of a class."""
+    """The modifiers in parentheses after the name of a class."""
     at = dotted_name(tokens)[1]
     opened = words_of(tokens[at : at + 1]) == ["("]
     return tokens[at + 1 : skip_group(tokens, at, strict=False) - 1] if opened else ()
@@ -40,7 +40,7 @@ def _large(word: str) -> bool:
 
 
 def _dropped(tokens: Sequence[Token]) -> Iterator[tuple[Token, str]]:
-    """What rumoca would drop or not finish: where it stands, and what to tell."""
+    """Tokens at which rumoca would drop something or not end, and the message for each."""
     for at, token in enumerate(tokens):
         rest = tokens[at + 1 :] if token.word in ("redeclare", "constrainedby", "extends") else ()
         modifiers = _modifiers(rest)

@@ -14,7 +14,7 @@ from aero_bayes.workflow.progress import ProgressBar
 
 
 def run_fleet(config: Path, out: Path, *, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
-    """Work on all rigs of a file and say where the results are."""
+    """Fit all rigs of a file and print where the results are."""
     total = sum(1 for _ in read_fleet(config).rigs)
     done = 0
     with one_run_at_a_time(out), open_executor(dask, workers) as executor, ProgressBar(quiet) as bar:
@@ -28,6 +28,6 @@ def run_fleet(config: Path, out: Path, *, dask: str | None, seed: int, workers: 
         try:
             found = fleet(config, out, seed=seed, executor=executor, progress=progress)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"the same command goes on from {out / 'rigs.sqlite'}") from None
+            raise KeyboardInterrupt(f"run the same command again to continue from {out / 'rigs.sqlite'}") from None
     click.echo(found.verdict.text.replace("`", "") if found.verdict else "")
     click.echo(f"wrote {out / 'fleet.json'} and {out / 'report.html'}")

@@ -1,4 +1,4 @@
-"""What many tasks need and no task should carry: models, which go to each machine once, by their hash."""
+"""Send models that many tasks need to each machine once, identified by their hash."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Parcel:
 
 
 def local_folder() -> Path:
-    """Where this machine keeps models between tasks and runs; the user's own, since what is in it is executed.
+    """Folder of models on this machine; it must belong to the user, since the models are executed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What rigs share: the fleet's mean and spread of a parameter, from what each rig's own data say of it.
+"""Mean and spread of a parameter over the fleet, from the estimate of each rig (random-effects meta-analysis).
 
 Rig i has the value θ_i ~ N(μ, τ²); its data say m_i ~ N(θ_i, s_i²), so that m_i ~ N(μ, s_i² + τ²) with θ_i summed out.
 With a flat prior on μ this is Gaussian in μ at any τ, and what is left is one dimension, τ ≥ 0 with a flat prior (of
@@ -70,7 +70,7 @@ class Population:
         return mean, sd
 
 
-def population(centres: FloatArray, widths: FloatArray) -> Population:
+def fit_population(centres: FloatArray, widths: FloatArray) -> Population:
     """Posterior of mean and spread.
 
     Parameters

@@ -25,7 +25,7 @@ UNNAMED_WEIGHT, EM_ROUNDS = 0.1, 30
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedEffect:
     """An effect that a rig's loop named, those that its data cannot tell from it, and log(gain / bar)."""
 
     id: str
@@ -56,7 +56,7 @@ class Prevalence:
         return np.asarray(np.interp(levels, np.cumsum(self.density) - 0.5 * self.density, SHARE_GRID))
 
 
-def prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -> Prevalence:
+def estimate_prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -> Prevalence:
     """How common an effect is.
 
     Parameters
@@ -89,8 +89,8 @@ def prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -> Prevale
     return Prevalence(joint.sum(axis=(1, 2)), float(np.sum(joint * seen)), float(np.sum(joint * missed)))
 
 
-def shared_out(rigs: Sequence[Sequence[Named]]) -> list[list[dict[str, float]]]:
-    """For every named effect, how probable it and each of those alike is: what other rigs are sure of decides.
+def shared_out(rigs: Sequence[Sequence[NamedEffect]]) -> list[list[dict[str, float]]]:
+    """Probability of each named effect and its equivalents in each rig, by expectation maximisation over the fleet.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The table of rigs: who they are, what was recorded of each, and what is different about each."""
+"""The table of rigs: names, recordings, and settings of each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Work = Literal["fit", "posterior", "loop", "all"]
 #: A rig's name is also the name of its folder.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
 #: Columns of a table of rigs that are no settings, and what stands between several files in one cell.
-COLUMNS, BETWEEN = ("name", "train", "test"), ";"
+TABLE_COLUMNS, BETWEEN = ("name", "train", "test"), ";"
 
 
 class RigSection(Section):
@@ -31,7 +31,7 @@ class RigSection(Section):
 
 
 class FleetSection(Section):
-    """``[fleet]``: what is done with each rig, and where the table of rigs is if it is not in this file.
+    """``[fleet]``: the work on each rig, and the file of the table of rigs if it is another one.
 
     ``work`` is one of the commands: fit, posterior, loop, or all three. ``rigs`` is a CSV file with the columns name,
     train and test (several files are separated by semicolons) and one for each key that differs, such as
@@ -85,7 +85,7 @@ class Rig:
 
 @dataclass(frozen=True)
 class FleetPlan:
-    """What a fleet's file says: settings for all, the work, and the rigs, which are read one by one."""
+    """A fleet's file: settings of all rigs, the work, and the rigs, which are read one by one."""
 
     shared: Mapping[str, Any]
     folder: Path
@@ -144,9 +144,9 @@ class _Rigs:
         try:
             with self.table.open(encoding="utf-8-sig", newline="") as stream:
                 reader = csv.DictReader(stream)
-                missing = [c for c in COLUMNS[:2] if c not in (reader.fieldnames or ())]
+                missing = [c for c in TABLE_COLUMNS[:2] if c not in (reader.fieldnames or ())]
                 if missing:
-                    raise InputError(f"{self.table}: no column {missing[0]}; expected {', '.join(COLUMNS)}")
+                    raise InputError(f"{self.table}: no column {missing[0]}; expected {', '.join(TABLE_COLUMNS)}")
                 for row in reader:
                     if None in row:
                         raise InputError(f"{self.table}: row {reader.line_num}: more cells than columns")
@@ -158,11 +158,12 @@ class _Rigs:
 
     def _of_row(self, row: Mapping[str, str | None], line: int) -> Rig:
         train, test = (
-            tuple(Path(part.strip()) for part in (row.get(c) or "").split(BETWEEN) if part.strip()) for c in COLUMNS[1:]
+            tuple(Path(part.strip()) for part in (row.get(c) or "").split(BETWEEN) if part.strip())
+            for c in TABLE_COLUMNS[1:]
         )
         settings: dict[str, Any] = {}
         for key, text in row.items():
-            if key not in COLUMNS and text not in (None, ""):
+            if key not in TABLE_COLUMNS and text not in (None, ""):
                 _put(settings, _parts(key), _value(str(text)))
         try:
             return Rig((row["name"] or "").strip(), self._at(train), self._at(test), settings)

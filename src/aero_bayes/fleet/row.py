@@ -1,4 +1,4 @@
-"""What the fleet keeps of one rig: a few numbers of its ``result.json``, the same wherever they were computed."""
+"""The row of a rig in the fleet's table: the numbers of its ``result.json`` that the fleet needs."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import numpy as np
 
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.fleet.table import Row
-from aero_bayes.schema import LoopPart, ParameterResult, RunResult
+from aero_bayes.schema import LoopJson, ParameterJson, RunJson
 
 #: Central 90 % of a normal density, in standard deviations to either side.
 Z90 = 1.6448536269514722
 #: What an effect's parameters cost in log-evidence, about: what is added to a gain before its logarithm is taken.
-EFFECT_PRICE = 4.0
+EFFECT_PENALTY = 4.0
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
 MIN_LIKELIHOOD_SHARE = 0.05
 
 
-def row_of(name: str, result: RunResult, priors: Iterable[Parameter]) -> Row:
+def fleet_row(name: str, result: RunJson, priors: Iterable[Parameter]) -> Row:
     """The row of a finished rig.
 
     Parameters
     ----------
     name : str
-    result : RunResult
+    result : RunJson
     priors : iterable of Parameter
         Those that were searched, with the priors that the rig's posterior holds and the fleet's must not hold again.
 
@@ -60,12 +60,12 @@ def row_of(name: str, result: RunResult, priors: Iterable[Parameter]) -> Row:
     }
 
 
-def _words(result: RunResult) -> dict[str, str]:
+def _words(result: RunJson) -> dict[str, str]:
     words = result.effect_words()
     return {effect.id: words.get(effect.id, "") for effect in result.loop.effects} if result.loop else {}
 
 
-def _parameter(entry: ParameterResult, item: Parameter | None) -> dict[str, Any]:
+def _parameter(entry: ParameterJson, item: Parameter | None) -> dict[str, Any]:
     found = {"value": entry.value, "sd": entry.sd, "unit": entry.unit, "status": entry.status}
     low, middle, high = entry.q05, entry.q50, entry.q95
     if low is None or middle is None or high is None or not high > low:
@@ -98,7 +98,7 @@ def _without_prior(centre: float, sd: float, item: Parameter | None, *, log: boo
     return centre - slope / precision, precision**-0.5
 
 
-def _over_floor(result: RunResult) -> dict[str, float]:
+def _over_floor(result: RunJson) -> dict[str, float]:
     """By output the largest residual over the noise floor among the recordings."""
     found: dict[str, float] = {}
     for outputs in result.residual.values():
@@ -108,12 +108,14 @@ def _over_floor(result: RunResult) -> dict[str, float]:
     return found
 
 
-def _named(loop: LoopPart) -> list[dict[str, Any]]:
+def _named(loop: LoopJson) -> list[dict[str, Any]]:
     """Effects that the loop named, those that its data cannot tell from each, and how far its gain is above the bar."""
     found = []
     for effect in loop.effects:
         alike = next((group for group in loop.equivalent if effect.id in group), [])
         gain, bar = effect.evidence.log_evidence_gain, effect.evidence.needed
-        strength = math.log((gain + EFFECT_PRICE) / (bar + EFFECT_PRICE)) if gain and bar and gain > bar > 0.0 else 0.0
+        strength = (
+            math.log((gain + EFFECT_PENALTY) / (bar + EFFECT_PENALTY)) if gain and bar and gain > bar > 0.0 else 0.0
+        )
         found.append({"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id], "strength": strength})
     return found

@@ -17,7 +17,7 @@ from aero_bayes.fleet.table import Row, Table
 
 
 class Keyed(Protocol):
-    """A task that its key tells from all others."""
+    """A task with a unique key."""
 
     @property
     def key(self) -> str: ...
@@ -42,7 +42,7 @@ class _Sent(Generic[Task]):
     tries: int = 1
 
 
-def run_all(
+def run_tasks(
     tasks: Iterable[Task],
     attempt: Callable[[Task], Row],
     table: Table,
@@ -93,7 +93,7 @@ def run_all(
         try:
             future = executor.submit(_timed, attempt, sent.task)
         except RuntimeError as error:  # broken, or shut down
-            raise CannotFinishError(f"the workers are gone ({error}); the same command goes on from here") from None
+            raise CannotFinishError(f"the workers are gone ({error}); run the same command again to continue") from None
         running[future] = sent
         future.add_done_callback(ended.put)
 

@@ -12,13 +12,13 @@ from aero_bayes.config import Config
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.fleet.parcels import Parcel, local_folder
 from aero_bayes.fleet.rigs import Rig, Work
-from aero_bayes.fleet.row import row_of
+from aero_bayes.fleet.row import fleet_row
 from aero_bayes.fleet.runner import failure
 from aero_bayes.fleet.table import Row
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.simulation import Model
 from aero_bayes.workflow.commands import run_all, run_close_loop, run_fit, run_posterior
-from aero_bayes.workflow.job import RunOptions, parameters_of
+from aero_bayes.workflow.job import RunOptions, fit_parameters
 
 #: Folder of the rigs' run directories, and what each says while it runs.
 RUNS, LOG = "rigs", "log.txt"
@@ -35,7 +35,7 @@ _COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
 
 @dataclass(frozen=True)
 class RigTask:
-    """Everything that a worker is told; the files are where it finds them too.
+    """Everything that a worker needs; the files must be readable on its machine.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ class RigTask:
         """Fingerprint of all that its row depends on; recordings by size and time of change."""
         files = [(path.name, *_stamp(path)) for path in (*self.rig.train, *self.rig.test)]
         sha256 = self.model.sha256 if self.model is not None else ""
-        told = (KIND, self.config.model_dump_json(exclude={"model"}), self.work, self.seed, sha256, files)
-        return hashlib.sha256(repr(told).encode()).hexdigest()[:16]
+        facts = (KIND, self.config.model_dump_json(exclude={"model"}), self.work, self.seed, sha256, files)
+        return hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
 
 
 def _stamp(path: Path) -> tuple[int, int]:
@@ -100,11 +100,11 @@ def attempt(task: RigTask) -> Row:
         return failure(task.key, str(error))
     run = RunDirectory.read(folder)
     model = Model.load(task.model.here()) if task.model is not None else None
-    return row_of(task.key, run.result, parameters_of(model, config) if model is not None else ())
+    return fleet_row(task.key, run.result, fit_parameters(model, config) if model is not None else ())
 
 
 def _said_to(log: object) -> contextlib.ExitStack:
-    """What commands print belongs to the rig, not to the worker."""
+    """Redirect the output of a command to the log of the rig."""
     stack = contextlib.ExitStack()
     stack.enter_context(contextlib.redirect_stdout(log))  # type: ignore[type-var]
     stack.enter_context(contextlib.redirect_stderr(log))  # type: ignore[type-var]

@@ -1,4 +1,4 @@
-"""Many rigs of one model: each is fitted on its own, then what they share is said on one page."""
+"""Fit many rigs of one model one by one, then summarise them on one page."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from aero_bayes.files import whole_file
 from aero_bayes.fleet.executors import open_executor
 from aero_bayes.fleet.parcels import Parcel
 from aero_bayes.fleet.rigs import FleetPlan, Rig, Work, read_fleet
-from aero_bayes.fleet.runner import Progress, failure, run_all
-from aero_bayes.fleet.summary import summarise
+from aero_bayes.fleet.runner import Progress, failure, run_tasks
+from aero_bayes.fleet.summary import summarise_fleet
 from aero_bayes.fleet.table import Row, Table
 from aero_bayes.fleet.task import RigTask, attempt
 from aero_bayes.report.fleet_page import write_fleet_page
-from aero_bayes.schema import FleetResult
+from aero_bayes.schema import FleetJson
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.workflow.job import RunOptions, which_model
 from aero_bayes.workflow.results import versions
 
-TABLE, RESULT, MODELS = "rigs.sqlite", "fleet.json", "models"
+TABLE, FLEET_RESULT, MODELS = "rigs.sqlite", "fleet.json", "models"
 
 
 def fleet(
@@ -39,8 +39,8 @@ def fleet(
     seed: int = 1,
     executor: Executor | None = None,
     progress: Progress = lambda count: None,
-) -> FleetResult:
-    """Fit many rigs, and say what they share.
+) -> FleetJson:
+    """Fit many rigs and summarise them.
 
     Parameters
     ----------
@@ -80,16 +80,16 @@ def fleet(
     return _run(plan, target, seed, executor, progress)
 
 
-def _run(plan: FleetPlan, out: Path, seed: int, executor: Executor, progress: Progress) -> FleetResult:
+def _run(plan: FleetPlan, out: Path, seed: int, executor: Executor, progress: Progress) -> FleetJson:
     names: set[str] = set()
     tasks = tasks_of(plan, out, seed, names)
     first = next(tasks, None)  # what is wrong with all rigs shows before anything is written
     with Table(out / TABLE) as table:
         started = chain([first] if first is not None else [], tasks)
-        run_all(started, _attempt, table, executor, made_of=lambda task: task.made_of, progress=progress)
+        run_tasks(started, _attempt, table, executor, made_of=lambda task: task.made_of, progress=progress)
         table.keep_only(names)
-        result, columns = summarise(table, work=plan.work, seed=seed, versions=versions())
-    with whole_file(out / RESULT) as temporary:
+        result, columns = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
+    with whole_file(out / FLEET_RESULT) as temporary:
         text = json.dumps(result.model_dump(by_alias=True), indent=1, ensure_ascii=False, allow_nan=False)
         temporary.write_text(text + "\n", "utf-8")
     write_fleet_page(out, result, columns)

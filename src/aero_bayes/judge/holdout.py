@@ -1,4 +1,4 @@
-"""Prediction of a block of readings from the rest, in closed form from the slopes that a fit has anyway.
+"""Leave-block-out cross-validation in closed form, from the sensitivities of a fit.
 
 No simulation is needed. For a model that is linear in its parameters, with normal priors, it is exact: the density of a
 block given all other readings is a ratio of evidences.
@@ -43,7 +43,7 @@ class HeldOutGain:
 
 
 def held_out_gain(model: FittedModel, rival: FittedModel) -> HeldOutGain:
-    """How much better a model predicts what is left out than a rival, both fitted under one noise.
+    """Gain of a model over a rival in predicting left-out data, both fitted under one noise.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ def held_out_gain(model: FittedModel, rival: FittedModel) -> HeldOutGain:
 def blocks_of(fitted: FittedModel) -> list[list[NDArray[np.int_]]]:
     """Readings (columns of the whitened slopes) by recording, and in each by block of time, all outputs together.
 
-    Blocks have the same leverage, the share of a fit that they hold: without one of them the slopes still tell where
-    the fit goes. A transient that tells nearly all is so cut into many.
+    Blocks have equal leverage, so that the fit without one of them is close to the full fit and its linearisation
+    holds. A transient that determines most parameters is thus cut into many blocks.
     """
     slopes, parameters = fitted.optimum.whitened.slopes, fitted.model.objective.parameters
     second = parameters.prior_derivatives(fitted.optimum.coordinates)[1][list(fitted.optimum.free)]
@@ -100,7 +100,7 @@ def blocks_of(fitted: FittedModel) -> list[list[NDArray[np.int_]]]:
 def _log_density(fitted: FittedModel, blocks: Sequence[NDArray[np.int_]]) -> float:
     """Log-density of each block given all other readings, summed."""
     optimum, cold, parameters = fitted.optimum, math.sqrt(fitted.temperature), fitted.model.objective.parameters
-    # Initial values and delays of a recording are no prediction: they stay as all its readings have them.
+    # Initial values and delays belong to one recording: they stay as fitted to all its readings.
     shared = [k for k, j in enumerate(optimum.free) if parameters.items[j].recording is None]
     slopes, residual = optimum.whitened.slopes[shared] / cold, optimum.whitened.residual / cold
     second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in shared]]
@@ -112,7 +112,7 @@ def _log_density(fitted: FittedModel, blocks: Sequence[NDArray[np.int_]]) -> flo
     total = 0.0
     for k, block in enumerate(blocks):
         r = residual[block]
-        # A sum over the other blocks: a difference would lose a direction that only this block tells.
+        # Sum the other blocks: a difference would lose a direction that only this block determines.
         values, vectors = _spectrum(prior + sum(own[:k] + own[k + 1 :]), unit)
         pull = vectors.T @ (unit * (slopes[:, block] @ r))
         total -= 0.5 * float(r @ r + pull @ (pull / values) + volume - np.log(values).sum())
@@ -120,6 +120,6 @@ def _log_density(fitted: FittedModel, blocks: Sequence[NDArray[np.int_]]) -> flo
 
 
 def _spectrum(curvature: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and eigenvectors of a curvature in units of its parameters; what is not seen is held by rounding."""
+    """Eigenvalues and eigenvectors of a curvature in units of its parameters; bounded below by rounding."""
     values, vectors = np.linalg.eigh(curvature * np.outer(unit, unit))
     return np.maximum(values, MIN_CURVATURE_SHARE), vectors

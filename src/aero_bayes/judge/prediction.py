@@ -1,4 +1,4 @@
-"""Before and after: error on what was fitted and on what was not, and what the missing effect had done to the rest."""
+"""Errors of a model before and after its extension, on fitted and on unseen data, and the shift of its parameters."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Shift:
 
 
 def rms_error(residual: FloatArray) -> Error:
-    """RMS of a residual (n,) with its uncertainty; correlated readings count for less."""
+    """RMS of a residual (n,) and its standard deviation, corrected for autocorrelation."""
     n = residual.size
     if n == 0:
         return Error(math.nan, math.nan, 0)
@@ -101,14 +101,15 @@ def _sd_of_mean(series: FloatArray) -> float:
 
 
 def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> list[str]:
-    """Outputs of which a prediction misses unseen readings by more than another, by more than chance.
+    """Outputs that one prediction predicts significantly worse than another on unseen data.
 
-    Squared residuals are compared reading by reading; correlated readings count for less.
+    The test compares squared residuals reading by reading, corrected for autocorrelation (Diebold
+    and Mariano, 1995, J. Business and Economic Statistics 13, 253).
     """
     more: dict[str, float] = {}
     variance: dict[str, float] = {}
     for k, r in enumerate((*recordings.train, *recordings.test)):
-        start = recordings.held_from.get(r.name, math.inf) if k < len(recordings.train) else -math.inf
+        start = recordings.unseen_from.get(r.name, math.inf) if k < len(recordings.train) else -math.inf
         for output in (o for o in recordings.outputs if (r.name, o) in one.test and o in r.outputs):
             y = r.outputs[output]
             change = (y - one.fitted[r.name, output]) ** 2 - (y - other.fitted[r.name, output]) ** 2
@@ -121,8 +122,8 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
     return [output for output, extra in more.items() if extra > SIGNIFICANT_DEVIATIONS * math.sqrt(variance[output])]
 
 
-def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
-    """By how much the error falls, of the output where it falls most; and of which outputs it grows plainly."""
+def describe_error_change(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
+    """Say how far the error of one output falls, the one where it falls most, and which other errors grow."""
     role = "test" if before.test else "train"
     first, second = before.pooled(role), after.pooled(role)
     most = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
@@ -132,7 +133,7 @@ def gain_text(before: Prediction, after: Prediction, units: Mapping[str, str]) -
         after_it = with_unit(f"{second[output]:.3g}", units.get(output, ""))
         return f"of {output} {verb} from {first[output]:.3g} to {after_it}"
 
-    verb = "falls" if second[most] < first[most] else "goes"
+    verb = "falls" if second[most] < first[most] else "changes"
     grown = [change(o, "grows") for o in first if o != most and second[o] > MIN_GROWTH_RATIO * first[o]]
     return f"on {where} the error {change(most, verb)}{''.join(f', but {text}' for text in grown)}."
 

@@ -13,14 +13,14 @@ from aero_bayes.errors import InputError
 class Recordings:
     """The recordings, and which part of them is fitted.
 
-    ``fitted`` are the training recordings, or what is left of them where their ends are held out for want of test
-    recordings; ``held_from`` then gives by name the time (s) from which readings count as unseen.
+    ``fitted`` are the training recordings; without test recordings only their first parts. ``unseen_from`` is then the
+    time (s), by name, from which readings count as unseen.
     """
 
     train: tuple[Recording, ...]
     test: tuple[Recording, ...]
     fitted: tuple[Recording, ...]
-    held_from: Mapping[str, float]
+    unseen_from: Mapping[str, float]
     outputs: tuple[str, ...]
 
     @classmethod
@@ -44,13 +44,13 @@ class Recordings:
             raise InputError("two training recordings have the same name")
         if test:
             return cls(tuple(train), tuple(test), tuple(train), {}, outputs)
-        held_from: dict[str, float] = {}
+        unseen_from: dict[str, float] = {}
         parts = []
         for recording in train:
             cut = float(recording.time[0] + (1.0 - held_out) * recording.duration)
-            held_from[recording.name] = cut
+            unseen_from[recording.name] = cut
             parts.append(replace(recording.without(after=cut), name=recording.name))
-        return cls(tuple(train), (), tuple(parts), held_from, outputs)
+        return cls(tuple(train), (), tuple(parts), unseen_from, outputs)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""A fitted model run over whole recordings, those among them that it has not seen, and how sure it can be of these."""
+"""Simulate a fitted model over whole recordings, unseen ones too, and propagate its uncertainty to the prediction."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ INITIAL_STATE_SHARE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Unseen:
-    """Whole recordings, and the family of the models that are run over them.
+    """Predict whole recordings with models of a family.
 
-    A recording that was not fitted gets the fitted recordings' mean input delay. Its states start at its own first
-    readings, off by as much as those of the fitted ones were; where starts are estimated, or read through a law, they
-    are estimated from its first :data:`INITIAL_STATE_SHARE` share.
+    A recording that was not fitted gets the mean input delay of the fitted recordings. Its initial states are its first
+    readings plus the mean offset that the fitted recordings have. Where initial states are estimated, or a law acts on
+    their reading, they are estimated from the first :data:`INITIAL_STATE_SHARE` of the recording.
     """
 
     recordings: Recordings
@@ -44,7 +44,7 @@ class Unseen:
     open_simulator: Callable[[Problem], Simulator]
 
     @property
-    def _everything(self) -> tuple[Recording, ...]:
+    def _all_recordings(self) -> tuple[Recording, ...]:
         return *self.recordings.train, *self.recordings.test
 
     @property
@@ -59,25 +59,23 @@ class Unseen:
         *,
         close: bool = False,
     ) -> Prediction:
-        """Run a fitted model, or a fitted relative of it.
-
-        ``close`` holds starts close to their readings.
+        """Predict all recordings with a fitted model; ``close`` keeps initial states close to their readings.
 
         Raises
         ------
         CannotFinishError
             If it cannot be simulated.
         """
-        whole, row, starts = self._laid_out(calibration, fit, close)
-        rows, _ = self._settled(whole, row[np.newaxis], starts, fit)
+        whole, row, starts = self._on_whole_recordings(calibration, fit, close)
+        rows, _ = self._with_estimated_starts(whole, row[np.newaxis], starts, fit)
         with self.open_simulator(whole.problem()) as simulator:
             found = simulator.simulate(rows)
         if np.any(found.outcomes[0] != 0):
             raise CannotFinishError("the fitted model cannot be simulated over the whole recordings")
         errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
         fitted: dict[tuple[str, str], FloatArray] = {}
-        for e, recording in enumerate(self._everything):
-            unseen = recording.time >= self.recordings.held_from.get(recording.name, math.inf)
+        for e, recording in enumerate(self._all_recordings):
+            unseen = recording.time >= self.recordings.unseen_from.get(recording.name, math.inf)
             for column, output in enumerate(self.recordings.outputs):
                 if output not in recording.outputs:
                     continue
@@ -97,25 +95,25 @@ class Unseen:
     def uncertainty_of(self, calibration: Calibration, fit: Optimum) -> dict[tuple[str, str], float]:
         """Standard deviation of a prediction of what was not fitted, by recording and output, as root mean square.
 
-        It is what the uncertainty of the parameters and of its own start makes of it, one standard deviation along each
-        axis of their covariances and back: a motion that is sensitive to them is predicted badly also by a model that
-        lacks nothing.
+        Parameters and initial states are moved by one standard deviation to both sides along each principal axis of
+        their covariance, and the changes of the outputs are added in squares. A motion that is sensitive to them is
+        predicted badly even by a complete model.
         """
-        whole, row, starts = self._laid_out(calibration, fit)
-        rows, ends = self._settled(whole, row[np.newaxis], starts, fit)
+        whole, row, starts = self._on_whole_recordings(calibration, fit)
+        rows, ends = self._with_estimated_starts(whole, row[np.newaxis], starts, fit)
         shared = [j for j, p in enumerate(whole.parameters) if p.recording is None]
         theirs = [calibration.parameters.index(whole.parameters.names[j]) for j in shared]
         moved = np.repeat(rows, 2 * len(fit.free), axis=0)
-        moved[:, shared] = _a_deviation_off(calibration.parameters, fit)[:, theirs]
-        # What the fitted recordings cannot tell, a start may make up for.
-        moved, _ = self._settled(whole, moved, starts, fit)
-        others = [_a_deviation_off(whole.parameters, end) for end in ends]
-        others += [] if starts else self._begun_otherwise(whole, row)
+        moved[:, shared] = _one_deviation_away(calibration.parameters, fit)[:, theirs]
+        # A new initial state may compensate what the fitted recordings do not determine.
+        moved, _ = self._with_estimated_starts(whole, moved, starts, fit)
+        others = [_one_deviation_away(whole.parameters, end) for end in ends]
+        others += [] if starts else self._with_shifted_starts(whole, row)
         with self.open_simulator(whole.problem()) as simulator:
             found = simulator.simulate(np.concatenate((rows, moved, *others)))
         spread: dict[tuple[str, str], float] = {}
-        for e, recording in enumerate(self._everything):
-            start = self.recordings.held_from.get(recording.name, math.inf) if e < self._fitted else -math.inf
+        for e, recording in enumerate(self._all_recordings):
+            start = self.recordings.unseen_from.get(recording.name, math.inf) if e < self._fitted else -math.inf
             unseen = recording.time >= start
             fine = found.outcomes[1:, e] == 0
             for column, output in enumerate(self.recordings.outputs):
@@ -124,12 +122,12 @@ class Unseen:
                     spread[recording.name, output] = math.sqrt(0.5 * float(np.mean(np.sum(change**2, axis=0))))
         return spread
 
-    def _begun_otherwise(self, whole: Calibration, row: FloatArray) -> list[FloatArray]:
-        """SI values with each start of the unseen at its reading a standard deviation off, there and back (2, p)."""
+    def _with_shifted_starts(self, whole: Calibration, row: FloatArray) -> list[FloatArray]:
+        """SI values (2, p) with an initial state of all unseen recordings moved one standard deviation up and down."""
         by_state: dict[ProblemTarget, dict[int, float]] = {}
         for j, p in enumerate(whole.parameters):
             if p.recording is not None and p.recording >= self._fitted:
-                first = first_reading(self._everything[p.recording], p.target, whole)
+                first = first_reading(self._all_recordings[p.recording], p.target, whole)
                 if first is not None:
                     by_state.setdefault(p.target, {})[j] = first.sd
         # Recordings do not depend on each other: one run moves the state in all of them.
@@ -139,14 +137,14 @@ class Unseen:
         low, high = np.transpose([(p.lower, p.upper) for p in whole.parameters])
         return [np.clip(rows, low, high) for rows in moved]
 
-    def _laid_out(
+    def _on_whole_recordings(
         self,
         calibration: Calibration,
         fit: Optimum,
         close: bool = False,
     ) -> tuple[Calibration, FloatArray, list[int]]:
-        """A fitted model over whole recordings, SI values (p,) there, and columns of starts that are to be settled."""
-        named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._everything))
+        """The calibration on whole recordings, SI values (p,), and columns of the initial states to estimate."""
+        named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._all_recordings))
         plain = self.family.base_model()
         known = {v.name for v in plain.parameters}
         shared = [p for p in calibration.parameters if p.recording is None]
@@ -156,17 +154,17 @@ class Unseen:
             self.settings, outputs=self.recordings.outputs, most_readings=None, standing=True,
             interpolation=calibration.interpolation, solver=calibration.solver,
         )  # fmt: skip
-        # Which states start at a reading is known of the model itself: a relative may read them through a law.
+        # Only the base model shows which states start at a reading: in an extended one a law may act on it.
         fixed = {name: value for name, value in calibration.fixed.items() if name in known}
-        known_as = calibrate(named, plain, kept, fixed=fixed, settings=own)
-        starts = known_as.parameters
+        base_named = calibrate(named, plain, kept, fixed=fixed, settings=own)
+        starts = base_named.parameters
         if not close:
-            starts = with_free_starts(starts, known_as.experiments, plain)
-        known_as = replace(known_as, parameters=starts.extended(new))
-        whole = replace(self.family.transfer(known_as, calibration.model), fixed=calibration.fixed)
-        row = _values(_renamed(calibration, known_as, whole), fit, known_as, self._everything, self._fitted)
-        # A law at an output hides where its state started.
-        hidden = [p.target for p in known_as.parameters] != [p.target for p in whole.parameters]
+            starts = with_free_starts(starts, base_named.experiments, plain)
+        base_named = replace(base_named, parameters=starts.extended(new))
+        whole = replace(self.family.transfer(base_named, calibration.model), fixed=calibration.fixed)
+        row = _values(_renamed(calibration, base_named, whole), fit, base_named, self._all_recordings, self._fitted)
+        # A law at an output hides the initial value of its state.
+        hidden = [p.target for p in base_named.parameters] != [p.target for p in whole.parameters]
         if not (self.settings.start == "estimated" or hidden):
             return whole, row, []
         return whole, row, [
@@ -174,10 +172,10 @@ class Unseen:
             if isinstance(p.target, StartTarget) and p.recording is not None and p.recording >= self._fitted
         ]  # fmt: skip
 
-    def _settled(
+    def _with_estimated_starts(
         self, whole: Calibration, rows: FloatArray, starts: Sequence[int], fit: Optimum
     ) -> tuple[FloatArray, list[Optimum]]:
-        """Values (n, p) with starts estimated from the beginnings of the recordings, and the optima there."""
+        """Values (n, p) with initial states estimated from the beginnings of the recordings, and these optima."""
         if not starts:
             return rows, []
         settled, ends = rows.copy(), []
@@ -186,23 +184,23 @@ class Unseen:
             objective = Objective(beginning, simulator)
             for k, at in enumerate(whole.parameters.to_search(rows)):
                 with suppress(CannotFinishError):
-                    held = LocalFitSettings(hold_noise=True)
-                    ends.append(local_fit(objective, at, starts, noise=fit.noise, settings=held))
+                    settings = LocalFitSettings(hold_noise=True)
+                    ends.append(local_fit(objective, at, starts, noise=fit.noise, settings=settings))
                     settled[k] = whole.parameters.from_search(ends[-1].coordinates)
         return settled, ends
 
 
-def _renamed(calibration: Calibration, known_as: Calibration, whole: Calibration) -> Calibration:
-    """A relative's calibration with its states named as in the model itself."""
-    old = {there.target: here.target for here, there in zip(known_as.parameters, whole.parameters, strict=True)}
+def _renamed(calibration: Calibration, base_named: Calibration, whole: Calibration) -> Calibration:
+    """The calibration of an extended model with its states named as in the base model."""
+    old = {there.target: here.target for here, there in zip(base_named.parameters, whole.parameters, strict=True)}
     items = tuple(replace(p, target=old.get(p.target, p.target)) for p in calibration.parameters)
-    return replace(calibration, model=known_as.model, parameters=ParameterSet(items))
+    return replace(calibration, model=base_named.model, parameters=ParameterSet(items))
 
 
 def _values(
     calibration: Calibration, fit: Optimum, whole: Calibration, everything: Sequence[Recording], fitted: int
 ) -> FloatArray:
-    """SI values of all parameters of ``whole``; those of recordings that were not fitted follow the fitted ones'."""
+    """SI values of all parameters of ``whole``; those of recordings that were not fitted follow the fitted ones."""
     values = calibration.parameters.from_search(fit.coordinates)
     own = {(p.recording, p.target): v for p, v in zip(calibration.parameters, values.tolist(), strict=True)}
     follow = typical(calibration, values, everything)
@@ -221,8 +219,8 @@ def _values(
     return np.array(row)
 
 
-def _a_deviation_off(parameters: ParameterSet, fit: Optimum) -> FloatArray:
-    """SI values one standard deviation off a fit along each axis of its covariance, there and back (2 f, p)."""
+def _one_deviation_away(parameters: ParameterSet, fit: Optimum) -> FloatArray:
+    """SI values (2 f, p) one standard deviation from a fit to both sides along each axis of its covariance."""
     sizes, axes = np.linalg.eigh(fit.covariance)
     steps = (axes * np.sqrt(np.maximum(sizes, 0.0))).T
     low, high = parameters.box

@@ -1,4 +1,4 @@
-"""Unseen readings: looked at once, after the choice. They may refuse a name, and never choose one."""
+"""Test the chosen effects once on unseen data: the test may reject them, and never chooses others."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ MAX_PREDICTION_DEVIATIONS = 4.0
 
 
 def refusal(before: Prediction, after: Prediction, recordings: Recordings, left: Sequence[ResidualReport]) -> str:
-    """Why unseen readings refuse the named terms; empty where they do not.
+    """Why unseen data reject the chosen terms; empty where they do not.
 
-    They do where some output is predicted worse, surely (by two standard errors over correlated readings) and visibly,
-    and where structure is left while no output is predicted visibly better.
+    They are rejected if the prediction of an output gets significantly worse (two standard errors, with correlated
+    readings) and by more than 5 %, or if the residual is structured and no prediction improves by at least 10 %.
     """
     if not after.test:
         return ""
     first, last = before.pooled("test"), after.pooled("test")
     worse = [o for o in surely_worse(after, before, recordings) if last[o] > MIN_GROWTH_RATIO * first[o]]
     if worse:
-        return f"unseen data are predicted worse ({', '.join(worse)})."
+        return f"the prediction of unseen data gets worse ({', '.join(worse)})."
     better = any(error.rms < MAX_ERROR_RATIO * before.test[key].rms for key, error in after.test.items())
     if structured_residuals(left) and not better:
-        return "unseen data are predicted hardly better."
+        return "the prediction of unseen data does not improve."
     return ""
 
 
 @dataclass(frozen=True)
 class FarOff:
-    """How many times what the fit leaves unseen data are missed by, where that is too much, by recording and output.
+    """Outputs whose error on unseen data is much larger than that of the fit: the ratio, by recording and output.
 
     ``sensitive`` are those where the uncertainty of the parameters explains it, ``beyond`` the others.
     """
@@ -57,7 +57,7 @@ def far_off(
     before: Prediction,
     max_error_ratio: float,
 ) -> FarOff:
-    """Where a model, adequate where it was fitted, misses unseen data by far.
+    """Find outputs that an adequate fit predicts with a much larger error on unseen data.
 
     Parameters
     ----------
@@ -74,10 +74,10 @@ def far_off(
     max_error_ratio : float
         Largest error on unseen data over that where the model was fitted.
     """
-    settled = {(r.recording, r.output): r.rms for r in reports if r.verdict == "adequate"}
+    adequate = {(r.recording, r.output): r.rms for r in reports if r.verdict == "adequate"}
     far: dict[tuple[str, str], float] = {}
     for (name, output), error in before.test.items():
-        own = [rms for (_, other), rms in settled.items() if other == output]
+        own = [rms for (_, other), rms in adequate.items() if other == output]
         expected = max([fit.noise[output].sd, floors.get((name, output), 0.0), *own])
         if error.rms > max_error_ratio * expected:
             far[name, output] = error.rms / expected

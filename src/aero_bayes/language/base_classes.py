@@ -1,4 +1,4 @@
-"""A class with its base classes written out, so that what they state can be edited in a copy."""
+"""A class with the declarations and equations of its base classes inlined, so that a copy of them can be edited."""
 
 from __future__ import annotations
 

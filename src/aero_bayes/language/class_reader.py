@@ -1,4 +1,4 @@
-"""Reads the classes of a Modelica source: where their declarations, sections and equations stand."""
+"""Reads the classes of a Modelica source, with the positions of their declarations, sections and equations."""
 
 from __future__ import annotations
 

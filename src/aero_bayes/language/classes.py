@@ -1,4 +1,4 @@
-"""Where the classes, declarations, sections and equations of a Modelica source stand."""
+"""Classes of a Modelica source with the positions of their declarations, sections and equations."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ class SourceStatement:
 
     @property
     def first(self) -> str:
+        """The first word; empty for an empty statement."""
         return self.tokens[0].word if self.tokens else ""
 
     @property
@@ -100,14 +101,17 @@ class ClassText:
 
     @property
     def full_name(self) -> str:
+        """The name with the packages around it."""
         return f"{self.within}.{self.name}" if self.within else self.name
 
     @property
     def equations(self) -> list[SourceStatement]:
+        """Its statements in equation sections, initial ones left out."""
         return [s for s in self.statements if s.section == "equation"]
 
     @property
     def declarations(self) -> list[SourceStatement]:
+        """Its statements in public and protected sections."""
         return [s for s in self.statements if s.section in ("public", "protected")]
 
     def components(self) -> list[ComponentDeclaration]:
@@ -172,7 +176,7 @@ def dotted_name(tokens: Sequence[Token]) -> tuple[str, int]:
 
 
 def _without_comment(tokens: Sequence[Token]) -> Sequence[Token]:
-    """What stands before a description or an annotation."""
+    """The tokens before a description or an annotation."""
     at = rest = find_outside(tokens, _ANNOTATION)
     while rest > 0 and (tokens[rest - 1].kind == "text" or tokens[rest - 1].word == "+"):
         rest -= 1

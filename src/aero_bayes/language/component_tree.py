@@ -29,7 +29,7 @@ ClassLibrary = Mapping[str, ClassText]
 
 @dataclass(frozen=True)
 class Connection:
-    """``connect(first, second)``, or an equation that only hands a value on; ``line`` is how it is drawn."""
+    """``connect(first, second)``, or an equation ``first = second`` of two names; ``line`` is how it is drawn."""
 
     first: str
     second: str

@@ -1,4 +1,4 @@
-"""Edits of Modelica source that leave all else as it stands: comments, annotations, layout."""
+"""Edits of Modelica source that keep everything else: comments, annotations, layout."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ class TextEdit:
     text: str
 
     def moved(self, by: int) -> TextEdit:
+        """The same edit in a text that begins `by` characters earlier or, if negative, later."""
         return TextEdit(self.start + by, self.end + by, self.text)
 
 
@@ -122,7 +123,7 @@ def replace_names(
     """Replace the first part of references; names of modifiers and what follows a dot stay.
 
     ``new`` gives the text for a name, or None where it stays. Without ``functions`` it gives none for a function, so
-    that what stands before parentheses in a list is a modifier: ``i(start = 0)``.
+    that a name before parentheses in a list is a modifier: ``i(start = 0)``.
     """
     edits = []
     for k, token in enumerate(tokens):
@@ -146,7 +147,7 @@ def _in_parentheses(tokens: Sequence[Token], at: int) -> bool:
 
 
 def text_of(text: str, tokens: Sequence[Token]) -> str:
-    """What stands from the first to the last of some tokens."""
+    """The source text from the first to the last of some tokens."""
     return text[tokens[0].start : tokens[-1].end] if tokens else ""
 
 

@@ -1,4 +1,4 @@
-"""Expressions read from Modelica text, as trees that know where they stand."""
+"""A recursive-descent parser of Modelica expressions; the nodes of its syntax trees have positions in the text."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class _ExpressionParser:
         return Name(whole, subscripts, span=self.span(begin))
 
     def items(self, closing: str) -> tuple[Expression, ...]:
-        """What stands between commas up to the closing bracket: arguments, subscripts, elements."""
+        """The items between commas up to the closing bracket: arguments, subscripts, elements."""
         found: list[Expression] = []
         while not self.take(closing):
             if found:

@@ -1,4 +1,4 @@
-"""The user's Modelica files: which class stands where, and what a name means in it."""
+"""The user's Modelica files: in which file each class is, and which class a name refers to (Modelica's lookup)."""
 
 from __future__ import annotations
 
@@ -160,6 +160,13 @@ def read_modelica_text(path: Path) -> str:
 
 
 def read_file(path: Path, name: str) -> SourceFile:
+    """Read one file; `name` is its path as the compiler names it.
+
+    Raises
+    ------
+    InputError
+        For what is not Modelica; names the file and the line.
+    """
     text = read_modelica_text(path)
     try:
         return SourceFile(name, text, read_classes(text))

@@ -1,4 +1,4 @@
-"""The trees of Modelica: expressions, and the statements of algorithms."""
+"""Syntax trees of Modelica: expressions, and the statements of algorithms."""
 
 from __future__ import annotations
 
@@ -30,6 +30,8 @@ class Name(SyntaxNode):
 
 @dataclass(frozen=True)
 class Text(SyntaxNode):
+    """A string literal, without its quotation marks."""
+
     value: str
 
 
@@ -43,6 +45,8 @@ class Call(SyntaxNode):
 
 @dataclass(frozen=True)
 class If(SyntaxNode):
+    """``if condition then then else otherwise``, as an expression."""
+
     condition: Expression
     then: Expression
     otherwise: Expression
@@ -57,6 +61,8 @@ class Array(SyntaxNode):
 
 @dataclass(frozen=True)
 class Comprehension(SyntaxNode):
+    """``{item for variable in values}``."""
+
     item: Expression
     variable: str
     values: Expression
@@ -64,6 +70,8 @@ class Comprehension(SyntaxNode):
 
 @dataclass(frozen=True)
 class RangeExpression(SyntaxNode):
+    """``first:step:last``; ``step`` is None where it is left out."""
+
     first: Expression
     step: Expression | None
     last: Expression
@@ -124,12 +132,16 @@ class Assign:
 
 @dataclass(frozen=True)
 class IfStatement:
+    """``if`` with its ``elseif`` branches in order; ``otherwise`` is the ``else`` branch."""
+
     branches: tuple[tuple[Expression, tuple[Statement, ...]], ...]
     otherwise: tuple[Statement, ...]
 
 
 @dataclass(frozen=True)
 class ForStatement:
+    """``for variable in values loop``."""
+
     variable: str
     values: Expression
     body: tuple[Statement, ...]
@@ -137,23 +149,31 @@ class ForStatement:
 
 @dataclass(frozen=True)
 class WhileStatement:
+    """``while condition loop``."""
+
     condition: Expression
     body: tuple[Statement, ...]
 
 
 @dataclass(frozen=True)
 class WhenStatement:
+    """``when`` with its ``elsewhen`` branches in order."""
+
     branches: tuple[tuple[Expression, tuple[Statement, ...]], ...]
 
 
 @dataclass(frozen=True)
 class ReinitStatement:
+    """``reinit(state, value)``."""
+
     state: Name
     value: Expression
 
 
 @dataclass(frozen=True)
 class AssertStatement:
+    """``assert(condition, message)``."""
+
     condition: Expression
     message: str
 

@@ -1,4 +1,4 @@
-"""Modelica source as tokens that know where they stand, and places in files."""
+"""The lexer: Modelica source as tokens with their positions, and locations in files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Token:
 
 @dataclass(frozen=True)
 class SourceLocation:
-    """A stretch of a source file: bytes ``start`` to ``end``, and the line (from one) that it begins on."""
+    """Bytes ``start`` to ``end`` of a source file, and the line (from one) that they begin on."""
 
     file: str
     start: int

@@ -1,4 +1,4 @@
-"""What the functions and operators of Modelica do with numbers, and the number of an expression."""
+"""The functions and operators of Modelica on numbers, and the value of an expression."""
 
 from __future__ import annotations
 

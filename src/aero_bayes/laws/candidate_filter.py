@@ -1,4 +1,4 @@
-"""What the engineer decides: which effects a search may consider, and which it shall have."""
+"""The user's filter of candidates: which effects a search may consider, and which it must include."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from aero_bayes.errors import InputError
 from aero_bayes.unknown_names import closest_name
 
-#: What each key names.
+#: What the names under each key mean.
 KEY_MEANINGS = {
     "effects": "effect", "exclude": "effect, law or port", "ports": "port", "laws": "law", "require": "effect",
 }  # fmt: skip
@@ -16,18 +16,18 @@ KEY_MEANINGS = {
 
 @dataclass(frozen=True)
 class CandidateFilter:
-    """Effects by id, law and port.
+    """A filter of effects by id, law and port.
 
     Parameters
     ----------
     effects : tuple of str, optional
-        Ids or laws that count; all by default.
+        Ids or laws that are accepted; all by default.
     exclude : tuple of str
-        Ids, laws or ports that do not.
+        Ids, laws or ports that are rejected.
     ports, laws : tuple of str, optional
-        The only ones that count.
+        The only ports and laws that are accepted; all by default.
     require : tuple of str
-        Ids that count whatever the others say.
+        Ids that are always accepted.
     """
 
     effects: tuple[str, ...] | None = None
@@ -37,7 +37,7 @@ class CandidateFilter:
     require: tuple[str, ...] = ()
 
     def accepts(self, id_: str, law: str, port: str) -> bool:
-        """Whether an effect counts."""
+        """Whether an effect is accepted."""
         return id_ in self.require or (
             not {id_, law, port} & set(self.exclude)
             and (self.effects is None or bool({id_, law} & set(self.effects)))
@@ -46,7 +46,7 @@ class CandidateFilter:
         )
 
     def check(self, ids: Collection[str], laws: Collection[str], ports: Collection[str]) -> None:
-        """Raise InputError for a name that there is not, with the nearest, or one both required and excluded."""
+        """Raise InputError for an unknown name, with the closest known one, or a name both required and excluded."""
         for key, names, known in (
             ("effects", self.effects or (), [*ids, *laws]),
             ("exclude", self.exclude, [*ids, *laws, *ports]),

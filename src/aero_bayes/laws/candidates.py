@@ -1,4 +1,4 @@
-"""Which laws can act at which ports."""
+"""Candidates: the laws that can act at the ports of a model."""
 
 from __future__ import annotations
 
@@ -19,31 +19,30 @@ def ports_with_laws(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ..
     Parameters
     ----------
     flat : FlatModel
-        A state is reached by a balance or a connection of the model's own class; only where there is none, by the
-        balance inside a component.
+        The model. See :func:`~aero_bayes.ports.find.find_ports`.
     laws : sequence of Law
-        Those that are looked at for :attr:`Port.laws`.
+        Laws that :attr:`Port.laws` may name.
     """
     return with_applicable_laws(find_ports(flat), laws)
 
 
 def with_applicable_laws(ports: Iterable[Port], laws: Sequence[Law]) -> tuple[Port, ...]:
-    """The ports with the ids of the laws that fit."""
+    """The ports with the ids of the laws that are applicable there."""
     return tuple(replace(p, laws=tuple(law.id for law in laws if is_applicable(law, p))) for p in ports)
 
 
 def has_reaction(law: Law, port: Port) -> bool:
-    """Whether a law at a port acts on a neighbour, too."""
+    """Whether a law at a port acts on the neighbour of the port as well."""
     return law.kind in ("overflow", "exchange") or port.kind == "motion"
 
 
 def is_applicable(law: Law, port: Port) -> bool:
-    """Whether a law can act at a port: its kind, the signals it needs, the unit that it asks for."""
+    """Whether a law can act at a port, by its kind, the signals that it reads and the units that it needs."""
     if port.replaceable is not None:
         return law.kind == "replaceable" and law.constraint == port.replaceable.constraint
     if any(_matches_unit(unit, other) for other in law.excluded_units.split() for unit in port.units.values()):
         return False
-    # what does not ask for the surroundings is the same whatever they are
+    # a law that does not read the ambient value would be the same law at the port without it
     if not port.signals.keys() & SIGNAL_DEFAULTS.keys() <= law.used_inputs or (
         _is_against_input(port) and not law.used_inputs
     ):
@@ -57,20 +56,21 @@ def is_applicable(law: Law, port: Port) -> bool:
 
 
 def _is_against_input(port: Port) -> bool:
-    """Whether a motion is taken against what is fed in, on which nothing reacts."""
+    """Whether a motion is relative to an input, such as the wind, on which no reaction acts."""
     return not port.neighbours and any(DIFFERENCE in given for given in port.signals.values())
 
 
 def _matches_unit(unit: str, asked: str) -> bool:
-    """Whether a unit is the one asked for; ``K`` asks for any temperature."""
+    """Whether a unit is the required one. ``K`` stands for any unit of temperature."""
     return unit == asked or (asked == "K" and unit in KELVIN)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A law that may act at a port; ``neighbour`` is where what is lost may go, or what takes the reaction.
+    """A law that may act at a port.
 
-    ``alias`` is another name that it goes by.
+    ``neighbour`` is the port that receives an exchanged or overflowing quantity, or the reaction of a force.
+    ``alias`` is a declared name.
     """
 
     law: Law
@@ -80,14 +80,14 @@ class Candidate:
 
     @property
     def id(self) -> str:
-        """``law@port``, or its alias."""
+        """The alias, or ``law@port``."""
         return self.alias or f"{self.law.id}@{self.port.id}"
 
 
 def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
-    """Every law at every port that it fits, port by port.
+    """Every applicable law at every port, port by port.
 
-    An exchange between two storages counts once; it and what overflows go to the first neighbour.
+    An exchange between two storages is listed once. It and an overflow go to the first neighbour.
     """
     by_id = {p.id: p for p in ports}
     found: list[Candidate] = []
@@ -106,12 +106,12 @@ def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candida
 
 
 def declared_candidates(found: Sequence[Candidate], declared: PackageDeclaration) -> tuple[Candidate, ...]:
-    """The effects that a package names, under their names, and learned curves in its replaceable models.
+    """The effects that a package declares, under their names, and learned curves in its replaceable models.
 
     Raises
     ------
     InputError
-        For an effect whose law there is not.
+        For an effect with a law that is not among the candidates.
     """
     known = {c.id: c for c in found}
     for name, effect in declared.effects.items():

@@ -1,4 +1,4 @@
-"""The text of a user's class to which laws are added: declarations, equations, edits, put together at the end."""
+"""The class of the user with laws: declarations, equations and edits are collected and then applied to the text."""
 
 from __future__ import annotations
 
@@ -26,14 +26,18 @@ from aero_bayes.laws.placed_law import PlacedLaw, identifier
 
 
 class ClassWithLaws:
-    """What the laws bring, gathered.
+    """A class to which laws are added.
 
     Parameters
     ----------
+    known : Sources
     user : tuple
         The user's class and its file.
+    placed_laws : sequence of PlacedLaw
+    title : str
+        Name of the new class.
     inherits : bool
-        Whether its base classes are written out, because something in them is edited.
+        Whether the base classes are written out, because something in them is edited.
     """
 
     def __init__(
@@ -46,7 +50,7 @@ class ClassWithLaws:
         inherits: bool,
     ) -> None:
         self.known, self.user, self.placed_laws, self.title = known, user, placed_laws, title
-        #: names that classes have around the user's
+        #: names of classes that are visible in the class of the user
         self.enclosing_names = known.meanings(user[1]).keys()
         self.file, self.cls = self._own_text(inherits)
         cls = self.cls
@@ -58,20 +62,20 @@ class ClassWithLaws:
         self.variables: list[str] = []
         self.equations: list[str] = []
         self.edits: list[TextEdit] = []
-        #: what the rest of the class reads in place of a signal, and signals that the class itself computes
+        #: by signal, the variable that the rest of the class reads in its place; and signals that the class computes
         self.replacements: dict[str, str] = {}
         self.computed: set[str] = set()
-        #: what gives each output, and each element of what is read in place of an array of inputs; where the expression
-        #: stood that an output was given
+        #: by output, and by element of an array that is read in place of inputs, the variable that it equals; the
+        #: expression that an output was equal to before
         self.sources: dict[str, str] = {}
         self.moved_equations: dict[str, Sequence[Token]] = {}
-        #: bindings that become equations of other variables
+        #: bindings that become equations of another variable
         self.freed_bindings: dict[str, Sequence[Token]] = {}
         self.connectors: dict[str, str] = {}
         self.copies: dict[str, ComponentCopy] = {}
 
     def original(self) -> str:
-        """The user's class as a file of its own, to compare with."""
+        """The class of the user as a file of its own, for a comparison."""
         return self._plain_text(*self.user)
 
     def _plain_text(self, file: SourceFile, cls: ClassText) -> str:
@@ -79,7 +83,7 @@ class ClassWithLaws:
         return file.text if whole else "within ;\n" + standalone_text(self.known, file, cls)
 
     def _own_text(self, inherits: bool) -> tuple[SourceFile, ClassText]:
-        """The user's class as a file of its own, with its base classes written out where they are to be edited."""
+        """The class of the user as a file of its own, with base classes written out if they are edited."""
         file, cls = self.user
         if inherits:
             file, _ = inline_base_classes(self.known, file, cls)
@@ -89,7 +93,7 @@ class ClassWithLaws:
         classes = read_classes(text)
         return SourceFile(file.file, text, classes), classes[0]
 
-    # what every law brings
+    # parts that every law adds
 
     def declare(
         self,
@@ -99,7 +103,10 @@ class ClassWithLaws:
         declarations: Sequence[str] = (),
         equations: Sequence[str] = (),
     ) -> None:
-        """Declare the law's class and its component; ``given`` are bound at the component, ``inside`` in the class."""
+        """Declare the class of a law and its component.
+
+        Inputs in ``given`` are bound at the component, those in ``inside`` are variables of the class.
+        """
         name = "".join(w[:1].upper() + w[1:] for w in placed.instance.split("_"))
         while name in self.enclosing_names or name in self.cls.class_names:
             name += "Law"
@@ -116,7 +123,7 @@ class ClassWithLaws:
         self.instances[placed.instance] = name, bound
 
     def copy_of(self, path: str) -> ComponentCopy:
-        """The copy of a component's class, and of the classes of what holds it."""
+        """The copy of the class of a component. The classes of the components that contain it are copied as well."""
         if path in self.copies:
             return self.copies[path]
         parent, _, name = path.rpartition(".")
@@ -136,7 +143,7 @@ class ClassWithLaws:
         self.copies[path] = copy
         return copy
 
-    # putting it together
+    # the text
 
     def written(self) -> str:
         """The whole file."""
@@ -150,7 +157,7 @@ class ClassWithLaws:
         return [*lines, *self._copied_classes("")]
 
     def _copied_classes(self, parent: str) -> list[str]:
-        """The lines of the copies of classes of the components that something holds."""
+        """The lines of the copies of classes of components inside ``parent``."""
         lines: list[str] = []
         for path, copy in self.copies.items():
             if path.rpartition(".")[0] == parent:
@@ -165,7 +172,7 @@ class ClassWithLaws:
         return lines
 
     def _component_types(self, parent: str, cls: ClassText, text: str) -> list[TextEdit]:
-        """Declare the components of a class by the copies of their classes."""
+        """Edits that declare the components of a class by the copies of their classes."""
         own = {path.rpartition(".")[2]: c for path, c in self.copies.items() if path.rpartition(".")[0] == parent}
         return declare_as_copies(cls, own, text)
 

@@ -1,4 +1,4 @@
-"""Copies of the classes of components, where a law enters a balance inside one."""
+"""Copies of the classes of components, for laws that enter a balance inside a component."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from aero_bayes.language.tokens import skip_group
 
 @dataclass
 class ComponentCopy:
-    """A copy of a component's class: where it comes from, what is edited in it, and what the model gives it."""
+    """A copy of the class of a component, with edits.
+
+    ``origin`` is the original class in ``file``; ``text`` and ``cls`` are the copy. ``inputs`` are new inputs with
+    their bindings at the component.
+    """
 
     name: str
     file: SourceFile
@@ -26,19 +30,19 @@ class ComponentCopy:
     inputs: dict[str, str] = field(default_factory=dict)
 
     def write_out_bases(self, known: Sources) -> None:
-        """Have the base classes in the text, before anything is edited."""
+        """Write the base classes out in the text, unless that is done or something is edited already."""
         if self.cls.bases() and not self.edits:
             whole, self.cls = inline_base_classes(known, self.file, self.origin)
             self.text = whole.text
 
     def add_input(self, name: str, value: str, about: str) -> None:
-        """Declare an input, and bind it where the component is declared."""
+        """Declare an input, and bind it to a value where the component is declared."""
         self.inputs[name] = value
         self.declarations.append(f"input Real {name} {about};")
 
 
 def without_indices(path: str) -> tuple[str, dict[str, int]]:
-    """The path of a component without the numbers of those that are in arrays, and these by their own paths."""
+    """The path of a component without array indices, and the indices by the paths of the arrays."""
     plain, numbers = "", dict[str, int]()
     for part in path.split("."):
         name, _, number = part.partition("[")
@@ -49,7 +53,7 @@ def without_indices(path: str) -> tuple[str, dict[str, int]]:
 
 
 def declare_as_copies(cls: ClassText, copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
-    """Declare components by the copies of their classes, and give those what they take."""
+    """Edits that declare components by the copies of their classes, and bind the new inputs of these."""
     edits: list[TextEdit] = []
     for statement in cls.declarations:
         together = cls.declared_in(statement)
@@ -60,7 +64,7 @@ def declare_as_copies(cls: ClassText, copies: Mapping[str, ComponentCopy], text:
 
 
 def _types(together: Sequence[ComponentDeclaration], copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
-    """The type of each component of a statement; where there are several, each gets a statement of its own."""
+    """Edits of the types in one declaration. Where it declares several components, it is split."""
     first, *others = together
     own = {c.name: copies[c.name].name if c.name in copies else text_of(text, c.type_tokens) for c in together}
     tokens = first.statement.tokens

@@ -1,4 +1,4 @@
-"""Laws and probes in a flat model: what is screened before anything is written."""
+"""Laws and probe inputs added to a flat model, for a search that writes no source."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from aero_bayes.ports import Attachment, Port, defining_equations, signal_expres
 from aero_bayes.scratch import ScratchFolder
 
 LawModels = Mapping[tuple[str, str], FlatModel]
-#: Which laws are composed after others.
+#: Laws at inputs and then those at outputs are composed after all others.
 _COMPOSING_ORDER: Mapping[Attachment, int] = {"input": 1, "output": 2}
 
 
 def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> LawModels:
-    """Each law as a flat model of its own, by kind and id; one run of the compiler for all.
+    """Each law as a flat model of its own, by kind and id. One run of the compiler flattens all of them.
 
-    ``sources`` are the packages of the laws, where these use functions or types of their package.
+    ``sources`` are the packages of the laws, for laws that use functions or types of their package.
     """
     lines = ["model LawsAtOnce"]
     for law in laws:
@@ -90,7 +90,7 @@ def _flat_law(flat: FlatModel, instance: str, law: Law) -> FlatModel:
 
 
 def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatModel:
-    """A model with one law at one port, its parameters at the top under the names of ``use``.
+    """A model with one law at one port. The parameters of the law become parameters of the model.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatMo
 
 
 def _with_nominals(flat: FlatModel, instance: str, nominals: Mapping[str, float]) -> FlatModel:
-    """Give sizes their values; they and what is final are constants, nothing to tune."""
+    """Set the nominal values of a law. These and its final parameters become constants."""
     prefix = instance + "."
 
     def sized(v: FlatVariable) -> FlatVariable:
@@ -155,7 +155,7 @@ def _with_nominals(flat: FlatModel, instance: str, nominals: Mapping[str, float]
 
 
 def _add_to_balance(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatModel:
-    """Add a term that opposes (or drives, with ``sign`` -1) to the port's balance, or to its potential."""
+    """Add a term to the balance of a port, or to its potential; it opposes a change, or drives it with ``sign`` -1."""
     if port.balance is None:
         raise InputError(f"the port {port.id!r} has no balance")
     signed = term if sign > 0.0 else Call("neg", (term,))
@@ -167,7 +167,7 @@ def _add_to_balance(flat: FlatModel, port: Port, term: Expression, sign: float) 
 
 
 def _with_start_moved(flat: FlatModel, old: str, new: str) -> FlatModel:
-    """Give a start value to what takes an output's place, where that output was a state."""
+    """Move the start value of an output that was a state to the variable that takes its place."""
     if parse_reference(old).subscripts:
         return flat
     attributes = flat.variable(old).attributes
@@ -181,10 +181,10 @@ def _with_start_moved(flat: FlatModel, old: str, new: str) -> FlatModel:
 
 
 def compose_laws(flat: FlatModel, placed_laws: Sequence[PlacedLaw], models: LawModels) -> FlatModel:
-    """A model with several laws; at one input or output the last one is the outermost.
+    """A model with several laws. At one input or output, the last one is the outermost.
 
-    Inputs come late, so that a law in a balance is given what acts there; readings last, so that it is given the
-    quantity and not its reading.
+    Laws at inputs come late, so that a law in a balance reads the input that acts there. Laws at outputs come last, so
+    that a law in a balance reads the quantity and not its reading.
     """
     for placed in sorted(placed_laws, key=lambda u: _COMPOSING_ORDER.get(u.port.attachment, 0)):
         flat = compose_law(flat, placed, models)
@@ -194,9 +194,10 @@ def compose_laws(flat: FlatModel, placed_laws: Sequence[PlacedLaw], models: LawM
 def with_candidates(
     flat: FlatModel, found: Sequence[Candidate], nominals: Mapping[str, Mapping[str, float]], models: LawModels
 ) -> tuple[FlatModel, tuple[PlacedLaw, ...]]:
-    """One model that has many laws, all switched off; ``sizes`` by the port's id. The uses are in the order given.
+    """One model with many candidates, all switched off, and the placed laws in the given order.
 
-    Laws that need the rate of a reading are the innermost ones there.
+    ``nominals`` are the nominal values by the id of the port. Laws that need the derivative of a reading are the
+    innermost ones there.
     """
     placed_laws = place_laws(found, {v.name for v in flat.variables}, nominals)
     inner_first = sorted(placed_laws, key=lambda u: not u.law.needs_derivative)
@@ -204,9 +205,9 @@ def with_candidates(
 
 
 def with_probes(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, str]]:
-    """The model with an input at every port, zero by default, and the name of that input for each port's id.
+    """The model with a probe input at every port, zero by default, and the name of each by the id of its port.
 
-    A probe adds to an input or an output; in a balance it drives where a law would oppose.
+    A probe is added to an input or an output. In a balance it drives, where a law would oppose.
     """
     names: dict[str, str] = {}
     for port in ports:

@@ -1,6 +1,7 @@
-"""One FMU made of two: a foreign one, and the laws around it.
+"""One FMU made of two: an FMU of another tool, and the laws around it.
 
-The binary is always the same (``native/coupler.c``); what meets what stands in a table among the resources.
+The binary (``native/coupler.c``) is the same for all. A table among the resources says which variables of one part are
+set from the other one.
 """
 
 from __future__ import annotations
@@ -21,23 +22,24 @@ from aero_bayes.simulation import BINARY_FOLDERS, Model, Variable
 
 INNER, LAWS = 0, 1
 _ENGINE = Path(aero_bayes.simulation.__file__).parent / "native"
+_COUPLER = ("coupler.c", "coupling_file.c", "coupled_equations.c")
 _SOURCES = (
-    Path(__file__).parent / "native" / "coupler.c",
-    *(_ENGINE / name for name in ("bind.c", "fmi2.c", "fmi3.c", "fmu.h", "fmi2.h")),
+    *(Path(__file__).parent / "native" / name for name in (*_COUPLER, "coupler.h")),
+    *(_ENGINE / name for name in ("bind.c", "fmi2.c", "fmi3.c", "fmu_library.h", "fmi2.h")),
 )
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 
 
 def couple(inner: Model, coupling: LawCoupling, out: Path, laws_out: Path) -> None:
-    """Write an FMU 2.0 for Model Exchange that is ``inner`` with the laws of a seam around it.
+    """Write an FMU 2.0 for Model Exchange that is an FMU with laws around it.
 
     Parameters
     ----------
     inner : Model
         Any FMU with Model Exchange.
-    seam : Seam
+    coupling : LawCoupling
     out, laws_out : Path
-        Where the whole FMU goes, and that of the laws.
+        Files of the coupled FMU, and of the FMU of the laws alone.
 
     Raises
     ------
@@ -49,10 +51,10 @@ def couple(inner: Model, coupling: LawCoupling, out: Path, laws_out: Path) -> No
             f"{inner.path}: laws are put around an FMU with Model Exchange; this one has co-simulation only"
         )
     laws = Model.load(export_flat(coupling.flat, laws_out, quick=True))
-    table = _Table(inner, laws, coupling)
+    table = _CoupledDescription(inner, laws, coupling)
     identifier = "coupled"
-    library = compile_kept(_SOURCES, ["-shared", "-s", "-Wl,--build-id=none", "coupler.c", "bind.c", "fmi2.c", "fmi3.c",
-                                      "-lm", "-ldl"], "coupled.so")  # fmt: skip
+    flags = ["-shared", "-s", "-Wl,--build-id=none", *_COUPLER, "bind.c", "fmi2.c", "fmi3.c", "-lm", "-ldl"]
+    library = compile_kept(_SOURCES, flags, "coupled.so")
     folders = (BINARY_FOLDERS[inner.fmi_version], "resources")
     members = {
         f"binaries/linux64/{identifier}.so": library,
@@ -65,7 +67,7 @@ def couple(inner: Model, coupling: LawCoupling, out: Path, laws_out: Path) -> No
 
 
 def _part(model: Model, folder: str, kept: Sequence[str]) -> dict[str, bytes]:
-    """The members of an FMU that its binary may need."""
+    """The files of an FMU that its binary may need."""
     with ScratchFolder() as scratch:
         model.unpack(scratch)
         binary = model.binary_in(scratch)
@@ -76,8 +78,8 @@ def _part(model: Model, folder: str, kept: Sequence[str]) -> dict[str, bytes]:
 
 
 @dataclass(frozen=True)
-class _Shown:
-    """A variable of the description."""
+class _Coupled:
+    """A variable of the coupled model description."""
 
     v: Variable
     name: str
@@ -91,8 +93,8 @@ class _Shown:
 
 
 @dataclass
-class _Table:
-    """Value references count the variables; each is one of a part's."""
+class _CoupledDescription:
+    """The variables of the coupled model. Value references count them; each belongs to one part."""
 
     inner: Model
     laws: Model
@@ -105,8 +107,8 @@ class _Table:
         return self.variables.index((part, own))
 
     def text(self) -> str:
-        """What ``coupler.c`` reads; the variables, last, are those that the description needed."""
-        list(self.shown())
+        """The table that ``coupling_file.c`` reads. The variables, which the description numbers, come last."""
+        list(self.coupled_variables())
         inner, laws = self.inner, self.laws
         lines = []
         for model, folder in ((inner, "inner"), (laws, "laws")):
@@ -123,8 +125,8 @@ class _Table:
         ]
         return "\n".join(lines) + "\n"
 
-    def shown(self) -> Iterator[_Shown]:
-        """The variables in the order of the description."""
+    def coupled_variables(self) -> Iterator[_Coupled]:
+        """The variables in the order of the model description."""
         inner, laws, coupling = self.inner, self.laws, self.coupling
         read = {v.name: outside for v, _, outside in coupling.outputs}
         plain = [v for v in inner.outputs if v.name not in read]
@@ -132,32 +134,33 @@ class _Table:
         for s, rate in zip(inner.states, inner.derivatives, strict=True):
             name = state_name(s.name, read)
             known = s.start is not None
-            yield _Shown(s, name, self.reference(INNER, s.value_reference), "output" if s.name in outputs else "local",
+            causality = "output" if s.name in outputs else "local"
+            yield _Coupled(s, name, self.reference(INNER, s.value_reference), causality,
                          initial="exact" if known else "calculated", start=s.start)  # fmt: skip
-            yield _Shown(_plain(s), f"der({name})", self.reference(INNER, rate), "local", initial="calculated",
+            yield _Coupled(_derivative(s), f"der({name})", self.reference(INNER, rate), "local", initial="calculated",
                          derivative_of=name)  # fmt: skip
         for s, rate in zip(laws.states, laws.derivatives, strict=True):
-            yield _Shown(s, s.name, self.reference(LAWS, s.value_reference), "local", initial="calculated")
-            yield _Shown(_plain(s), f"der({s.name})", self.reference(LAWS, rate), "local", initial="calculated",
+            yield _Coupled(s, s.name, self.reference(LAWS, s.value_reference), "local", initial="calculated")
+            yield _Coupled(_derivative(s), f"der({s.name})", self.reference(LAWS, rate), "local", initial="calculated",
                          derivative_of=s.name)  # fmt: skip
         for v, outside, _ in coupling.inputs:
             reference = self.reference(LAWS, laws.input(outside).value_reference)
-            yield _Shown(v, v.name, reference, "input", start=v.start or 0.0)
+            yield _Coupled(v, v.name, reference, "input", start=v.start or 0.0)
         for part, model in ((INNER, inner), (LAWS, laws)):
             for v in model.parameters:
                 start = v.start if v.start is not None else 0.0
-                yield _Shown(v, v.name, self.reference(part, v.value_reference), "parameter", "fixed", "exact", start)
+                yield _Coupled(v, v.name, self.reference(part, v.value_reference), "parameter", "fixed", "exact", start)
         own = {s.name for s in inner.states}
         copies = dict(inner.candidate_copies)
         for v in plain:
             if v.name not in own:
                 on = (state_name(inner.states[copies[v.name]].name, read),) if v.name in copies else None
                 kind = "continuous" if v.kind == "real" else "discrete"
-                yield _Shown(v, v.name, self.reference(INNER, v.value_reference), "output", kind, "calculated",
+                yield _Coupled(v, v.name, self.reference(INNER, v.value_reference), "output", kind, "calculated",
                              depends=on)  # fmt: skip
         for v, _, outside in coupling.outputs:
             reference = self.reference(LAWS, laws.output(outside).value_reference)
-            yield _Shown(v, v.name, reference, "output", initial="calculated")
+            yield _Coupled(v, v.name, reference, "output", initial="calculated")
 
     def description(self, identifier: str, guid: str) -> bytes:
         """modelDescription.xml."""
@@ -171,7 +174,7 @@ class _Table:
         exchange.set("completedIntegratorStepNotNeeded", str(not inner.wants_step_callback).lower())
         exchange.set("canBeInstantiatedOnlyOncePerProcess", str(inner.needs_instance_per_process).lower())
         exchange.set("providesDirectionalDerivative", str(inner.has_directional_derivatives).lower())
-        every = list(self.shown())
+        every = list(self.coupled_variables())
         units = sorted({s.v.unit for s in every if s.v.unit and s.v.kind == "real"})
         if units:
             group = ET.SubElement(root, "UnitDefinitions")
@@ -196,8 +199,8 @@ class _Table:
         ET.indent(root)
         return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'.encode()
 
-    def _rate_depends(self, s: _Shown) -> tuple[str, ...] | None:
-        """As the FMU says, where no law feeds back on it."""
+    def _rate_depends(self, s: _Coupled) -> tuple[str, ...] | None:
+        """Dependencies of a derivative as the FMU states them; None (all) where laws have states or read states."""
         inner = self.inner
         if inner.jacobian_pattern is None or self.laws.states or self.coupling.states:
             return None
@@ -210,11 +213,11 @@ class _Table:
 
 
 def state_name(state: str, read: Collection[str]) -> str:
-    """What a state of the FMU is called where laws act on the output of that name."""
+    """Name of a state in the coupled model. It has a suffix where laws act on the output of the same name."""
     return f"{state}_unread" if state in read else state
 
 
-def _plain(s: Variable) -> Variable:
+def _derivative(s: Variable) -> Variable:
     return Variable(s.name, "", f"Rate of {s.name}", None, None, None, None, s.value_reference)
 
 
@@ -222,7 +225,7 @@ def _row(rows: Sequence[Sequence[int]]) -> str:
     return " ".join(map(str, (len(rows), *(n for row in rows for n in row))))
 
 
-def _scalar(group: ET.Element, s: _Shown, index: dict[str, int]) -> None:
+def _scalar(group: ET.Element, s: _Coupled, index: dict[str, int]) -> None:
     element = ET.SubElement(group, "ScalarVariable", name=s.name, valueReference=str(s.reference))
     if s.v.description:
         element.set("description", s.v.description)

@@ -1,4 +1,4 @@
-"""An FMU without its source and its relatives: laws around it, at its inputs, at its outputs, at forces."""
+"""The family of an FMU without source: laws around it, at its inputs, its outputs and at forces."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ from aero_bayes.simulation import Model
 
 @dataclass(frozen=True)
 class FmuFamily(ModelicaFamily):
-    """An FMU and its relatives.
+    """An FMU, the base model, and the same FMU with laws around it.
 
     Parameters
     ----------
     base : str
-        The name to call it by.
+        A name for it.
     sources : tuple of Path
-        Modelica files whose laws count beside the shipped ones.
+        Modelica files with further laws.
     folder : Path
         Where FMUs are kept.
     fmu : Path
@@ -62,12 +62,12 @@ class FmuFamily(ModelicaFamily):
 
     @cached_property
     def declared(self) -> PackageDeclaration:
-        """Nothing: what is around an FMU is found."""
+        """An empty declaration: ports and laws around an FMU are found, not declared."""
         return PackageDeclaration()
 
     @cached_property
     def replaceable_laws(self) -> tuple[Law, ...]:
-        """None: an FMU has no replaceable models."""
+        """Empty: an FMU has no replaceable models."""
         return ()
 
     @cached_property
@@ -79,13 +79,13 @@ class FmuFamily(ModelicaFamily):
         return self.inner
 
     def check(self) -> None:
-        """Raise InputError for an FMU that laws cannot be put around, and as for any model."""
+        """Raise InputError for an FMU without Model Exchange, and as for any model."""
         if self.inner.interface != "model exchange":
             raise InputError(f"{self.fmu}: the loop needs Model Exchange; this FMU has co-simulation only")
         super().check()
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
-        """Every law at every port that it fits."""
+        """Place the candidates; see the base class."""
         self._fixed_values.clear()
         self._fixed_values.update(calibration.fixed)
         return super().prepare(calibration, fit, open_simulator)
@@ -96,7 +96,7 @@ class FmuFamily(ModelicaFamily):
         return {v.name for v in every} | set(self.boundary.names.values())
 
     def _candidates(self, calibration: Calibration) -> Sequence[Candidate]:
-        """Of an input that no recording has, only what acts without it."""
+        """All candidates. At an input that no recording has, only an offset."""
         driven = {s.name for e in calibration.experiments for s in e.inputs}
         return [
             c
@@ -105,7 +105,7 @@ class FmuFamily(ModelicaFamily):
         ]
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
-        """As the fit has them; a force is sized by its recording, or by its nominal value."""
+        """Nominal values from the fit. Those of a force are from its recording, or its nominal attribute."""
         inner = self.inner
         names = {v.name for v in inner.outputs if v.kind == "real"}
         names |= {s for p in self.ports if p.kind == "motion" for s in p.states}
@@ -137,7 +137,7 @@ class FmuFamily(ModelicaFamily):
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         coupling = self._coupling(placed_laws)
         key = hashlib.sha256(f"{coupling!r}{self.inner.sha256}".encode()).hexdigest()[:16]
-        out = self.folder / f"{self.title}-offer-{key}.fmu"
+        out = self.folder / f"{self.title}-candidates-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
             couple(self.inner, coupling, out, self.folder / f"{self.title}-laws-{key}.fmu")
@@ -149,7 +149,7 @@ class FmuFamily(ModelicaFamily):
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
-        """``NAME.mo`` and ``NAME.ssp`` for other tools, ``NAME.fmu`` for this one."""
+        """Write ``NAME.mo`` and ``NAME.ssp`` for other tools, and ``NAME.fmu``."""
         name = "_".join([self.title, *(u.instance for u in placed_laws)])
         coupling, none = self._coupling(placed_laws), self._coupling(())
         values = {**self._fixed_values, **values}
@@ -168,7 +168,7 @@ class FmuFamily(ModelicaFamily):
         )
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
-        """The calibration on a relative, where a state that is an unread output has another name."""
+        """The calibration with a coupled model, where states that are outputs may have other names."""
         there = {s.name for s in model.states}
         names = {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}
         return calibration_on(calibration, model, names)

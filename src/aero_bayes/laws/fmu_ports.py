@@ -1,4 +1,4 @@
-"""What may be missing around an FMU of which only the interface is known: ports at its inputs and outputs."""
+"""Ports of an FMU whose equations are unknown: its inputs and outputs, and forces that drive a known speed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from aero_bayes.laws.placed_law import PlacedLaw, identifier
 from aero_bayes.ports import Balance, Port
 from aero_bayes.simulation import Model, Variable
 
-#: Units of what drives a motion, and of the speed and the position that go with it.
+#: By the unit of a force or torque: the unit of the speed, and units of the position.
 _MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "N": ("m/s", ("m",)), "N.m": ("rad/s", ("rad", "1", "")),
 }  # fmt: skip
@@ -24,18 +24,18 @@ _MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class LawCoupling:
-    """Where the flat model of laws meets an FMU.
+    """How the variables of an FMU are connected with those of a flat model of laws.
 
     Attributes
     ----------
     flat : FlatModel
-        Its inputs and outputs are those below and nothing else.
+        The laws. It has exactly the inputs and outputs below.
     inputs : tuple
-        For each input of the FMU: the variable, its name outside and the one that acts on the FMU.
+        For each input of the FMU: the variable, its name in the coupled model, and the variable that sets it.
     outputs : tuple
-        For each output that laws act on: the variable, its name inside and the one that is read outside.
+        For each output on which laws act: the variable, the input of the laws, and the output of the coupled model.
     states : tuple
-        Each state of the FMU that laws are given, and its name there.
+        For each state of the FMU that laws read: the variable, and the input of the laws.
     """
 
     flat: FlatModel
@@ -46,13 +46,13 @@ class LawCoupling:
 
 @dataclass(frozen=True, eq=False)
 class FmuBoundary:
-    """An FMU's ports, and the flat models of laws at them.
+    """The boundary of an FMU: its ports, and flat models of laws at these.
 
     Parameters
     ----------
-    inner : Model
+    fmu_model : Model
     laws : sequence of Law
-        For :attr:`Port.laws`.
+        Laws that :attr:`Port.laws` may name.
     """
 
     fmu_model: Model
@@ -60,7 +60,7 @@ class FmuBoundary:
 
     @cached_property
     def names(self) -> Mapping[str, str]:
-        """A plain name for every input, output and state."""
+        """A Modelica identifier for every input, output and state."""
         found: dict[str, str] = {}
         for v in (*self.fmu_model.inputs, *self.fmu_model.outputs, *self.fmu_model.states):
             if v.name not in found:
@@ -74,7 +74,7 @@ class FmuBoundary:
 
     @cached_property
     def ports(self) -> tuple[Port, ...]:
-        """Every input and output; a force or torque also where a speed of the model goes with it."""
+        """Ports at all inputs and outputs, and at forces and torques with a speed among the states."""
         motions = list(self._motions())
         taken = {p.id for p in motions}
         plain = [
@@ -93,7 +93,7 @@ class FmuBoundary:
         return Port(id_, "reading", "output", v.unit, units, None, (), {"u": name})
 
     def _motions(self) -> Iterator[Port]:
-        """Forces at states that are speeds: no output there passes an input on."""
+        """Ports for forces. They read states, so that no algebraic loop arises."""
         driving = [(k, v) for k, v in enumerate(self.fmu_model.inputs) if v.unit in _MOTIONS]
         for k, force in driving:
             speed_unit, position_units = _MOTIONS[force.unit]
@@ -115,14 +115,14 @@ class FmuBoundary:
         return f"{self.names[state.name]}_inside"
 
     def _outside(self, state: Variable) -> str:
-        """The name of the output that is a state, else its own."""
+        """Name of the output that equals a state, else the name of the state."""
         index = self.fmu_model.states.index(state)
         return next(
             (v.name for v in self.fmu_model.outputs if self.fmu_model.copied_state(v.name) == index), state.name
         )
 
     def coupling(self, placed_laws: Sequence[PlacedLaw], models: LawModels) -> LawCoupling:
-        """Laws at ports of these surroundings as a flat model, with no more of the FMU's signals than they need."""
+        """The flat model of laws at ports of this FMU, with only those signals of the FMU that they need."""
         read = {name for placed in placed_laws for name in placed.port.signals.values()}
         flat = FlatModel(f"{self.fmu_model.name} laws")
         inputs, outputs, states = [], [], []

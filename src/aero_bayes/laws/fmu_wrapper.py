@@ -13,7 +13,7 @@ from aero_bayes.laws.law_text import class_text
 from aero_bayes.laws.placed_law import PlacedLaw, identifier
 from aero_bayes.simulation import Model, Variable
 
-#: The imported FMU's instance in the Modelica model, and its component in the SSP.
+#: Name of the imported FMU in the Modelica model and in the SSP.
 PLANT = "plant"
 _SSP = "http://ssp-standard.org/SSP1"
 _NAMESPACES = {
@@ -36,9 +36,9 @@ def wrapper_text(
     Parameters
     ----------
     inner : Model
-    seam : Seam
-        Its names of inputs and outputs are those of the model.
-    uses : sequence of Use
+    coupling : LawCoupling
+        Its names of inputs and outputs become those of the Modelica model.
+    placed_laws : sequence of PlacedLaw
         In the order in which they were composed; the last one at a signal is the outermost.
     values : mapping
         Fitted values of the FMU's own parameters.
@@ -117,7 +117,7 @@ def _class_name(stem: str) -> str:
 
 
 def _reference(name: str) -> str:
-    """A variable's name in Modelica, quoted where it would be none."""
+    """The name of a variable in Modelica, in quotes if it is no identifier."""
     return name if re.fullmatch(r"[A-Za-z_]\w*(\[\d+\])?(\.[A-Za-z_]\w*(\[\d+\])?)*", name) else f"'{name}'"
 
 
@@ -129,7 +129,7 @@ def write_ssp(inner: Model, laws: Path, coupling: LawCoupling, values: Mapping[s
     inner : Model
     laws : Path
         The FMU of the laws alone.
-    seam : Seam
+    coupling : LawCoupling
     values : mapping
         Fitted values of the FMU's own parameters.
     out : Path

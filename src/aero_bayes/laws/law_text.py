@@ -1,4 +1,4 @@
-"""A law as one class that needs no library: its own text and that of its partial model put together."""
+"""The text of a law as one class that needs no library: its own and that of its partial model together."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def class_text(
     declarations: Sequence[str] = (),
     equations: Sequence[str] = (),
 ) -> list[str]:
-    """The lines of a model ``name`` that does what the law says.
+    """The lines of a model ``name`` that is the law.
 
     Parameters
     ----------
     law : Law
     name : str
         Name of the class.
-    sizes : mapping
-        Values of the sizes; those that are not given keep their default.
+    nominals : mapping
+        Nominal values of the port. Those that are not given keep their default.
     signals : mapping
-        Expressions for given signals, which become variables; the others stay inputs.
+        Expressions for inputs of the law, which become variables. The others stay inputs.
     without : frozenset of str
         Outputs and parameters of the partial model that are left out with the equations that give them.
     declarations, equations : sequence of str
@@ -50,7 +50,7 @@ def class_text(
         if components and not any(used[c.name] > 1 or c.name == law.interface.output for c in components):
             continue
         edits = _edits(s, components, nominals, signals)
-        # a unit that a law asks for is that of a port, in which it may be spelled otherwise
+        # a required unit of a law is that of the port, where it may be spelled otherwise
         asked = [c.arguments for c in components if c.name in law.required_units and c.arguments]
         edits += [TextEdit(tokens[0].start, tokens[-1].end, "") for tokens in asked]
         found[s.section].append(one_line(apply_edits(text[s.start : s.end], [e.moved(-s.start) for e in edits])))
@@ -61,15 +61,15 @@ def class_text(
 
 
 def formula(law: Law, *, nominals: Mapping[str, float], names: Mapping[str, str]) -> str | None:
-    """What the law gives as one expression, where its class says no more than that.
+    """The output of a law as one expression, if its class has a single explicit equation.
 
     Parameters
     ----------
     law : Law
-    sizes : mapping
-        Values of all sizes; what follows from them alone becomes a number.
+    nominals : mapping
+        All nominal values. Constants that follow from them become numbers.
     names : mapping
-        What stands for the law's given signals and parameters.
+        Names in the model of the inputs and parameters of the law.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def formula(law: Law, *, nominals: Mapping[str, float], names: Mapping[str, str]
     numbers = {k: f"{v:.12g}" if v >= 0.0 else f"({v:.12g})" for k, v in values.items()}
     known = {
         **numbers,
-        **{signal: numbers[size] for signal, size in SIGNAL_DEFAULTS.items() if size in numbers},
+        **{signal: numbers[nominal] for signal, nominal in SIGNAL_DEFAULTS.items() if nominal in numbers},
         **names,
     }
     edits = [e.moved(-core[2].start) for e in replace_names(core[2:], known.get)]
@@ -108,9 +108,9 @@ def _edits(
     nominals: Mapping[str, float],
     signals: Mapping[str, str],
 ) -> list[TextEdit]:
-    """A declaration with the values of sizes and the expressions of signals."""
+    """Edits that set nominal values and inputs in a declaration."""
     edits: list[TextEdit] = []
-    # what the program sets and what follows from that alone is no parameter to tune
+    # nominal values, and final parameters that follow from them, are not to be tuned
     if any(c.name in nominals or "final" in c.prefixes for c in components):
         first = next(t for t in statement.tokens if t.word in ("final", "parameter"))
         last = next(t for t in statement.tokens if t.word == "parameter")

@@ -1,4 +1,4 @@
-"""A learned curve in numbers: what a law gives over its signal, and what each of its heights adds."""
+"""Learned curves: their basis functions in numbers, and the inputs over which they are learned."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.export.causalise import causalise
+from aero_bayes.export.causalisation import causalise
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.equation_system import translate
 from aero_bayes.export.expression import evaluate_nodes
@@ -19,12 +19,12 @@ from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.laws.redeclare import component_path
 from aero_bayes.ports import NEGLIGIBLE_TERM
 
-#: Points of a curve.
+#: Points at which a curve is evaluated.
 CURVE_POINTS = 61
 
 
 def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:
-    """A law that learns a curve, over the size of its signal to both sides."""
+    """The basis functions of a learned curve, over its nominal input range to both sides."""
     law, nominals = placed.law, placed.all_nominals
     model = causalise(translate(models[law.kind, law.id]))
     b, acts = model.system.builder, model.solved[law.interface.output]
@@ -34,17 +34,17 @@ def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:
     size = next(name for name, of in law.interface.nominals.items() if of == law.curve_input and name.endswith("_n"))
     x = nominals.get(f"{size[:-2]}_0", 0.0) + nominals[size] * np.linspace(-1.0, 1.0, CURVE_POINTS)
 
-    def given(on: int) -> list[float]:
+    def curve(on: int) -> list[float]:
         height = {symbol: float(k == on) for k, symbol in enumerate(heights)}
         return [evaluate_nodes([acts], {**at, **height, b.symbol(law.curve_input): float(value)})[0] for value in x]
 
-    plain = np.array(given(-1))
-    rows = np.array([given(k) for k in range(len(heights))]) - plain
+    plain = np.array(curve(-1))
+    rows = np.array([curve(k) for k in range(len(heights))]) - plain
     return CurveBasis(x, placed.port.units.get(law.curve_input, ""), plain, rows, placed.port.unit)
 
 
 def curve_variable(placed: PlacedLaw) -> str:
-    """What a curve is learned over."""
+    """The variable over which a curve is learned, for a reader."""
     if placed.port.replaceable is None:
         return placed.port.signals.get(placed.law.curve_input, placed.port.id)
     about = next((c.description for c in placed.law.cls.components() if c.name == placed.law.curve_input), "")
@@ -52,7 +52,7 @@ def curve_variable(placed: PlacedLaw) -> str:
 
 
 def isolated_curve(flat: FlatModel, placed: PlacedLaw) -> tuple[PlacedLaw, LawModels]:
-    """A curve in a replaceable model as a model of its own, from a model that has it and no other law there."""
+    """A curve in a replaceable model as a law of its own, from a flat model in which it is the only law there."""
     prefix = f"{component_path(placed, [placed])}."
     kept = {
         placed.law.curve_input,
@@ -90,7 +90,7 @@ def isolated_curve(flat: FlatModel, placed: PlacedLaw) -> tuple[PlacedLaw, LawMo
 
 
 def with_curve_inputs(flat: FlatModel, placed_laws: Sequence[PlacedLaw]) -> tuple[FlatModel, dict[str, str]]:
-    """A model whose further outputs are what curves in its replaceable models are over, and their names by id."""
+    """A model with further outputs, the inputs of curves in its replaceable models, and their names by id."""
     names = {placed.id: f"learned_over_{k}" for k, placed in enumerate(placed_laws)}
     for placed in placed_laws:
         signal = Name(f"{component_path(placed, placed_laws)}.{placed.law.curve_input}")

@@ -1,4 +1,4 @@
-"""What a closed loop asks of a model: its relatives with effects, and what to call them."""
+"""The model family that the loop searches: a base model, and the same model with laws added."""
 
 from __future__ import annotations
 
@@ -20,15 +20,24 @@ from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator,
 FloatArray = NDArray[np.float64]
 OpenSimulator = Callable[[Problem], Simulator]
 
-#: Prior standard deviation of an effect's magnitude, in typical scales.
+#: Prior standard deviation of the magnitude of an effect, in nominal values.
 MAGNITUDE_PRIOR_FACTOR = 3.0
 
 
 @dataclass(frozen=True)
 class CandidateTerm:
-    """A term that the model may lack: values (SI units) to start its parameters from, and their columns in a model.
+    """A term that the model may lack.
 
-    The first is its magnitude. One without starts is linear in its parameters, off where all are zero.
+    Parameters
+    ----------
+    id : str
+    port : str
+        Name of its port.
+    starts : tuple of tuple of float
+        Starting values of its parameters in SI units, the magnitude first. A term without starting values is linear in
+        its parameters, and off where all are zero.
+    columns : tuple of int
+        Columns of its parameters in a calibration.
     """
 
     id: str
@@ -39,7 +48,11 @@ class CandidateTerm:
 
 @dataclass(frozen=True, eq=False)
 class ModelWithCandidates:
-    """A model with candidates switched off; ``parameters`` are theirs, so many of each as ``candidates`` say."""
+    """A model with candidate terms built in, all switched off.
+
+    ``parameters`` are those of the candidates, one candidate after the other. ``candidates`` are the terms with the
+    number of parameters of each.
+    """
 
     model: Model
     parameters: tuple[Parameter, ...]
@@ -48,10 +61,21 @@ class ModelWithCandidates:
 
 @dataclass(frozen=True, eq=False)
 class ExtendedModel:
-    """A model with effects, written and exported.
+    """A model with effects, written as Modelica and exported.
 
-    ``parameters`` are the new ones; ``names`` gives, by the id of an effect, its parameters' names in the offer and
-    here, in the same order; ``widths`` its smoothing constants.
+    Parameters
+    ----------
+    name, path, text : str, Path, str
+        Of the written class.
+    diff : str
+        Unified diff from the class of the user.
+    model : Model
+    parameters : tuple of Parameter
+        Those of the effects.
+    names : mapping of str to tuple
+        For each effect by id, pairs of parameter names: in the model with candidates, and in this one.
+    widths : mapping of str to mapping
+        Smoothing widths of each effect by id.
     """
 
     name: str
@@ -66,10 +90,16 @@ class ExtendedModel:
 
 @dataclass(frozen=True, eq=False)
 class CurveBasis:
-    """What a learned curve is made of.
+    """Basis functions of a learned curve, which is linear in its heights.
 
-    ``x`` (n,) is the signal in ``x_unit``; ``plain`` (n,) what the port gives where all heights are zero and ``rows``
-    (k, n) what each height adds for one of it, in ``unit``.
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Values of the input over which the curve is learned, in ``x_unit``.
+    plain : ndarray, shape (n,)
+        The curve where all heights are zero, in ``unit``.
+    rows : ndarray, shape (k, n)
+        The basis functions: the change of the curve for a height of one.
     """
 
     x: FloatArray
@@ -80,7 +110,7 @@ class CurveBasis:
 
 
 class ModelFamily(Protocol):
-    """A model and its relatives."""
+    """What the search and the loop need of a model family. An id names a candidate term."""
 
     @property
     def base(self) -> str: ...
@@ -89,57 +119,57 @@ class ModelFamily(Protocol):
     def title(self) -> str: ...
 
     def base_model(self) -> Model:
-        """The model itself."""
+        """The model without any law added."""
         ...
 
     def overrides(self, model: Model) -> Mapping[str, Override]:
-        """What is known of its parameters beside what it declares."""
+        """Priors and bounds that are known beside those that the model declares, by parameter."""
         ...
 
     @property
     def extra_terms_are_free(self) -> bool:
-        """Whether a model that has more candidates than asked for costs no more."""
+        """Whether further candidates in a model do not slow its simulation down."""
         ...
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
-        """Ids of all candidates, once the model has been fitted as it stands."""
+        """Place the candidates, with nominal values from a fit of the base model. Returns their ids."""
         ...
 
     def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
-        """The candidates in groups that are best tried on one model."""
+        """Ids of candidates that are best tried on one model together."""
         ...
 
     def refinements(self) -> Mapping[str, str]:
-        """For each candidate that refines another, that one."""
+        """For each candidate that refines another one, that one."""
         ...
 
     def curves(self) -> Mapping[str, str]:
-        """Candidates that learn a curve where no effect is known, and over which variable each."""
+        """Learned curves, and the variable over which each is learned."""
         ...
 
     def basis(self, id_: str) -> CurveBasis:
-        """Of a candidate that learns a curve."""
+        """The basis functions of a learned curve."""
         ...
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
-        """The model with some candidates."""
+        """The model with some candidates built in, switched off."""
         ...
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> ExtendedModel:
-        """The model with chosen candidates, at values by the names of the offers, written to ``folder``."""
+        """Write the model with chosen candidates to ``folder``. ``values`` go by names of the model with candidates."""
         ...
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
-        """A calibration of the model held against a relative of it, whose states may have other names."""
+        """A calibration of the base model, for another model of the family, whose states may have other names."""
         ...
 
     def describe(self, id_: str) -> str:
-        """An effect in words."""
+        """A sentence about a candidate."""
         ...
 
 
 def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, str]) -> Calibration:
-    """A calibration held against a relative of its model, in which some states have other ``names``."""
+    """A calibration with another model. ``names`` gives the names there of states that are named otherwise."""
     experiments = tuple(
         replace(e, start={names.get(s, s): v for s, v in e.start.items()}) for e in calibration.experiments
     )
@@ -155,7 +185,7 @@ def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, s
 def effect_parameter(
     name: str, unit: str, description: str, bounds: tuple[float, float], scale: float, default: float
 ) -> Parameter:
-    """A parameter of an effect, off at its start where zero switches the effect off."""
+    """The parameter of an effect, with its prior: normal about zero, or log-uniform where its bounds are positive."""
     low, high = bounds
     target = ParameterTarget(name)
     if low > 0.0:
@@ -165,5 +195,5 @@ def effect_parameter(
 
 
 def to_significant_digits(value: float, digits: int = 4) -> float:
-    """As it is written into a model: no more digits than a fit knows."""
+    """A number rounded to significant digits, for the text of a model."""
     return float(f"{value:.{digits}g}")

@@ -14,15 +14,14 @@ from aero_bayes.language.tokens import tokenize, words_of
 
 
 def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:
-    """Read the files and package folders that a model is exported with; the shipped packages of rigs are among
-    them.
+    """Read the files and package folders of a model, and the shipped packages of rigs.
 
-    Of libraries, the files that ``flat`` has something from are read as well.
+    Of libraries, only the files are read that declare something in ``flat``, and the packages around these.
 
     Raises
     ------
     InputError
-        For a file that is missing or is no Modelica; names it.
+        For a file that is missing or is no Modelica. The message names it.
     """
     files: dict[str, SourceFile] = {}
     for source in (*rig_packages(), *map(Path, sources)):
@@ -35,7 +34,7 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
     for place in dict.fromkeys(p.file for p in places if p is not None):
         if place not in files and Path(place).is_absolute() and Path(place).is_file():
             files[place] = read_file(Path(place), place)
-            # what the packages around it import
+            # the packages around it may import names
             for package in (f / "package.mo" for f in Path(place).parents):
                 if not package.is_file():
                     break
@@ -45,7 +44,7 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
 
 
 def reserved_names(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
-    """Names that a new variable of a model must not have: those of its variables and of the loops in its sources."""
+    """Names that a new variable must not have: those of variables of the model, and of loop indices in its sources."""
     loops = set[str]()
     for path in modelica_files(sources):
         words = words_of(tokenize(read_modelica_text(path)))

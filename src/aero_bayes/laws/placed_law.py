@@ -1,4 +1,4 @@
-"""A law at a port, with the names and numbers that it gets in a model."""
+"""A law placed at a port, with its names and values in a model."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class PlacedLaw:
     instance : str
         Name of the law's component.
     names : mapping
-        For each parameter of the law that is fitted, its name in the whole model.
-    sizes : mapping
-        The port's sizes by the names of the law's partial model (``f_n``, ``v_n``, ...); one where missing.
+        For each fitted parameter of the law, its name in the model.
+    nominals : mapping
+        Nominal values of the port by the names of the partial model (``f_n``, ``v_n``, ...).
     values : mapping
-        Values by the law's own names; the default, which leaves nothing of the law, where missing.
+        Values of parameters by their names in the law. The default, at which the law is off, where missing.
     neighbour : Port, optional
-        Where what is lost may go, or what takes the reaction.
+        The port that receives an exchanged or overflowing quantity, or the reaction of a force.
     alias : str
-        Another name that it goes by.
+        A declared name.
     """
 
     law: Law
@@ -46,36 +46,36 @@ class PlacedLaw:
 
     @property
     def id(self) -> str:
-        """``law@port``, or its alias."""
+        """The alias, or ``law@port``."""
         return self.alias or f"{self.law.id}@{self.port.id}"
 
     @property
     def all_nominals(self) -> dict[str, float]:
-        """The sizes with the defaults of those that are not given."""
+        """The nominal values, with defaults of those that are not given."""
         return {**self.law.nominals, **{k: float(v) for k, v in self.nominals.items() if k in self.law.nominals}}
 
     @property
     def signal_defaults(self) -> dict[str, float]:
-        """What the law is given for signals that the port does not have."""
+        """Values of inputs of the law that the port does not have."""
         own = {
             s: n for s, n in SIGNAL_DEFAULTS.items() if s in self.law.interface.inputs and s not in self.port.signals
         }
-        return {signal: self.all_nominals[size] for signal, size in own.items()}
+        return {signal: self.all_nominals[nominal] for signal, nominal in own.items()}
 
     def parameters(self) -> Iterator[LawParameter]:
-        """The fitted parameters; a share for the neighbour only where there is one."""
+        """The fitted parameters. The share of a neighbour is one of them only if there is a neighbour."""
         return (p for p in self.law.parameters if p.name in self.names)
 
     def value(self, p: LawParameter) -> float:
         return float(self.values.get(p.name, p.value("default", self.all_nominals)))
 
     def limits(self, p: LawParameter) -> dict[str, float]:
-        """``min``, ``max`` and ``nominal``, those that are given."""
+        """The attributes ``min``, ``max`` and ``nominal``, as far as they are declared."""
         found = {attribute: p.value(of, self.all_nominals) for attribute, of in _LIMITS}
         return {k: v for k, v in found.items() if math.isfinite(v)}
 
     def declarations(self) -> Iterator[str]:
-        """The fitted parameters as Modelica declares them in the whole model."""
+        """Modelica declarations of the fitted parameters in the model."""
         for p in self.parameters():
             attributes = [f'unit = "{self.unit(p)}"'] if self.unit(p) else []
             attributes += [f"{k} = {v:.6g}" for k, v in self.limits(p).items()]
@@ -83,12 +83,12 @@ class PlacedLaw:
             yield f"parameter Real {self.names[p.name]}{given} {about};"
 
     def unit(self, p: LawParameter) -> str:
-        """Unit of a parameter, from those of the port."""
+        """Unit of a parameter, from the units of the port."""
         signals = {**self.port.units, "h_1": self.port.units.get("h", "")}
         if signals.get("v") and not signals.get("x"):
             signals["x"] = f"s.{signals['v']}"
-        of_size = {size: signals.get(signal, "") for size, signal in self.law.interface.nominals.items()}
-        return p.unit({**of_size, "t_n": "s", "w_n": "1"})
+        units = {nominal: signals.get(signal, "") for nominal, signal in self.law.interface.nominals.items()}
+        return p.unit({**units, "t_n": "s", "w_n": "1"})
 
 
 def place_law(
@@ -101,14 +101,14 @@ def place_law(
     neighbour: Port | None = None,
     alias: str = "",
 ) -> PlacedLaw:
-    """A law at a port under names that are free: ``F_c``, or ``F_c_v`` where that is taken.
+    """Place a law at a port, under names that are not in use: ``F_c``, or ``F_c_v`` if that is in use.
 
     Parameters
     ----------
     taken : collection of str
-        Names that the model has already; paths count by their first part.
+        Names that the model uses already. Of a path, the first part counts.
     neighbour : Port, optional
-        For an exchange, for what overflows and for what acts between two motions; other laws have none.
+        Needed for an exchange, an overflow or a law between two motions. Other laws ignore it.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def place_law(
 
     fitted = [p.name for p in law.parameters if p.name != "share" or neighbour is not None]
     names = {p: free(p) for p in fitted}
-    # a size is a typical magnitude: three digits of it read well in a written model
+    # a nominal value is an order of magnitude: three digits are enough in a written model
     rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (nominals or {}).items()}
     return PlacedLaw(law, port, free(alias or law.id), names, rounded, dict(values or {}), neighbour, alias)
 
@@ -137,7 +137,7 @@ def place_law(
 def place_laws(
     found: Iterable[Candidate], taken: Collection[str], nominals: Mapping[str, Mapping[str, float]]
 ) -> tuple[PlacedLaw, ...]:
-    """Candidates in one model, in the order given, no name twice; ``nominals`` by the port's id."""
+    """Place candidates in one model, in the given order, under unique names; ``nominals`` by the id of the port."""
     placed_laws: list[PlacedLaw] = []
     used = set(taken)
     for c in found:
@@ -165,12 +165,12 @@ def at_same_ports(placed_laws: Sequence[PlacedLaw], ports: Sequence[Port]) -> li
 
 
 def identifier(path: str) -> str:
-    """A path as part of a name: ``rotor.a`` -> ``rotor_a``."""
+    """A path as an identifier: ``rotor.a`` becomes ``rotor_a``."""
     return re.sub(r"\W+", "_", path).strip("_")
 
 
 def describe_law(law: Law, port: Port) -> str:
-    """A law and where it acts."""
+    """A phrase about a law and its port."""
     about, place = f"{law.description[:1].lower()}{law.description[1:]}", port.replaceable
     if place is None or not place.description:
         return f"{about} at {port.id}"

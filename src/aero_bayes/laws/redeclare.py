@@ -1,4 +1,4 @@
-"""Laws put in the place of replaceable models: a class that extends the user's and declares these anew."""
+"""Laws in place of replaceable models: a class that extends the user's class and redeclares these."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from aero_bayes.scratch import ScratchFolder
 
 
 def split_by_replaceable(placed_laws: Iterable[PlacedLaw]) -> tuple[list[PlacedLaw], list[PlacedLaw]]:
-    """Laws in replaceable models, and the others."""
+    """The laws in replaceable models, and the others."""
     every = list(placed_laws)
     return [u for u in every if u.port.replaceable is not None], [u for u in every if u.port.replaceable is None]
 
 
 def can_be_combined(placed: PlacedLaw) -> bool:
-    """Whether a law stands in a replaceable model that takes several."""
+    """Whether a law is in a replaceable model that can hold several laws."""
     return placed.port.replaceable is not None and placed.port.replaceable.combination is not None
 
 
@@ -35,7 +35,7 @@ def load_with_redeclarations(
 
 
 def redeclaring_class(base: str, name: str, placed_laws: Sequence[PlacedLaw]) -> list[str]:
-    """The lines of a model ``name`` that extends ``base`` with laws in the place of its replaceable models.
+    """The lines of a model ``name`` that extends ``base`` and redeclares its replaceable models.
 
     Modifiers stand at the components (``bodyEffect(tau_c = tau_c)``) and not in the redeclaration, where rumoca drops
     them.
@@ -43,7 +43,7 @@ def redeclaring_class(base: str, name: str, placed_laws: Sequence[PlacedLaw]) ->
     Raises
     ------
     CannotFinishError
-        For several laws in one place of which the source does not tell how they go together.
+        For several laws in one replaceable model, if the source does not show how to combine them.
     """
     here: dict[str, list[PlacedLaw]] = {}
     for placed in placed_laws:
@@ -76,7 +76,7 @@ def redeclaring_class(base: str, name: str, placed_laws: Sequence[PlacedLaw]) ->
 
 
 def component_path(placed: PlacedLaw, placed_laws: Sequence[PlacedLaw]) -> str:
-    """Path of a law's component in the class that extends with ``uses``; the first where there are several."""
+    """Path of the component of a law in the redeclaring class; the first if there are several."""
     place = _place(placed)
     alone = sum(_place(other).name == place.name for other in placed_laws) == 1
     return place.components[0] if alone else f"{place.components[0]}.{placed.instance}"
@@ -117,7 +117,7 @@ def _parameters(placed: PlacedLaw) -> list[str]:
 
 
 def _together(place: ReplaceableModel, name: str, placed_laws: Sequence[PlacedLaw]) -> list[str]:
-    """A local model with several laws: in series where something passes through, else parallel."""
+    """A local model with several laws: in series if a flow or a signal passes through, else in parallel."""
     join = place.combination
     if join is None:
         raise CannotFinishError(

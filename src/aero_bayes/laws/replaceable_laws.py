@@ -1,4 +1,4 @@
-"""Laws for the replaceable models of a system: classes of its sources that can be put there, off at their defaults."""
+"""Laws for replaceable models: classes in the sources that can take their place and are off at their defaults."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from aero_bayes.language.sources import Sources
 from aero_bayes.language.values import evaluate_expression
 from aero_bayes.laws.law import Law, LawInterface, LawParameter, annotation_text, is_fitted_parameter, law_parameter
 
-#: A law at a replaceable model connects to it by itself; one that learns a curve has it as ``y`` over ``x``, whose
-#: largest value in a fit is its parameter ``x_n``.
+#: A law in place of a replaceable model brings its own connections. A learned curve is ``y`` over ``x``, and its
+#: parameter ``x_n`` is the largest value of ``x`` in a fit.
 REPLACEABLE_INTERFACE = LawInterface("replaceable", "y", ("x",), {"x_n": "x"})
 
 
 def laws_for_constraint(known: Sources, constraint: str) -> tuple[Law, ...]:
-    """The laws for replaceable models that a class constrains, in the order of files and classes.
+    """The laws for replaceable models with a constraining class, in the order of files and classes.
 
-    They are the classes that extend it and whose first own parameter with a nominal value is zero by default.
+    A law is a class that extends the constraining class, and whose first own parameter with a nominal value is zero by
+    default.
     """
     found: list[Law] = []
     if constraint not in known.by_name:
@@ -73,7 +74,7 @@ def _number(c: ComponentDeclaration) -> float | None:
 
 
 def _check(fitted: Sequence[LawParameter], nominals: Mapping[str, float]) -> None:
-    """Raise InputError for an attribute that is no number."""
+    """Raise InputError for an attribute that is no expression in nominal values."""
     for p in fitted:
         for term in (p.default, p.minimum, p.maximum, p.nominal):
             if term is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import ACTING, TRUE, element_names
+from aero_bayes.export.compose import ACTING_SUFFIX, TRUE_SUFFIX, element_names
 from aero_bayes.language.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.language.edits import TextEdit, text_of
 from aero_bayes.language.syntax import parse_reference
@@ -37,7 +37,7 @@ class SignalWriter:
         given, inner = self.target.replacements, name
         if c.name != name:
             if c.name not in self.target.replacements:
-                self.target.replacements[c.name] = self._apart(c, ACTING)
+                self.target.replacements[c.name] = self._apart(c, ACTING_SUFFIX)
             given, inner = self.target.sources, name.replace(c.name, self.target.replacements[c.name], 1)
         if given.get(inner, name) != name:
             # what a law gives that is there already is now given what this one gives
@@ -70,13 +70,15 @@ class SignalWriter:
         inner = f"{c.name}{suffix}"
         if c.binding:
             self.target.freed_bindings[inner] = c.binding
-        if suffix == ACTING and "input" not in c.prefixes:
+        if suffix == ACTING_SUFFIX and "input" not in c.prefixes:
             # a connector that takes its causality from its class
             c = replace(c, type="Acting")
             self.target.connectors["Acting"] = "output Real"
-        self._declare_like(c, f"{inner}[{', '.join(map(str, sizes))}]", "unread" if suffix == TRUE else "as it acts")
+        self._declare_like(
+            c, f"{inner}[{', '.join(map(str, sizes))}]", "unread" if suffix == TRUE_SUFFIX else "as it acts"
+        )
         for outer, own in zip(element_names(c.name, sizes), element_names(inner, sizes), strict=True):
-            self.target.sources |= {own: outer} if suffix == ACTING else {outer: own}
+            self.target.sources |= {own: outer} if suffix == ACTING_SUFFIX else {outer: own}
         return inner
 
     def _declared(self, name: str) -> ComponentDeclaration:
@@ -89,7 +91,7 @@ class SignalWriter:
         name = placed.port.signals["u"]
         c = self._declared(name)
         if c.name != name and c.name not in self.target.replacements:
-            self.target.replacements[c.name] = self._apart(c, TRUE)
+            self.target.replacements[c.name] = self._apart(c, TRUE_SUFFIX)
             self._without_start(c)
         inner = self.target.sources.get(name)
         self.target.sources[name] = f"{placed.instance}.y"
@@ -103,7 +105,7 @@ class SignalWriter:
             self.target.replacements[name] = f"{placed.instance}.u"
         else:
             # Other equations solve for it: what it was gets a name of its own.
-            true = f"{name}{TRUE}"
+            true = f"{name}{TRUE_SUFFIX}"
             self.target.declare(placed, {"u": true}, {})
             self._declare_like(c, true, "unread")
             self._without_start(c)

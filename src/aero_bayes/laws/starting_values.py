@@ -1,4 +1,4 @@
-"""Laws at ports as columns of a search: their parameters with priors, and values to start from."""
+"""Parameters of placed laws with their priors, and their starting values."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.laws.model_family import effect_parameter
 from aero_bayes.laws.placed_law import PlacedLaw
 
-#: Magnitudes to start from, as shares of what is typical: of a law that has a shape beside it, and of one that has
-#: not, which may act only beyond a threshold that a coarse grid steps over.
+#: Magnitudes to start from, in nominal values: of a law with further parameters, and of a law with the magnitude only.
+#: The latter may act only beyond a threshold, which a coarse grid would step over.
 START_MAGNITUDES, START_MAGNITUDES_WITHOUT_SHAPE = (
     (1.0, 0.2, 5.0),
     (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0),
 )
-#: Levels at which a law may set in, as shares of the typical one, where its bounds are less than a factor apart.
+#: Values of further parameters in nominal values, where their bounds are less than a factor apart.
 START_LEVELS, NARROW_BOUND_RATIO = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
 
 
 def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
-    """Columns of a law, the switch first."""
+    """The parameters of a placed law with their priors, the magnitude first."""
     found = []
     for p in placed.parameters():
         limits = placed.limits(p)
@@ -36,9 +36,22 @@ def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
 def starting_values(
     placed: PlacedLaw, effect: DeclaredEffect | None = None, highest: float = 1.0
 ) -> tuple[tuple[float, ...], ...]:
-    """Values worth starting from: magnitudes, of both signs where they mean something, and shapes.
+    """Starting values of the parameters of a law: all combinations of a few values of each.
 
-    Those that are declared for an ``effect`` come first; ``highest`` is the largest input.
+    Magnitudes have both signs where the bounds allow it.
+
+    Parameters
+    ----------
+    placed : PlacedLaw
+    effect : DeclaredEffect, optional
+        Starting values that a package declares replace the others.
+    highest : float
+        Largest absolute value of the inputs, to which declared shares refer.
+
+    Returns
+    -------
+    tuple of tuple of float
+        In SI units; empty for a learned curve.
     """
     if placed.law.curve_input:
         return ()

@@ -1,4 +1,4 @@
-"""Laws written into the user's own Modelica: an extension where a connector takes them, else a copy of the class."""
+"""Models with laws written as Modelica: an extension of the user's class, or a copy of it with edits."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from aero_bayes.scratch import ScratchFolder
 
 @dataclass(frozen=True)
 class WrittenModel:
-    """A written model: its name, its file, its text, and what differs from the user's class.
+    """A written model: its name, file and text, and the unified diff from the class of the user.
 
-    Export it with the sources of the original and ``path``.
+    To export it, give the sources of the original and ``path``.
     """
 
     name: str
@@ -40,8 +40,8 @@ def write_law(
 ) -> WrittenModel:
     """Write a model with laws to ``out_dir/<name>.mo``.
 
-    Laws at connections alone give a model that extends the user's; others a copy of the user's class, with all that is
-    not touched as it was. A library is never edited.
+    If all laws are at connections, the model extends the class of the user. Otherwise it is a copy of that class, with
+    comments and layout kept. A library is never edited.
 
     Parameters
     ----------
@@ -51,15 +51,15 @@ def write_law(
         Its full name.
     flat : FlatModel
         The model without the laws, in which the ports were found.
-    uses : sequence of Use
-        What to write, in the order in which :func:`~aero_bayes.laws.compose.compose_laws` took them.
+    placed_laws : sequence of PlacedLaw
+        In the order in which :func:`~aero_bayes.laws.compose.compose_laws` gets them.
     name : str, optional
-        Of the written class; the model's with the instances' by default.
+        Name of the written class; by default the name of the model and those of the laws.
 
     Raises
     ------
     InputError
-        Where the source has no place for a law that its flat form has, such as an equation of a base class.
+        Where the source has no place for a law, although the flat model has one.
     """
     known = read_sources(sources, flat)
     file, cls = known.find(model)
@@ -92,8 +92,10 @@ def write_laws(
     out_dir: Path | str,
     name: str = "",
 ) -> WrittenModel:
-    """As :func:`write_law`, with laws in replaceable models as well: the model then extends the user's, or the one with
-    the other laws, which stands before it in the file."""
+    """As :func:`write_law`, for laws in replaceable models as well.
+
+    The model then extends the class of the user, or the class with the other laws, which comes first in the file.
+    """
     inside, others = split_by_replaceable(placed_laws)
     if not inside:
         return write_law(sources, model, flat, others, out_dir, name)

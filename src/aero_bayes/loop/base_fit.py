@@ -21,7 +21,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.reduced_problem import with_few_samples
-from aero_bayes.loop.workbench import Workbench
+from aero_bayes.loop.context import LoopContext
 from aero_bayes.search.models import FittedModel, with_setting
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import StartTarget
@@ -32,7 +32,7 @@ Floors = Mapping[tuple[str, str], float]
 #: Largest error of an output due to averaged inputs in a search on fewer samples, as a share of its range.
 MAX_AVERAGING_ERROR = 0.005
 #: Effect of a parameter's whole range on the outputs, relative to the strongest, up to which it counts as none.
-MIN_RELATIVE_EFFECT = 1e-12
+MIN_SENSITIVITY_RATIO = 1e-12
 #: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
 MAX_READING_DEVIATIONS = 5.0
 
@@ -52,15 +52,15 @@ class BaseFit:
         What it leaves.
     floors : mapping of (recording, output) to float
         Noise floors of all recordings, where they are known.
-    far_starts : tuple of str
-        What is said of initial values that are far off their readings.
+    start_warnings : tuple of str
+        Warnings on initial values that are far from their readings.
     """
 
     plain: Calibration
     fit: Optimum
     reports: tuple[ResidualReport, ...]
     floors: Floors
-    far_starts: tuple[str, ...] = ()
+    start_warnings: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -69,120 +69,122 @@ class BaseFit:
         return dict(zip(parameters.names, parameters.from_search(self.fit.coordinates).tolist(), strict=True))
 
     def on(
-        self, bench: Workbench, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
+        self, context: LoopContext, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
     ) -> Calibration:
         """The same recordings held against the model with terms; ``new`` are their parameters."""
-        moved = bench.family.transfer(self.plain, model)
+        moved = context.family.transfer(self.plain, model)
         return replace(moved, parameters=moved.parameters.extended(new), fixed={**moved.fixed, **(fixed or {})})
 
 
-def fit_as_it_stands(bench: Workbench) -> BaseFit:
+def fit_base_model(context: LoopContext) -> BaseFit:
     """Fit the first model: led by the first readings, then with initial values that may be off them."""
-    bench.progress("building models", 0.0)
-    model = bench.family.base_model()
-    bench.tally.lap("models")
-    bench.progress("fitting the model as it stands", 0.05)
-    close, fit = _fitted(bench, bench.calibrate(model, _shared(bench, model)))
+    context.progress("building models", 0.0)
+    model = context.family.base_model()
+    context.statistics.end_stage("models")
+    context.progress("fitting the model as given", 0.05)
+    close, fit = _fitted(context, context.calibrate(model, _shared(context, model)))
     plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
-        fit = best_fit(bench, plain, close.parameters.from_search(fit.coordinates), fit)
-    floors = noise_floors([*bench.recordings.train, *bench.recordings.test], bench.recordings.outputs)
-    bench.tally.lap("base fit")
-    return BaseFit(plain, fit, _reports(bench, plain, fit, floors), floors, _far_starts(close, plain, fit))
+        fit = best_fit(context, plain, close.parameters.from_search(fit.coordinates), fit)
+    floors = noise_floors([*context.recordings.train, *context.recordings.test], context.recordings.outputs)
+    context.statistics.end_stage("base fit")
+    return BaseFit(plain, fit, _reports(context, plain, fit, floors), floors, _start_warnings(close, plain, fit))
 
 
-def refit_base(bench: Workbench, base: BaseFit, found: FittedModel) -> BaseFit:
+def refit_base(context: LoopContext, base: BaseFit, found: FittedModel) -> BaseFit:
     """The first model as the search read and freed it, from where the search found its optimum."""
     plain, own = with_setting(base.plain, base.fit.free, found.structure)
     values = np.array([found.values[name] for name in plain.parameters.names])
-    fit = best_fit(bench, plain, values, replace(base.fit, free=own, noise=base.fit.noise))
+    fit = best_fit(context, plain, values, replace(base.fit, free=own, noise=base.fit.noise))
     if plain is base.plain and fit.log_likelihood + fit.log_prior <= base.fit.log_likelihood + base.fit.log_prior:
         return base
-    return replace(base, plain=plain, fit=fit, reports=_reports(bench, plain, fit, base.floors))
+    return replace(base, plain=plain, fit=fit, reports=_reports(context, plain, fit, base.floors))
 
 
-def best_fit(bench: Workbench, calibration: Calibration, values: FloatArray, last: Optimum) -> Optimum:
+def best_fit(context: LoopContext, calibration: Calibration, values: FloatArray, last: Optimum) -> Optimum:
     """The optimum near SI values, under the objective of ``fit``: sensor noise, or least squares where structure is
     left."""
-    with bench.open(calibration.problem()) as simulator:
-        study = bench.objective(calibration, simulator)
-        found = GlobalSearch(study, bench.settings.ascent).refit(
-            study.parameters.to_search(values), last.free, last.noise
+    with context.open(calibration.problem()) as simulator:
+        objective = context.objective(calibration, simulator)
+        found = GlobalSearch(objective, context.settings.global_search).refit(
+            objective.parameters.to_search(values), last.free, last.noise
         )
-        bench.tally.count(study)
+        context.statistics.add_simulations(objective)
     return found
 
 
-def for_search(bench: Workbench, plain: Calibration) -> Calibration:
+def for_search(context: LoopContext, plain: Calibration) -> Calibration:
     """The calibration on fewer samples, where its inputs change so often that each simulation costs much."""
-    samples = bench.settings.search_samples
+    samples = context.settings.search_samples
     if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) <= 2 * samples:
         return plain
-    with bench.open(plain.problem()) as simulator:
+    with context.open(plain.problem()) as simulator:
         return with_few_samples(plain, simulator, samples, MAX_AVERAGING_ERROR)
 
 
-def _reports(bench: Workbench, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
-    with bench.open(plain.problem()) as simulator:
-        return check_residuals(plain, bench.objective(plain, simulator).series, fit, floors)
+def _reports(context: LoopContext, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
+    with context.open(plain.problem()) as simulator:
+        return check_residuals(plain, context.objective(plain, simulator).series, fit, floors)
 
 
-def _shared(bench: Workbench, model: Model) -> ParameterSet:
-    overrides = {**bench.family.overrides(model), **bench.settings.overrides}
-    free = bench.settings.free or tuple(name for name, override in overrides.items() if not override.auto)
+def _shared(context: LoopContext, model: Model) -> ParameterSet:
+    overrides = {**context.family.overrides(model), **context.settings.overrides}
+    free = context.settings.free or tuple(name for name, override in overrides.items() if not override.auto)
     if not free:
         known = ", ".join(v.name for v in model.parameters)
-        raise InputError(f"model {model.name} declares no parameters to fit: say which are free; it has {known}")
-    held = {name: replace(overrides.get(name, Override()), auto=True) for name in bench.settings.undecided}
-    return parameters_from_model(model, free=(*free, *held), overrides={**overrides, **held})
+        raise InputError(f"model {model.name} declares no parameters to fit: name the free ones; it has {known}")
+    later = {name: replace(overrides.get(name, Override()), auto=True) for name in context.settings.free_later}
+    return parameters_from_model(model, free=(*free, *later), overrides={**overrides, **later})
 
 
-def _fitted(bench: Workbench, calibration: Calibration) -> tuple[Calibration, Optimum]:
+def _fitted(context: LoopContext, calibration: Calibration) -> tuple[Calibration, Optimum]:
     """Fit what the data shows, and again without a rotor's ripple where the residual shows any."""
-    settings = bench.settings
-    with bench.open(calibration.problem()) as simulator:
-        study = bench.objective(calibration, simulator)
-        search = GlobalSearch(study, settings.ascent)
+    settings = context.settings
+    with context.open(calibration.problem()) as simulator:
+        objective = context.objective(calibration, simulator)
+        search = GlobalSearch(objective, settings.global_search)
         rng = np.random.default_rng(settings.seed)
-        ascent = search.run(_seen(study), bench.open, rng)
-        found = ascent.optimum
+        found_fit = search.run(_columns_with_effect(objective), context.open, rng)
+        found = found_fit.optimum
         lines = (
-            choose_interpolation(search, ascent, bench.open, rng)
+            choose_interpolation(search, found_fit, context.open, rng)
             if settings.calibration.interpolation == "auto"
             else None
         )
-        fitted = tuple(y[0] for y in study.simulate(study.parameters.from_search(found.coordinates)[None]).outputs)
-        bench.tally.count(study)
+        fitted = tuple(
+            y[0] for y in objective.simulate(objective.parameters.from_search(found.coordinates)[None]).outputs
+        )
+        context.statistics.add_simulations(objective)
     if lines is not None:
         return lines
     cleaned, ripple = without_ripple(calibration, fitted) if settings.ripple else (calibration, {})
     if not ripple:
         return calibration, found
-    return cleaned, best_fit(bench, cleaned, cleaned.parameters.from_search(found.coordinates), found)
+    return cleaned, best_fit(context, cleaned, cleaned.parameters.from_search(found.coordinates), found)
 
 
-def _seen(study: Objective) -> tuple[int, ...]:
+def _columns_with_effect(objective: Objective) -> tuple[int, ...]:
     """Columns that change a recorded output at all, of those that are decided on."""
-    every = tuple(j for j, p in enumerate(study.parameters) if not p.auto)
-    found = study.evaluate(study.parameters.to_search(study.parameters.start), every)
+    every = tuple(j for j, p in enumerate(objective.parameters) if not p.auto)
+    found = objective.evaluate(objective.parameters.to_search(objective.parameters.start), every)
     if found is None or found.slopes is None:
         return every
     size = np.max([np.max(np.abs(rows), axis=1) for rows in found.slopes], axis=0)
     return tuple(
-        j for j, own in zip(every, size, strict=True) if own > MIN_RELATIVE_EFFECT * float(size.max(initial=0.0))
+        j for j, own in zip(every, size, strict=True) if own > MIN_SENSITIVITY_RATIO * float(size.max(initial=0.0))
     )
 
 
-def _far_starts(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[str, ...]:
+def _start_warnings(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[str, ...]:
     """Initial values that are far off their readings: they may imitate what is missing."""
-    said = []
+    warnings = []
     values = plain.parameters.from_search(fit.coordinates)
     for p, value in zip(close.parameters, values.tolist(), strict=True):
         if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):
             off = abs(value - p.prior.mean) / p.prior.sd
             if off > MAX_READING_DEVIATIONS:
-                said.append(
-                    f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations off its reading: it may "
-                    "imitate what is missing."
+                warnings.append(
+                    f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations from its reading. It "
+                    "may compensate for a missing effect."
                 )
-    return tuple(said)
+    return tuple(warnings)

@@ -17,10 +17,10 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import Prediction
 from aero_bayes.laws.model_family import CurveBasis, ExtendedModel
 from aero_bayes.loop.base_fit import BaseFit
+from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.found_effect import FoundEffect, LearnedCurve, NewParameter
 from aero_bayes.loop.steps import equivalents, in_order, loss_without, step_of
-from aero_bayes.loop.workbench import Workbench
-from aero_bayes.search.explored import Explored
+from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 
 
@@ -36,7 +36,7 @@ class ExtendedFit:
     after: Prediction
 
 
-def extend(bench: Workbench, base: BaseFit, explored: Explored, chosen: FittedModel) -> ExtendedFit:
+def extend(context: LoopContext, base: BaseFit, explored: SearchResult, chosen: FittedModel) -> ExtendedFit:
     """Write a structure into the model and fit it at its best.
 
     Raises
@@ -44,51 +44,51 @@ def extend(bench: Workbench, base: BaseFit, explored: Explored, chosen: FittedMo
     CannotFinishError
         If it cannot be simulated over all recordings.
     """
-    bench.progress("writing the extended model", 0.75)
+    context.progress("writing the extended model", 0.75)
     terms, values = in_order(explored, chosen), dict(chosen.values)
-    written = bench.family.extend(terms, values, bench.folder)
-    bench.tally.written.append(written.path)
+    written = context.family.extend(terms, values, context.folder)
+    context.statistics.written.append(written.path)
     values |= {new: values[old] for pairs in written.names.values() for old, new in pairs}
-    bench.tally.lap("extension")
-    bench.progress("refitting the extended model", 0.85)
-    calibration = base.on(bench, written.model, written.parameters)
-    with bench.open(calibration.problem()) as simulator:
-        study = bench.objective(calibration, simulator)
+    context.statistics.end_stage("extension")
+    context.progress("refitting the extended model", 0.85)
+    calibration = base.on(context, written.model, written.parameters)
+    with context.open(calibration.problem()) as simulator:
+        objective = context.objective(calibration, simulator)
         start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
         free = [j for j, p in enumerate(calibration.parameters) if not p.auto]
-        fit = GlobalSearch(study, bench.settings.ascent).refit(start, free, base.fit.noise)
-        reports = check_residuals(calibration, study.series, fit, base.floors)
-        bench.tally.count(study)
-    after = bench.unseen.predict(calibration, fit)
+        fit = GlobalSearch(objective, context.settings.global_search).refit(start, free, base.fit.noise)
+        reports = check_residuals(calibration, objective.series, fit, base.floors)
+        context.statistics.add_simulations(objective)
+    after = context.unseen.predict(calibration, fit)
     effects = []
     for id_ in terms:
-        effect = _effect(bench, explored, chosen, id_, (written, calibration.parameters, fit))
-        effects.append(replace(effect, width_influence=_width_influence(bench, effect, calibration, fit)))
-    bench.tally.lap("judgement")
+        effect = _effect(context, explored, chosen, id_, (written, calibration.parameters, fit))
+        effects.append(replace(effect, width_influence=_width_influence(context, effect, calibration, fit)))
+    context.statistics.end_stage("judgement")
     return ExtendedFit(written, tuple(effects), calibration, fit, reports, after)
 
 
 def _effect(
-    bench: Workbench,
-    explored: Explored,
+    context: LoopContext,
+    explored: SearchResult,
     chosen: FittedModel,
     id_: str,
     made: tuple[ExtendedModel, ParameterSet, Optimum],
 ) -> FoundEffect:
     written, parameters, fit = made
     named = fitted_parameters(parameters, fit)
-    over = bench.family.curves().get(id_, "")
+    over = context.family.curves().get(id_, "")
     columns = [parameters.index(new) for _, new in written.names[id_]]
-    within = bench.settings.structures.equivalence
+    within = context.settings.structures.equivalence
     same = equivalents(explored, chosen, id_, within)
     # Its odds are against all other terms that could replace it, beside the other chosen ones.
     step = step_of(explored, chosen.structure.minus(id_), id_, 1, within)
     return FoundEffect(
         id_, explored.ports[id_], "free_form" if over else "catalogue",
         tuple(named[new] for _, new in written.names[id_]), loss_without(explored, chosen, id_),
-        explored.price.of_term(id_), bench.family.describe(id_), dict(written.widths[id_]), over=over,
-        odds=min(sum(r.odds for r in step.rivals if r.id in same), 1.0) if step is not None else None,
-        curve=_learned(bench.family.basis(id_), columns, parameters, fit) if over else None,
+        explored.penalty.of_term(id_), context.family.describe(id_), dict(written.widths[id_]), over=over,
+        odds=min(sum(r.odds for r in step.candidates if r.id in same), 1.0) if step is not None else None,
+        curve=_learned(context.family.basis(id_), columns, parameters, fit) if over else None,
     )  # fmt: skip
 
 
@@ -122,7 +122,7 @@ def _learned(basis: CurveBasis, columns: list[int], parameters: ParameterSet, fi
     )
 
 
-def _width_influence(bench: Workbench, effect: FoundEffect, calibration: Calibration, fit: Optimum) -> float | None:
+def _width_influence(context: LoopContext, effect: FoundEffect, calibration: Calibration, fit: Optimum) -> float | None:
     """By how many standard deviations an effect's parameters move when its smoothing widths are doubled."""
     doubled: Mapping[str, float] = {
         variable.name: 2.0 * width
@@ -135,9 +135,9 @@ def _width_influence(bench: Workbench, effect: FoundEffect, calibration: Calibra
     wider = replace(calibration, fixed={**calibration.fixed, **doubled})
     settings = LocalFitSettings(hold_noise=True).with_limits(4, 0.02)
     try:
-        with bench.open(wider.problem()) as simulator:
+        with context.open(wider.problem()) as simulator:
             again = local_fit(
-                bench.objective(wider, simulator), fit.coordinates, fit.free, noise=fit.noise, settings=settings
+                context.objective(wider, simulator), fit.coordinates, fit.free, noise=fit.noise, settings=settings
             )
     except CannotFinishError:
         return None

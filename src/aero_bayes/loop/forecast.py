@@ -1,29 +1,29 @@
-"""How long the search will take, from the first runs of the model; told before the time is spent."""
+"""Predict how long the search will take, from the first runs of the model."""
 
 from __future__ import annotations
 
 import time
 
-from aero_bayes.loop.workbench import Workbench
+from aero_bayes.loop.context import LoopContext
 from aero_bayes.search.models import FittedModel
 
 #: Runs with derivatives that a search takes for each term where several terms are needed (three tanks: 200; a servo:
 #: 221). Where one explains what was missing it takes less (the cart of the tutorial: 52; an AERO: 8).
-EACH_TERM = 200
-#: Seconds from which on it is told.
-LONG = 60.0
+RUNS_PER_CANDIDATE = 200
+#: Shortest duration that is announced, in s.
+MIN_ANNOUNCED_SECONDS = 60.0
 
 
-def tell_time(bench: Workbench, first: FittedModel, terms: int) -> None:
-    """Say how long the search may take and how to shorten it, if that is longer than a minute."""
+def announce_duration(context: LoopContext, first: FittedModel, terms: int) -> None:
+    """Announce how long the search may take and how to shorten it, if it takes a minute or more."""
     run = min(_run(first) for _ in range(3))
-    limit = bench.settings.max_minutes
-    minutes = min(EACH_TERM * terms * run / max(bench.pool.size, 1) / 60.0, limit)
-    if 60.0 * minutes < LONG:
+    limit = context.settings.max_minutes
+    minutes = min(RUNS_PER_CANDIDATE * terms * run / max(context.pool.size, 1) / 60.0, limit)
+    if 60.0 * minutes < MIN_ANNOUNCED_SECONDS:
         return
-    bench.progress(
-        f"the search may take {minutes:.2g} min ({terms} terms, {1e3 * run:.2g} ms a run of the model); [loop] ports, "
-        f"laws or exclude leave out terms, max_minutes = {limit:g} ends it before.",
+    context.progress(
+        f"the search may take {minutes:.2g} min ({terms} candidates, {1e3 * run:.2g} ms per simulation). [loop] ports, "
+        f"laws and exclude leave out candidates; max_minutes = {limit:g} is the time limit.",
         0.15,
     )
 

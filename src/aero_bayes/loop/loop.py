@@ -21,19 +21,19 @@ from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.laws.fmu_family import FmuFamily
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.laws.modelica_family import ModelicaFamily
-from aero_bayes.loop.base_fit import BaseFit, fit_as_it_stands, for_search
+from aero_bayes.loop.base_fit import BaseFit, fit_base_model, for_search
 from aero_bayes.loop.conclude import checks_of, conclude
-from aero_bayes.loop.forecast import tell_time
-from aero_bayes.loop.held_values import doubts
+from aero_bayes.loop.context import LoopContext, LoopStatistics, Progress
+from aero_bayes.loop.fixed_values import find_alternatives
+from aero_bayes.loop.forecast import announce_duration
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import in_order
 from aero_bayes.loop.tell import result_of
-from aero_bayes.loop.workbench import Progress, Tally, Workbench
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.explored import Explored, Library, Work
-from aero_bayes.search.models import ModelCache, ModelSource, Noise
+from aero_bayes.search.explored import Library, SearchControl, SearchResult
+from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import WorkerPool
@@ -100,41 +100,45 @@ def close_loop(
         known = [v.name for v in family.base_model().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
         result_cache = Checkpoint.at(checkpoint) or ResultCache()
-        bench = Workbench(family, recordings, settings, pool, folder, progress, Tally(), result_cache)
-        base = fit_as_it_stands(bench)
-        cache, choice = search_structures(bench, base)
-        conclusion = conclude(bench, base, choice)
-        bench.tally.keep_only(conclusion.written.path if conclusion.written is not None else None)
-        doubted = doubts(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
-        cache.close(bench.tally.count)
-        result = result_of(bench, conclusion, doubted)
+        context = LoopContext(family, recordings, settings, pool, folder, progress, LoopStatistics(), result_cache)
+        base = fit_base_model(context)
+        cache, choice = search_structures(context, base)
+        conclusion = conclude(context, base, choice)
+        context.statistics.keep_only(conclusion.written.path if conclusion.written is not None else None)
+        alternatives = (
+            find_alternatives(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
+        )
+        cache.close(context.statistics.add_simulations)
+        result = result_of(context, conclusion, alternatives)
         if settings.cache is None:
             shutil.rmtree(folder / "fmu", ignore_errors=True)
         progress("done", 1.0)
         return result
 
 
-def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choice]:
+def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, Choice]:
     """Search over structures from the first model at its best, and choose."""
-    settings, family = bench.settings, bench.family
-    plain = for_search(bench, base.plain)
-    family.prepare(plain, base.fit, bench.open)
+    settings, family = context.settings, context.family
+    plain = for_search(context, base.plain)
+    family.prepare(plain, base.fit, context.open)
     source = ModelSource(
-        family, plain, base.fit.free, bench.open_objective, bench.open, settings.calibration.interpolation == "auto"
+        family, plain, base.fit.free, context.open_objective, context.open, settings.calibration.interpolation == "auto"
     )
     cache, curves = ModelCache(source), tuple(family.curves())
     library = Library(family.candidate_groups(), family.refinements(), curves)
-    fit = replace(settings.climb, floors=plain.floors)
-    work = Work(bench.tally.late, bench.ahead, lambda what, share: bench.progress(what, 0.2 + 0.5 * share))
-    bench.progress("trying every term", 0.15)
+    fit = replace(settings.local_fit, floors=plain.floors)
+    work = SearchControl(
+        context.statistics.time_is_up, context.ahead, lambda what, share: context.progress(what, 0.2 + 0.5 * share)
+    )
+    context.progress("trying each candidate", 0.15)
     model = cache.of(Structure(), library.groups[0])
-    root = model.fit(Structure(), model.at(base.values, ()), Noise(base.fit.noise), replace(fit, hold_noise=True))
-    tell_time(bench, root, len(library.terms))
-    bench.tally.lap("models")
-    bench.tally.allow(60.0 * settings.max_minutes)
-    parts = settings.parts or Parts.of(settings.ascent, settings.seed, settings.leave_out)
+    root = model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), replace(fit, hold_noise=True))
+    announce_duration(context, root, len(library.terms))
+    context.statistics.end_stage("models")
+    context.statistics.set_time_limit(60.0 * settings.max_minutes)
+    parts = settings.parts or Parts.of(settings.global_search, settings.seed, settings.leave_out)
 
-    def chosen(explored: Explored) -> Choice:
+    def chosen(explored: SearchResult) -> Choice:
         return choose(explored, checks_of(settings), settings.structures.require, searching.complete)
 
     searching = StructureSearch(
@@ -149,7 +153,7 @@ def search_structures(bench: Workbench, base: BaseFit) -> tuple[ModelCache, Choi
     )
     choice = chosen(searching.run(root))
     choice = replace(choice, explored=searching.complete_path(in_order(choice.explored, choice.fitted), choice.fitted))
-    bench.tally.lap("search")
+    context.statistics.end_stage("search")
     return cache, choice
 
 

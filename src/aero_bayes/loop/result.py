@@ -219,7 +219,7 @@ class LoopResult:
         rows = [
             (step.number, rival.id, rival.port, rival.gain, rival.odds, rival.id == step.chosen)
             for step in self.steps
-            for rival in step.rivals
+            for rival in step.candidates
         ]
         return pandas.DataFrame(rows, columns=["round", "candidate", "port", "gain", "odds", "chosen"])
 

@@ -1,4 +1,4 @@
-"""How the closed loop works: one object for all that a user may choose."""
+"""Settings of the closed loop."""
 
 from __future__ import annotations
 
@@ -20,53 +20,52 @@ from aero_bayes.simulation.interface import SolverSettings
 
 @dataclass(frozen=True, repr=False)
 class LoopSettings(SettingsDisplay):
-    """How the loop works.
+    """Settings of the closed loop.
 
     Parameters
     ----------
-    structures, climb, ascent, calibration
-        Settings of the search, of each local fit, of whole fits, and of the problem.
+    structures, local_fit, global_search, calibration
+        Settings of the search over structures, of its local fits, of the fits before and after it, and of the problem.
     effects : tuple of str, optional
-        Ids or laws to consider; all by default.
+        Ids or laws that are tried; all by default.
     exclude : tuple of str
-        Ids, ports or laws that are not considered.
+        Ids, ports or laws that are not tried.
     ports, laws : tuple of str, optional
-        The only ones that are; all by default.
+        The only ports and laws that are tried; all by default.
     sources : path or sequence of paths
         Files and package folders that the model is loaded from.
     cache : Path, optional
-        Where FMUs are kept between runs; by default ``fmu`` in the run's own folder, until the loop has ended.
+        Folder of FMUs that are kept between runs; by default ``fmu`` in the folder of the run, removed at the end.
     libraries : path or sequence of paths
         Folders that hold packages which the model uses.
     ripple : bool
-        Whether ripple locked to a rotor is taken out of the readings.
+        Whether ripple at multiples of the rotor's angle is subtracted from the readings.
     held_out : float
-        Share of each recording, at its end, that is kept from the fit where no test recording is given.
+        Last share of each recording that is not fitted but used as test data, if no test recording is given.
     fixed : mapping of str to float
-        Model parameters held at other values than the model's own.
+        Values of fixed parameters that differ from those of the model.
     overrides : mapping of str to Override
         Priors and bounds in place of the defaults.
     seed : int
     free : tuple of str, optional
         Parameters of the base model to fit; by default those that its package declares to be searched.
-    undecided : tuple of str
-        Parameters that are held until a first effect lets the data tell them.
+    free_later : tuple of str
+        Parameters that are fixed until an effect is added with which the data determine them.
     search_samples : int
-        Samples on which candidates are compared where an input changes more than twice as often; the model that comes
-        out is fitted to all.
+        Number of samples for the comparison of candidates, if an input changes more than twice as often; the final
+        model is fitted to all samples.
     max_minutes : float
-        Time for the search; what it has found by then is what is judged, and it is said where it ended.
-    left_over : float
-        Share of the squared error above the noise floor that may be left beside named terms; beyond it they are not
-        named.
-    times_fitted : float
-        How many times what the fit leaves the error on unseen data may be; beyond it terms are not named.
+        Time limit of the search; the loop continues with what was found by then, and says so.
+    max_residual_share : float
+        Largest share of the squared error above the noise floor that may remain; else no effect is named.
+    max_error_ratio : float
+        Largest ratio of the error on unseen data to that of the fit for a model to count as adequate.
     leave_out : tuple of str
-        Parts of the search that are left out, by the names in ``aero_bayes.search.PARTS``; to see what each is worth.
+        Parts of the search that are left out, by their names in ``aero_bayes.search.PARTS`` (ablation).
     parts : Parts, optional
         Edits, start rules and restarts of the search in place of the standard ones.
     checks : tuple of Check, optional
-        What a structure has to pass, in place of the standard checks.
+        Checks that a structure has to pass, in place of the standard ones.
 
     Examples
     --------
@@ -76,8 +75,8 @@ class LoopSettings(SettingsDisplay):
     """
 
     structures: StructureSettings = field(default_factory=StructureSettings)
-    climb: LocalFitSettings = field(default_factory=LocalFitSettings)
-    ascent: GlobalSearchSettings = field(default_factory=lambda: GlobalSearchSettings(swarm=None))
+    local_fit: LocalFitSettings = field(default_factory=LocalFitSettings)
+    global_search: GlobalSearchSettings = field(default_factory=lambda: GlobalSearchSettings(swarm=None))
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
             most_readings=8000, standing=False, solver=SolverSettings(1e-5, 1e-5)
@@ -96,11 +95,11 @@ class LoopSettings(SettingsDisplay):
     fixed: Mapping[str, float] = field(default_factory=dict)
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
-    undecided: tuple[str, ...] = ()
+    free_later: tuple[str, ...] = ()
     search_samples: int = 5000
     max_minutes: float = 20.0
-    left_over: float = 0.3
-    times_fitted: float = 3.0
+    max_residual_share: float = 0.3
+    max_error_ratio: float = 3.0
     leave_out: tuple[str, ...] = ()
     parts: Parts | None = None
     checks: tuple[Check, ...] | None = None
@@ -109,10 +108,10 @@ class LoopSettings(SettingsDisplay):
         for name in ("sources", "libraries"):
             object.__setattr__(self, name, paths_of(getattr(self, name), name))
         object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
-        for name in ("free", "effects", "exclude", "ports", "laws", "undecided", "leave_out"):
+        for name in ("free", "effects", "exclude", "ports", "laws", "free_later", "leave_out"):
             given = getattr(self, name)
             object.__setattr__(self, name, given if given is None else names_of(given, name))
 
     def allows(self, port: str) -> bool:
-        """Whether the engineer lets anything be found at a port."""
+        """Whether effects at a port are tried."""
         return port not in self.exclude and (self.ports is None or port in self.ports)

@@ -1,4 +1,4 @@
-"""The search told as steps: one for each term that was chosen, with its rivals, their gains and odds."""
+"""The search told as steps: one for each term that was chosen, with the other candidates, their gains and odds."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass
 
 from aero_bayes.estimate.levenberg_marquardt import Stop
-from aero_bayes.search.explored import Explored
+from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import UNLISTED_PROBABILITY, odds
 from aero_bayes.search.structure import Structure
 
 
 @dataclass(frozen=True)
-class Rival:
+class StepCandidate:
     """A term beside those of the steps before: its gain in log-evidence, and its odds.
 
     ``refitted`` is False where its starts promised too little for a fit.
@@ -35,7 +35,7 @@ class Step:
     """
 
     number: int
-    rivals: tuple[Rival, ...]
+    candidates: tuple[StepCandidate, ...]
     threshold: float
     chosen: str | None
     equivalent: tuple[str, ...]
@@ -53,7 +53,7 @@ class Step:
                 "refitted": rival.refitted,
                 "odds": rival.odds,
             }
-            for rival in self.rivals
+            for rival in self.candidates
         ]
         return {
             "round": self.number,
@@ -66,18 +66,18 @@ class Step:
         }
 
 
-def in_order(explored: Explored, fitted: FittedModel) -> tuple[str, ...]:
+def in_order(explored: SearchResult, fitted: FittedModel) -> tuple[str, ...]:
     """Terms of a structure, those first that would be missed most."""
     return tuple(sorted(fitted.terms, key=lambda t: (-loss_without(explored, fitted, t), t)))
 
 
-def loss_without(explored: Explored, fitted: FittedModel, id_: str) -> float:
+def loss_without(explored: SearchResult, fitted: FittedModel, id_: str) -> float:
     """Log-evidence that a structure loses without one of its terms; NaN where that was not fitted."""
     rest = explored.fits.get(fitted.structure.minus(id_))
     return fitted.log_evidence - rest.log_evidence if rest is not None else math.nan
 
 
-def equivalents(explored: Explored, fitted: FittedModel, id_: str, within: float) -> tuple[str, ...]:
+def equivalents(explored: SearchResult, fitted: FittedModel, id_: str, within: float) -> tuple[str, ...]:
     """A term and those that could replace it without a loss of evidence, best first.
 
     A refinement of the term holds it as a special case, so that it does as well by itself: it is not listed.
@@ -95,7 +95,7 @@ def equivalents(explored: Explored, fitted: FittedModel, id_: str, within: float
     return (id_, *others)
 
 
-def steps_of(explored: Explored, fitted: FittedModel, within: float) -> tuple[Step, ...]:
+def steps_of(explored: SearchResult, fitted: FittedModel, within: float) -> tuple[Step, ...]:
     """One step for each term, and one more that says what was tried beside them."""
     found: list[Step] = []
     base = fitted.structure.minus(*fitted.terms)
@@ -107,7 +107,7 @@ def steps_of(explored: Explored, fitted: FittedModel, within: float) -> tuple[St
     return tuple(found)
 
 
-def step_of(explored: Explored, base: Structure, id_: str | None, number: int, within: float) -> Step | None:
+def step_of(explored: SearchResult, base: Structure, id_: str | None, number: int, within: float) -> Step | None:
     """What a term is worth beside a structure, with its rivals there; None where that structure was not fitted."""
     here = explored.fits.get(base)
     if here is None:
@@ -118,36 +118,45 @@ def step_of(explored: Explored, base: Structure, id_: str | None, number: int, w
         if s.contains(base) and len(s.new_terms(base)) == 1
     }
     unfitted = {
-        s.new_terms(base)[0]: max(promise, 0.0)
-        for s, promise in explored.promised.items()
+        s.new_terms(base)[0]: max(gain, 0.0)
+        for s, gain in explored.predicted_gains.items()
         if s.contains(base) and len(s.new_terms(base)) == 1
     }
     ranked = sorted(gains, key=lambda t: (-gains[t], t))
     every = [*ranked, *(t for t in sorted(unfitted) if t not in gains)]
     # A refinement and a curve have the smaller prior, as in the search.
-    priors = {t: explored.price.of_one - explored.price.of_term(t) for t in every}
+    priors = {t: explored.penalty.of_one - explored.penalty.of_term(t) for t in every}
     shares, nothing = odds([gains.get(t, 0.0) + priors[t] for t in every])
     rivals = tuple(
-        Rival(t, explored.ports.get(t, ""), gains.get(t, unfitted.get(t, 0.0)), share, t in gains)
+        StepCandidate(t, explored.ports.get(t, ""), gains.get(t, unfitted.get(t, 0.0)), share, t in gains)
         for t, share in zip(every, shares, strict=True)
     )
-    price = explored.price.of_term(id_) if id_ is not None else explored.price.of_one
+    penalty = explored.penalty.of_term(id_) if id_ is not None else explored.penalty.of_one
     if id_ is not None and id_ in gains:
         near = (t for t in ranked if t != id_ and gains[t] > gains[id_] - within)
         same = (id_, *(t for t in near if explored.refines.get(t) != id_))
-        why = f"{id_} gains {gains[id_]:.1f} in log-evidence (needed {price:.1f})"
-        why += f"; {', '.join(same[1:])} within {within:g} of it" if len(same) > 1 else ""
-        return Step(number, rivals, price, id_, same, why, nothing, UNLISTED_PROBABILITY)
+        why = f"{id_} gains {gains[id_]:.1f} in log-evidence (needed: {penalty:.1f})"
+        why += f"; the data cannot tell it from {', '.join(same[1:])}" if len(same) > 1 else ""
+        return Step(number, rivals, penalty, id_, same, why, nothing, UNLISTED_PROBABILITY)
     if not ranked:
-        return Step(number, (), price, None, (), "no candidate promises a gain", nothing, UNLISTED_PROBABILITY)
-    best = f"the best, {ranked[0]}, gains {gains[ranked[0]]:.1f}"
+        return Step(
+            number,
+            (),
+            penalty,
+            None,
+            (),
+            "no candidate is expected to gain log-evidence",
+            nothing,
+            UNLISTED_PROBABILITY,
+        )
+    best = f"the best, {ranked[0]}, gains {gains[ranked[0]]:z.1f}"
     return Step(
         number,
         rivals,
-        price,
+        penalty,
         None,
         (),
-        f"no candidate gains {price:.1f} in log-evidence: {best}",
+        f"no candidate gains the needed {penalty:.1f} in log-evidence; {best}",
         nothing,
         UNLISTED_PROBABILITY,
     )

@@ -1,4 +1,4 @@
-"""The loop's conclusion as plain values: what changed in the model's source, and the story in sentences."""
+"""Make the result of a loop from its conclusion: plain values, and what was done in sentences."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.prediction import shifts
 from aero_bayes.loop.conclude import Conclusion
+from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.extend import fitted_parameters
+from aero_bayes.loop.fixed_values import FixedValueAlternative
 from aero_bayes.loop.found_effect import NewParameter
-from aero_bayes.loop.held_values import Doubt
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import equivalents, in_order
-from aero_bayes.loop.workbench import Workbench
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import ParameterTarget
@@ -38,21 +38,27 @@ FloatArray = NDArray[np.float64]
 EXPERIMENT_SEARCH = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
 
 
-def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]) -> LoopResult:
+def result_of(
+    context: LoopContext, conclusion: Conclusion, alternatives: Sequence[FixedValueAlternative]
+) -> LoopResult:
     """All that the loop found, as plain values."""
     base, written, effects = conclusion.base, conclusion.written, conclusion.effects
     named = any(effect.kind == "catalogue" for effect in effects)
-    same = _equivalent(bench.settings, conclusion) if named else ()
+    same = _equivalent(context.settings, conclusion) if named else ()
     parameters = base.plain.parameters
     fitted = fitted_parameters(conclusion.calibration.parameters, conclusion.refit)
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
-    rivals = {r.id for step in conclusion.steps for r in step.rivals}
-    sentence = conclusion.sentence + _doubted(doubted) + _ended(bench.settings, conclusion.explored.ended)
+    rivals = {r.id for step in conclusion.steps for r in step.candidates}
+    sentence = (
+        conclusion.sentence
+        + _alternative_sentence(alternatives)
+        + _time_limit_sentence(context.settings, conclusion.explored.ended)
+    )
     return LoopResult(
         outcome=conclusion.outcome,
         sentence=sentence,
-        base=bench.family.base,
-        model=written.name if written is not None else bench.family.base,
+        base=context.family.base,
+        model=written.name if written is not None else context.family.base,
         effects=effects,
         equivalent=same,
         before=conclusion.before,
@@ -63,32 +69,32 @@ def result_of(bench: Workbench, conclusion: Conclusion, doubted: Sequence[Doubt]
         steps=conclusion.steps,
         shifts=moved,
         parameters=fitted,
-        identifiability=_identifiability(bench, conclusion.calibration, conclusion.refit),
+        identifiability=_identifiability(context, conclusion.calibration, conclusion.refit),
         noise=conclusion.refit.noise,
         modelica=written.text if written is not None else "",
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "",
-        separate=_separating_experiments(bench, conclusion, same),
-        story=(*_choices(bench.settings), *_story(bench, conclusion, sentence)),
-        simulations=bench.tally.simulations,
-        failures=bench.tally.failures,
-        seconds=dict(bench.tally.seconds),
-        words={id_: bench.family.describe(id_) for id_ in sorted(rivals)},
+        separate=_separating_experiments(context, conclusion, same),
+        story=(*_restrictions(context.settings), *_story(context, conclusion, sentence)),
+        simulations=context.statistics.simulations,
+        failures=context.statistics.failures,
+        seconds=dict(context.statistics.seconds),
+        words={id_: context.family.describe(id_) for id_ in sorted(rivals)},
         added=written.parameters if written is not None else (),
         interpolation=conclusion.calibration.interpolation,
-        recordings=bench.recordings,
-        plain=bench.family.base_model(),
-        calibrated=_calibrated(bench.family.base_model().source, conclusion, fitted),
+        recordings=context.recordings,
+        plain=context.family.base_model(),
+        calibrated=_calibrated(context.family.base_model().source, conclusion, fitted),
     )
 
 
-def _identifiability(bench: Workbench, calibration: Calibration, refit: Optimum) -> Identifiability:
+def _identifiability(context: LoopContext, calibration: Calibration, refit: Optimum) -> Identifiability:
     """What the data say of each parameter of the model that came out."""
-    with bench.open(calibration.problem()) as simulator:
-        found, _ = assess_columns(bench.objective(calibration, simulator), refit, refit.free)
+    with context.open(calibration.problem()) as simulator:
+        found, _ = assess_columns(context.objective(calibration, simulator), refit, refit.free)
     part = ParameterSet(tuple(calibration.parameters.items[j] for j in refit.free))
     found = with_bounds(found, part, refit.coordinates[list(refit.free)])
-    return name_deciding_constants(found, calibration, refit, bench.open)
+    return name_deciding_constants(found, calibration, refit, context.open)
 
 
 def _calibrated(
@@ -110,78 +116,76 @@ def _equivalent(settings: LoopSettings, conclusion: Conclusion) -> tuple[tuple[s
     return tuple(ids for ids in classes if len(ids) > 1)
 
 
-def _doubted(doubted: Sequence[Doubt]) -> str:
-    """The likeliest held value, if any, that explains as much as a term that is named."""
-    if not doubted:
+def _alternative_sentence(alternatives: Sequence[FixedValueAlternative]) -> str:
+    """The likeliest fixed parameter, if any, that explains as much as a named effect."""
+    if not alternatives:
         return ""
-    d = min(doubted, key=lambda doubt: doubt.behind)
+    d = min(alternatives, key=lambda one: one.evidence_loss)
     value = with_unit(f"{d.value:.3g}", d.unit)
     return (
-        f" Or {d.parameter} is {value}, not the {d.held:.3g} at which it is held: that explains as much as {d.effect}."
+        f" Alternatively, {d.parameter} is {value} instead of its fixed {d.fixed:.3g}: this explains as much as "
+        f"{d.effect}."
     )
 
 
-def _ended(settings: LoopSettings, where: str) -> str:
-    """Where the search ended before its end, and why; empty where it came to its end."""
+def _time_limit_sentence(settings: LoopSettings, where: str) -> str:
+    """Where the time limit ended the search; empty where the search was completed."""
     if not where:
         return ""
-    return f" The search had {settings.max_minutes:g} min, which were over in {where}: there may be more to find."
-
-
-def _choices(settings: LoopSettings) -> tuple[str, ...]:
-    """What the engineer decided before the search."""
-    only = [*(settings.effects or ()), *(settings.laws or ())]
-    lines = [f"Only {', '.join(only)} may be named, by the engineer's choice."] if only else []
-    lines += (
-        [f"Only the port {' or '.join(settings.ports)} counts, by the engineer's choice."] if settings.ports else []
+    return (
+        f" The search reached its time limit of {settings.max_minutes:g} min at {where}, so it may have missed effects."
     )
-    lines += [f"Refused by the engineer: {', '.join(settings.exclude)}."] if settings.exclude else []
+
+
+def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
+    """What the configuration allows and excludes."""
+    only = [*(settings.effects or ()), *(settings.laws or ())]
+    lines = [f"The configuration allows only {', '.join(only)}."] if only else []
+    lines += [f"The configuration allows effects only at {', '.join(settings.ports)}."] if settings.ports else []
+    lines += [f"The configuration excludes {', '.join(settings.exclude)}."] if settings.exclude else []
     return tuple(lines)
 
 
-def _story(bench: Workbench, conclusion: Conclusion, sentence: str) -> tuple[str, ...]:
+def _story(context: LoopContext, conclusion: Conclusion, sentence: str) -> tuple[str, ...]:
     explored, base = conclusion.explored, conclusion.base
     worst = max(base.reports, key=lambda r: r.ratio)
     lines = [
-        f"Fitted as it stands, {bench.family.title} leaves {worst.ratio:.2g} times the noise floor in {worst.output}"
-        f" ({worst.recording}); its residual is {worst.verdict}.",
-        *base.far_starts,
-        _readings(bench),
-        _compared(conclusion),
+        f"{context.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
+        f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
+        *base.start_warnings,
+        _data_sentence(context),
+        _comparison_sentence(conclusion),
     ]
     lines += [f"Step {s.number}: {s.why}." for s in conclusion.steps]
     if explored.skipped:
-        lines.append(f"Not tried, as the model cannot be simulated with them: {', '.join(explored.skipped)}.")
+        lines.append(f"Not tried, because the model with them cannot be simulated: {', '.join(explored.skipped)}.")
     for effect in conclusion.effects:
         values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
-        lines.append(f"Added at the {effect.port} port: {effect.id} ({values}).")
+        lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
     return (*lines, sentence)
 
 
-def _readings(bench: Workbench) -> str:
-    """Which readings did what."""
-    recordings = bench.recordings
+def _data_sentence(context: LoopContext) -> str:
+    """Which readings were fitted and which were used for the test."""
+    recordings = context.recordings
     fitted = join_names([r.name for r in recordings.train])
-    if recordings.held_from:
-        ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.held_from.items())
-        return f"Fitted and chosen on the beginning of {fitted}; the end ({ends}) was looked at once, after the choice."
+    if recordings.unseen_from:
+        ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.unseen_from.items())
+        return f"Fit and choice used the first part of {fitted}. The rest ({ends}) only tested the result."
     unseen = join_names([r.name for r in recordings.test])
-    return f"Fitted and chosen on {fitted}; {unseen} was looked at once, after the choice."
+    return f"Recordings for fit and choice: {fitted}. Recordings that only tested the result: {unseen}."
 
 
-def _compared(conclusion: Conclusion) -> str:
-    """What the evidence rests on."""
+def _comparison_sentence(conclusion: Conclusion) -> str:
+    """How many structures were compared, on how many effective samples."""
     explored = conclusion.explored
-    counts = ", ".join(f"{n:.0f} of {o}" for o, n in explored.noise.effective_samples.items())
-    return (
-        f"{len(explored.fits)} structures were compared under one noise; the readings count for {counts} independent "
-        "ones."
-    )
+    counts = ", ".join(f"{o} {n:.0f}" for o, n in explored.noise.effective_samples.items())
+    return f"{len(explored.fits)} model structures were compared. Effective number of independent readings: {counts}."
 
 
 @dataclass(frozen=True, eq=False)
-class _Rival:
-    """A model with some terms as it was fitted, the others out of it: what an experiment is designed from."""
+class _FittedAlternative:
+    """A fitted model with only its free parameters, as the design of an experiment needs it."""
 
     calibration: Calibration
     values: FloatArray
@@ -190,24 +194,24 @@ class _Rival:
     covariance: FloatArray
 
     @classmethod
-    def of(cls, fitted: FittedModel) -> _Rival:
+    def of(cls, fitted: FittedModel) -> _FittedAlternative:
         fit, calibration = fitted.optimum, fitted.model.objective.calibration
         items, values = calibration.parameters.items, calibration.parameters.from_search(fit.coordinates)
         columns, targets = list(fit.free), [(j, p.target) for j, p in enumerate(items) if j not in fit.free]
-        held_at = {t.name: float(values[j]) for j, t in targets if isinstance(t, ParameterTarget)}
+        fixed_at = {t.name: float(values[j]) for j, t in targets if isinstance(t, ParameterTarget)}
         own = replace(
             calibration,
             parameters=ParameterSet(tuple(items[j] for j in columns)),
-            fixed={**calibration.fixed, **held_at},
+            fixed={**calibration.fixed, **fixed_at},
         )
         return cls(own, values[columns], tuple(range(len(columns))), fit.noise, fit.covariance)
 
 
 def _separating_experiments(
-    bench: Workbench, conclusion: Conclusion, classes: Sequence[Sequence[str]]
+    context: LoopContext, conclusion: Conclusion, classes: Sequence[Sequence[str]]
 ) -> tuple[str, ...]:
     """For the first class of equivalent terms: the experiments that would separate them, on a rig that is known."""
-    if not classes or bench.family.base_model().declared.limits.input is None:
+    if not classes or context.family.base_model().declared.limits.input is None:
         return ()
     chosen, (first, *others) = conclusion.chosen, classes[0]
     lines = []
@@ -218,16 +222,16 @@ def _separating_experiments(
             continue
         try:
             apart = separating_experiment(
-                _Rival.of(chosen), _Rival.of(rival), workers=bench.pool.size,
-                settings=replace(EXPERIMENT_SEARCH, seed=bench.settings.seed),
+                _FittedAlternative.of(chosen), _FittedAlternative.of(rival), workers=context.pool.size,
+                settings=replace(EXPERIMENT_SEARCH, seed=context.settings.seed),
             )  # fmt: skip
         except (InputError, CannotFinishError):
             continue
         if apart.log_evidence < 1.0:
-            lines.append(f"None of the experiments tried would tell {pair}.")
+            lines.append(f"No experiment that was tried would tell {pair}.")
         else:
             lines.append(
-                f"To tell {pair}: {apart.in_words} (expected difference in log-evidence {apart.log_evidence:.0f}); "
-                "`aero-bayes design --loop` writes the signal."
+                f"An experiment to tell {pair}: {apart.in_words} (expected difference in log-evidence "
+                f"{apart.log_evidence:.0f}); `aero-bayes design --loop` writes the signal."
             )
     return tuple(lines)

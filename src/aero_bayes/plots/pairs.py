@@ -13,7 +13,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.plots.figure import FloatArray, ground
 from aero_bayes.plots.style import mathematics, palette, settings
 from aero_bayes.report.posterior_figures import marginal, most_correlated, rank_correlation, regions, rim, span
-from aero_bayes.report.text import minus, plain_name, pretty_unit
+from aero_bayes.report.text import greek_name, minus, pretty_unit
 
 
 def pairs_figure(
@@ -75,7 +75,7 @@ def pairs_figure(
 
 def _label(name: str, units: Mapping[str, str]) -> str:
     unit = pretty_unit(units.get(name, ""))
-    return mathematics(f"{plain_name(name)} ({unit})" if unit else plain_name(name))
+    return mathematics(f"{greek_name(name)} ({unit})" if unit else greek_name(name))
 
 
 def _marginal(axes: Axes, draws: FloatArray, colours: Mapping[str, str]) -> None:

@@ -15,7 +15,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.sample.posterior import Posterior
-from aero_bayes.schema import LoopPart, ParameterResult, RunResult
+from aero_bayes.schema import LoopJson, ParameterJson, RunJson
 from aero_bayes.simulation.model import Model
 from aero_bayes.workflow.curves import band_series, fitted_series, measured_series, only_measured, ripple_series
 from aero_bayes.workflow.describe import recording_row
@@ -37,7 +37,7 @@ def view(
     described = {v.name: {"unit": v.unit, "description": v.description} for v in variables}
     units = {name: unit for recording, _ in recordings for name, unit in recording.units.items()}
     rows = [recording_row(recording, role) for recording, role in recordings]
-    found = RunResult.model_validate({"units": units, "signals": described, "recordings": rows, **result})
+    found = RunJson.model_validate({"units": units, "signals": described, "recordings": rows, **result})
     measured = measured_series([recording for recording, _ in recordings])
     return RunDirectory(Path(), found, only_measured({**measured, **series}), posterior or {})
 
@@ -58,7 +58,7 @@ def posterior_view(posterior: Posterior) -> RunDirectory:
     names, outputs = posterior.calibration.names, posterior.fit.outputs
     series = band_series(names, outputs, [b.lower for b in bands], [b.upper for b in bands])
     draws = {name: posterior.draws[:, :, j] for j, name in enumerate(posterior.names)}
-    table = {name: ParameterResult.model_validate(plain(e.to_dict())) for name, e in posterior.parameters.items()}
+    table = {name: ParameterJson.model_validate(plain(e.to_dict())) for name, e in posterior.parameters.items()}
     result = base.result.model_copy(update={"parameters": table})
     return RunDirectory(base.path, result, only_measured({**base.series, **series}), draws)
 
@@ -72,16 +72,16 @@ def loop_view(loop: LoopResult) -> RunDirectory:
     series |= {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
     settings: dict[str, object] = {}
     for recording in given.train:
-        if recording.name in given.held_from:
-            held = 1.0 - (given.held_from[recording.name] - recording.time[0]) / recording.duration
+        if recording.name in given.unseen_from:
+            held = 1.0 - (given.unseen_from[recording.name] - recording.time[0]) / recording.duration
             settings = {"loop": {"held_out": float(held)}}
     roles: list[tuple[Recording, Role]] = [(r, "train") for r in given.train]
     roles += [(r, "test") for r in given.test]
     return view(
-        roles, series, loop.plain, command="close-loop", loop=loop_part(loop), settings=settings, words=dict(loop.words)
+        roles, series, loop.plain, command="close-loop", loop=loop_json(loop), settings=settings, words=dict(loop.words)
     )
 
 
-def loop_part(loop: LoopResult) -> LoopPart:
+def loop_json(loop: LoopResult) -> LoopJson:
     """A closed loop as result.json has it."""
-    return LoopPart.model_validate(plain(loop.to_dict()))
+    return LoopJson.model_validate(plain(loop.to_dict()))

@@ -1,4 +1,4 @@
-"""What equals what in a flat model, what is the derivative of what, and which variables are states."""
+"""Alias analysis of a flat model: equal variables, derivatives, and states."""
 
 from __future__ import annotations
 
@@ -17,14 +17,29 @@ from aero_bayes.ports.scalar_equations import Origin, scalarised
 
 @dataclass(frozen=True)
 class AliasStructure:
-    """Classes of equal variables; each is named by one of its members.
+    """Classes of alias variables. Each class has the name of one of its members.
 
-    ``same`` maps a variable to its class and sign, ``rates`` a class to that of its derivative where it has one,
-    ``states`` are the classes whose derivative occurs, in the order of their declaration. ``plain`` are the equations
-    that only say that two variables are equal or one the other's derivative. ``flat`` has the rows of vector equations
-    as equations of their own, ``origins`` says where each is from. ``moving`` says what moves together,
-    ``apart`` what the distance of two others is. ``units`` has that of a class where none is declared but one is for
-    what it is added to or subtracted from.
+    Parameters
+    ----------
+    flat : FlatModel
+        The scalarised model: rows of vector equations are equations of their own.
+    variables : dict of str to FlatVariable
+    same : dict of str to (str, int)
+        Class and sign of each variable.
+    rates : dict of str to str
+        By class, the class of its derivative.
+    states : tuple of str
+        Classes whose derivative occurs, in the order of declaration.
+    plain : frozenset of int
+        Indices of equations that only state that two variables are equal, or that one is the derivative of another.
+    origins : tuple
+        For each equation, the equation and row of the original model.
+    moving : mapping
+        Variables that differ by a constant, see :mod:`~aero_bayes.ports.common_motion`.
+    apart : dict of str to frozenset of str
+        For each variable that is the difference of two others, these two.
+    units : dict of str to str
+        Unit of a class without a declared unit, from the variables to which it is added.
     """
 
     flat: FlatModel
@@ -39,11 +54,11 @@ class AliasStructure:
     units: dict[str, str] = field(default_factory=dict)
 
     def of(self, name: str) -> str:
-        """Class of a variable; the name itself where nothing equals it."""
+        """Class of a variable; its own name if it has no alias."""
         return self.same.get(name, (name, 1))[0]
 
     def members(self, cls: str) -> list[str]:
-        """Variables that are equal to one, without a change of sign."""
+        """Variables of a class that are equal to its representative with the same sign."""
         own = self.same.get(cls, (cls, 1))[1]
         return [n for n, (c, sign) in self.same.items() if c == cls and sign == own] or [cls]
 
@@ -54,7 +69,7 @@ class AliasStructure:
 
 
 def is_derivative(tree: Expression) -> str | None:
-    """The name under ``der`` where a tree is a derivative of a plain variable."""
+    """The variable, if an expression is its derivative ``der(variable)``; else None."""
     match tree:
         case Call("der", (Name(name, ()),)):
             return name
@@ -62,7 +77,7 @@ def is_derivative(tree: Expression) -> str | None:
 
 
 def alias_structure(flat: FlatModel) -> AliasStructure:
-    """Find the classes of equal variables and the states of a flat model."""
+    """Find the alias classes and the states of a flat model."""
     flat, origins = scalarised(flat)
     variables = {v.name: v for v in flat.variables}
     free = {n for n, v in variables.items() if not v.constant and not v.sizes and v.type == "Real"}
@@ -94,7 +109,7 @@ def alias_structure(flat: FlatModel) -> AliasStructure:
                     continue  # an integrator of an input: its balance
                 plain.add(i)
                 state, sign = equal.find(derived)
-                # all rates of what moves together are equal, whoever names them
+                # variables that differ by a constant have the same derivative
                 if sign > 0:
                     own.setdefault(state, two.name)
                 unite(first.setdefault(moving[derived], two.name), two.name, 1)
@@ -103,7 +118,7 @@ def alias_structure(flat: FlatModel) -> AliasStructure:
     rest = [e for i, e in enumerate(flat.equations) if i not in plain]
     used = {equal.find(n)[0] for e in rest for n in names_in(e.left) | names_in(e.right) if n in free}
     driven = {equal.find(n)[0] for e in rest for n in derived_in(e) if n in free}
-    # a rate whose own rate is only given a name is no state
+    # a derivative whose own derivative is only named, and not used, is no state
     idle = {x for x, rate in rates.items() if x in rates.values() and x not in driven and rate not in used}
     found = {equal.find(n)[0] for n in dynamic} - idle
     found -= {x for e in rest if (x := _combined(e, variables, same, found))}
@@ -117,7 +132,7 @@ def alias_structure(flat: FlatModel) -> AliasStructure:
 def _combined(
     e: FlatEquation, variables: Mapping[str, FlatVariable], same: SignedRepresentatives, states: Set[str]
 ) -> str | None:
-    """A variable of the model's own that an equation gives by two states or more: its derivative says nothing new."""
+    """A variable that an equation defines as a function of two or more states, so that it is no state itself."""
     for one, whole in ((e.left, e.right), (e.right, e.left)):
         if isinstance(one, Name) and one.name in same and "." not in one.name and same[one.name][0] in states:
             given = same[one.name][0]
@@ -129,7 +144,7 @@ def _combined(
 
 
 def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
-    """The one unit that is declared for any of what is added up, for all of it."""
+    """Units of variables from the terms to which they are added, if all declared units there agree."""
     group = SignedUnionFind()
     for e in flat.equations:
         for tree in walk(Call("-", (e.left, e.right))):
@@ -146,7 +161,7 @@ def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
 
 
 def _without_one(tree: Expression, flat: FlatModel, variables: Mapping[str, FlatVariable]) -> Expression:
-    """A product without its factor, where that is a parameter which is one: the gain of a block that integrates."""
+    """The second factor of a product, if the first one is a parameter of value 1, such as the gain of an integrator."""
     match tree:
         case Call("*", (Name(gain, ()), Name() as inner)):
             v = variables.get(gain)
@@ -157,12 +172,12 @@ def _without_one(tree: Expression, flat: FlatModel, variables: Mapping[str, Flat
 
 
 def derived_in(e: FlatEquation) -> list[str]:
-    """What is derived by time anywhere in an equation."""
+    """Names whose time derivative occurs in an equation."""
     return [*derived_names(e.left), *derived_names(e.right)]
 
 
 def derived_names(tree: Expression) -> Iterator[str]:
-    """What is derived by time anywhere in an expression."""
+    """Names whose time derivative occurs in an expression."""
     return (name for t in walk(tree) if (name := is_derivative(t)) is not None)
 
 
@@ -179,6 +194,6 @@ def _equal(e: FlatEquation) -> tuple[str, str, int] | None:
 
 
 def _rank(v: FlatVariable, dynamic: set[str]) -> tuple[bool, bool, bool, bool, int]:
-    """The best name of a class: an input, else a declared state of the model itself rather than of a connector."""
+    """Sort key for the name of a class: an input first, then a declared state of the model itself."""
     started = "fixed" in v.attributes
     return (v.causality != "input" or "." in v.name, v.name not in dynamic, not started, v.flow, v.name.count("."))

@@ -1,4 +1,4 @@
-"""Places between a state and what is fed in: the temperature of the surroundings, the wind, a moving base."""
+"""Ports between a state and an input: an ambient temperature, the wind, a moving base."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from aero_bayes.ports.relative_motion import all_differences, differences_in
 
 
 def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
-    """A port for every two whose difference stands in the model, and for a temperature and every one that is fed in.
+    """Ports at differences of a state and an input.
 
-    What one storage stands against is there for all of its unit. A difference that only has a name, such as that of a
-    set point, is no place of a motion.
+    There is a port where the difference occurs in an equation, and for each storage of heat with each temperature that
+    is an input. An input that is the ambient level of one storage is so for all storages of the same unit. A difference
+    of motions that only defines another variable, such as a control error, is no port.
     """
-    fed = _fed(s)
+    fed = _input_classes(s)
     apart = all_differences(s)
     levels = {s.of(p.signals["h"]): p.units["h"] for p in balances if p.kind == "storage"}
     around = {(cls, unit) for level, unit in levels.items() for cls in fed if frozenset((level, cls)) in apart}
@@ -43,8 +44,8 @@ def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator
                 yield replace(port, id=f"{port.id}-{name}", signals=signals, units=units, neighbours=())
 
 
-def _fed(s: AliasStructure) -> dict[str, str]:
-    """Classes of equal variables that inputs alone give, and the name of each with the fewest dots."""
+def _input_classes(s: AliasStructure) -> dict[str, str]:
+    """Variables that depend on inputs alone: by alias class, the name with the fewest dots."""
     seen = {n for n, v in s.variables.items() if n in s.same and "[" not in n and not (v.protected and "." in n)}
     found = {s.of(n): n for n, v in s.variables.items() if v.causality == "input" and "." not in n and n in seen}
     grown = True
@@ -64,6 +65,6 @@ def _fed(s: AliasStructure) -> dict[str, str]:
 
 
 def _inside(s: AliasStructure, tree: Expression) -> Iterator[frozenset[str]]:
-    """Two variables each whose difference is a part of an expression and not all of it."""
+    """Pairs of variables whose difference is a proper part of an expression."""
     for inner in children(tree):
         yield from differences_in(s, inner)

@@ -1,4 +1,4 @@
-"""Where an opposing term enters an equation of a flat model, by the same rule as in its source, and its unit there."""
+"""Balance equations of a flat model, and how an additional term enters them. Source text follows the same rule."""
 
 from __future__ import annotations
 
@@ -23,16 +23,29 @@ from aero_bayes.language.syntax import (
 from aero_bayes.ports.insertion_point import Driver, InsertionPoint, RowIndex, element_of_row, find_insertion_point
 from aero_bayes.ports.scalar_equations import substituted
 
-#: Where an opposing term stands in what the residual of a vector equation grows by.
+#: Placeholder of the additional term in the residual of a vector equation.
 TERM = Name("")
 
 
 @dataclass(frozen=True)
 class Balance:
-    """The residual ``left - right`` of an equation grows by ``scale`` times an opposing term of the unit.
+    """A balance equation, and how an opposing term enters its residual ``left - right``.
 
-    Of a vector equation it is the ``row`` that grows, and ``scale`` is all that is added, with the term as ``TERM``;
-    ``beside`` are the terms, numbers, that it stands beside. ``state`` is the one that a balance drives.
+    Parameters
+    ----------
+    equation : int
+        Index of the equation in the flat model.
+    scale : Expression
+        The residual grows by ``scale`` times the term. For a vector equation it is the whole increment, in which
+        :data:`TERM` stands for the term.
+    unit : str
+        Unit of the term; empty if unknown.
+    row : tuple of int, optional
+        Of a vector equation, the row (from one) and the number of rows.
+    beside : tuple of Expression
+        Of a vector equation, the scalar terms in the same sum.
+    state : str
+        The state whose derivative the balance determines.
     """
 
     equation: int
@@ -43,7 +56,7 @@ class Balance:
     state: str = ""
 
     def added(self, term: Expression) -> Expression:
-        """What the residual grows by."""
+        """The increment of the residual."""
         if self.row is None:
             return Call("*", (self.scale, term))
         return map_names(self.scale, lambda n: term if n == TERM else n)
@@ -57,9 +70,9 @@ def find_balance(
     units: Mapping[str, str],
     row: RowIndex | None = None,
 ) -> Balance | None:
-    """Where an opposing term enters; None where the driver is not there, or not linearly.
+    """The balance that an equation is; None if the derivative does not occur in it, or not linearly.
 
-    ``row`` is the one of a vector equation.
+    ``row`` is the row of a vector equation.
     """
     e = flat.equations[equation]
     sides = e.left, e.right
@@ -69,7 +82,7 @@ def find_balance(
         return None
     if row is not None:
         items = element_of_row(sides[0], row), element_of_row(sides[1], row)
-        # the terms of a side that is written element by element are numbers
+        # the terms of a side that is an array constructor are scalars
         numbers = {id(t) for side, item in zip(sides, items, strict=True) if item is not side for t in walk(item)}
         one = _unit_vector(row, Number(1.0))
         beside = tuple(t if id(t) in numbers else Call("*", (one, t)) for t in entry.like)
@@ -104,7 +117,7 @@ def _unit_vector(row: RowIndex, item: Expression) -> Expression:
 
 
 def parameter_values(flat: FlatModel) -> dict[str, float]:
-    """Numbers of the parameters that have one."""
+    """Values of the parameters that can be evaluated."""
     found = {}
     for v in flat.variables:
         if v.constant and not v.sizes and v.type == "Real":
@@ -116,7 +129,7 @@ def parameter_values(flat: FlatModel) -> dict[str, float]:
 
 
 def _unit(entry: InsertionPoint, sides: tuple[Expression, Expression], units: Mapping[str, str]) -> str:
-    """Unit of a term beside those of an entry; a torque is in N.m, not in N.m.rad."""
+    """Unit of a term in the sum of an insertion point; a torque is in N.m, not in N.m.rad."""
 
     def unit_of(name: str) -> str:
         # elements of an array have its unit

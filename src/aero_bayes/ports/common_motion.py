@@ -1,4 +1,4 @@
-"""Variables that move together: equal but for a constant and their sign, such as both ends of a rigid mass."""
+"""Variables that differ by a constant and a sign only, such as the positions of both ends of a rigid mass."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Collection, Mapping, Sequence
 from aero_bayes.export.flat import FlatEquation
 from aero_bayes.language.syntax import Call, Name, names_in, summands
 
-#: A representative and the sign with which a variable moves as it does; the empty name for what does not move.
+#: For each variable its representative and relative sign. The representative of a constant is the empty name.
 SignedRepresentatives = Mapping[str, tuple[str, int]]
 
 
 class SignedUnionFind:
-    """Classes of names that equal each other but for their sign."""
+    """Union-find (disjoint sets) of names that are equal but for their sign."""
 
     def __init__(self) -> None:
         self._above: dict[str, tuple[str, int]] = {}
 
     def find(self, name: str) -> tuple[str, int]:
-        """Representative of a name, and its sign beside it."""
+        """The representative of a name, and the sign of the name relative to it."""
         sign = 1
         while name in self._above:
             name, flip = self._above[name]
@@ -26,12 +26,12 @@ class SignedUnionFind:
         return name, sign
 
     def union(self, gone: str, kept: str, sign: int) -> None:
-        """From now on one representative is another one, or its negative."""
+        """Merge two sets: the representative ``gone`` is ``sign`` times the representative ``kept``."""
         self._above[gone] = kept, sign
 
 
 def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) -> dict[str, tuple[str, int]]:
-    """Representatives of variables by sums of equations; ``free`` are those that are no constants."""
+    """Find variables whose sum or difference is constant. ``free`` are the variables that are not constants."""
     known = SignedUnionFind()
     sums = [s for e in equations if (s := _sum(e, free)) is not None]
     grown = True
@@ -54,7 +54,7 @@ def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) ->
 
 
 def distances(equations: Sequence[FlatEquation], moving: SignedRepresentatives) -> dict[str, frozenset[str]]:
-    """Between which two each variable that stands alone in an equation is the distance, or the sum, of two others."""
+    """For each variable that an equation defines as the difference or sum of two others, these two."""
     found: dict[str, frozenset[str]] = {}
     for e in equations:
         terms = _sum(e, moving.keys()) if isinstance(e.left, Name) else None
@@ -66,7 +66,7 @@ def distances(equations: Sequence[FlatEquation], moving: SignedRepresentatives) 
 
 
 def _sum(e: FlatEquation, free: Collection[str]) -> list[tuple[int, str]] | None:
-    """The variables of an equation with their signs, where it is a sum of them and constants."""
+    """The variables of an equation with their signs, if it is a sum of variables and constants."""
     found: list[tuple[int, str]] = []
     for sign, tree in summands(Call("-", (e.left, e.right))):
         match tree:

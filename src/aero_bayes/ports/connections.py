@@ -1,4 +1,4 @@
-"""Ports at connections: an element at a node, a drop in series."""
+"""Ports at connections: a node, or a voltage drop in series."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from aero_bayes.ports.quantities import is_current, kind_of, owner_of, signals_o
 
 
 def _flow_sums(s: AliasStructure) -> Iterator[tuple[int, list[str]]]:
-    """Sums of flows at connections of the model's own class, by the names of the flows."""
+    """Equations that sum the flows of a connection set in the model's own class, with the names of the flows."""
     flow = {v.name for v in s.flat.variables if v.flow}
     for i, e in enumerate(s.flat.equations):
         if e.origin == "flow" and s.origins[i][1] == 0:
@@ -28,13 +28,13 @@ def _sum_names(tree: Expression) -> list[str]:
 
 
 def _potential(s: AliasStructure, connector: str) -> str:
-    """The one variable of a connector that is no flow, without the connector's name; empty where there are more."""
+    """Local name of the only potential variable of a connector; empty if there are several."""
     inner = [n for n, v in s.variables.items() if n.startswith(connector + ".") and not v.flow]
     return inner[0].rpartition(".")[2] if len(inner) == 1 and inner[0].rpartition(".")[0] == connector else ""
 
 
 def node_port(s: AliasStructure, state: str, position: str) -> Port | None:
-    """A node whose potential is the state or its position; the one at the component that has the state comes first."""
+    """A port at a node whose potential is the state or its position, first at the component that has the state."""
     owner = owner_of(s, state)
     choices: list[tuple[bool, int, list[str], str]] = []
     for i, flows in _flow_sums(s):
@@ -55,7 +55,7 @@ def node_port(s: AliasStructure, state: str, position: str) -> Port | None:
         return None
     end = f"{connectors[0]}.{potential}"
     if position and s.of(end) not in (state, position):
-        position = end  # which moves as the state's own position does
+        position = end  # it differs from the position of the state by a constant
     signals = signals_of(kind, state, position)
     return Port(
         connectors[0], kind, "node", v.unit, units_of(s, kind, signals, v.unit), s.variables[state].place,
@@ -65,7 +65,7 @@ def node_port(s: AliasStructure, state: str, position: str) -> Port | None:
 
 
 def connecting_components(s: AliasStructure, one: Port, other: Port) -> set[str]:
-    """Components with a connector at each of two nodes and no balance of their own at either."""
+    """Components with a connector at each of two nodes, and without a state at either."""
     both: list[set[str]] = []
     for port in (one, other):
         motion = s.moving[f"{port.connectors[0]}.{port.potential}"][0]
@@ -75,12 +75,12 @@ def connecting_components(s: AliasStructure, one: Port, other: Port) -> set[str]
 
 
 def _motion_of(s: AliasStructure, connector: str, potential: str) -> str:
-    """What a connector's potential moves with; empty where it has none of that name."""
+    """Representative of the potential of a connector; empty if it has no such potential."""
     return s.moving.get(f"{connector}.{potential}", ("", 1))[0]
 
 
 def series_port(s: AliasStructure, state: str) -> Port | None:
-    """A connection of two connectors whose flow is the state, a current: a drop of potential may lie between them."""
+    """A port in series in a connection of two connectors whose flow is the state, a current."""
     if not is_current(s, state):
         return None
     owner = owner_of(s, state) + "."
@@ -98,7 +98,7 @@ def series_port(s: AliasStructure, state: str) -> Port | None:
 
 
 def storage_pin_port(s: AliasStructure, state: str) -> Port | None:
-    """A pin of a component whose voltage is the state: a drop of potential may lie between it and the rest."""
+    """A port in series at a pin of a component whose state is a voltage, such as a capacitor."""
     owner = owner_of(s, state) + "."
     if unit_in(s, state) != "V":
         return None
@@ -107,7 +107,7 @@ def storage_pin_port(s: AliasStructure, state: str) -> Port | None:
 
 
 def branch_ports(s: AliasStructure, taken: Iterable[Port]) -> Iterator[Port]:
-    """Pins of components that pass a current by their own voltage, a resistor's: one in each branch without a port."""
+    """Ports in series at pins of components without a state, such as resistors: one in each branch without a port."""
     seen = {s.moving[p.signals["i"]][0] for p in taken if p.kind == "electrical"}
     sets = [flows for _, flows in _flow_sums(s) if len(flows) > 1]
     for i, e in enumerate(s.flat.equations):
@@ -125,7 +125,7 @@ def branch_ports(s: AliasStructure, taken: Iterable[Port]) -> Iterator[Port]:
 
 
 def _series_port_before_pin(s: AliasStructure, state: str, pins: Iterable[tuple[str, list[str]]]) -> Port:
-    """A port before the pin that is declared first, of some with the sums of flows that they are in."""
+    """A port in series at the pin that is declared first."""
     order = list(s.variables)
     flow, flows = min(pins, key=lambda one: order.index(one[0]))
     pin, name = flow.rpartition(".")[::2]
@@ -134,7 +134,7 @@ def _series_port_before_pin(s: AliasStructure, state: str, pins: Iterable[tuple[
 
 
 def _series_port_at(s: AliasStructure, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:
-    """A port before the second of two connectors; what flows into that is what a law is given."""
+    """A port in series before the second of two connectors. Laws read the current into that connector."""
     potential = _potential(s, own)
     end = f"{connectors[1]}.{potential}"
     at = next(i for i, e in enumerate(s.flat.equations) if _connects_to(e, end))

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.causalise import causalise
+from aero_bayes.export.causalisation import causalise
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
@@ -38,7 +38,7 @@ from aero_bayes.ports.replaceable import ReplaceableModel
 def find_ports(flat: FlatModel) -> list[Port]:
     """All ports of a model: inputs, outputs, then balances in the order of their states.
 
-    A state is reached by a balance or a connection of the model's own class; only where there is none, by the balance
+    The port of a state is at a balance or a connection in the model's own class. If there is none, it is at the balance
     inside a component.
     """
     s = alias_structure(flat)
@@ -78,7 +78,7 @@ def _outputs(s: AliasStructure, rated: Collection[str]) -> Iterator[Port]:
 
 
 def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
-    """Outputs whose rate the model gives; that of one which an input acts on at once is not known."""
+    """Outputs whose derivative can be computed. It cannot for an output with direct feedthrough of an input."""
     wider = flat
     for n, name in enumerate(outputs):
         wider = add_output(wider, f"rate_of_output_{n}", Call("der", (parse_reference(name),)))
@@ -110,7 +110,7 @@ def _balances(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
                 yield drop
 
 
-# balances that the model's own class states
+# balance equations
 
 
 @dataclass(frozen=True)
@@ -122,10 +122,11 @@ class _BalanceOption:
 
 
 def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, inside: bool) -> dict[str, _BalanceOption]:
-    """A balance for each state, no equation twice: of the model's own class, or with ``inside`` of its components.
+    """A balance for each state, by maximum bipartite matching of states and equations (augmenting paths).
 
-    Where masses couple, an equation contains several derivatives; it goes to one whose factor is constant, the rows of
-    a vector equation to the states in their order.
+    Equations are those of the model's own class, or with ``inside`` those of its components. With coupled masses, an
+    equation contains several derivatives. It is preferred for a state whose derivative has a constant factor. Rows of a
+    vector equation are preferred for the states in their order.
     """
     values = parameter_values(s.flat)
     units = {v.name: v.unit for v in s.flat.variables}
@@ -168,7 +169,7 @@ def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, insi
 
 
 def _rows_of(s: AliasStructure, states: Sequence[str]) -> dict[tuple[int, str], int]:
-    """The row of a vector equation that is a state's own: the first for the first of its states, and so on."""
+    """The preferred row of each state in a vector equation: the first row for the first of its states, and so on."""
     found: dict[tuple[int, str], int] = {}
     for equation in {index for index, row, _ in s.origins if row}:
         whole = {n for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == equation for n in _driving(e)}
@@ -178,13 +179,13 @@ def _rows_of(s: AliasStructure, states: Sequence[str]) -> dict[tuple[int, str], 
 
 
 def _driving(e: FlatEquation) -> set[str]:
-    """The names of an equation, and its derivatives as ``der(x)``."""
+    """The names in an equation, and its derivatives as ``der(x)``."""
     sides = e.left, e.right
     return {n for side in sides for n in (*names_in(side), *(f"der({x})" for x in derived_names(side)))}
 
 
 def _again(s: AliasStructure, state: str, positions: Collection[str]) -> bool:
-    """Whether a relative motion is that of something with a balance of its own, or an earlier one once more."""
+    """Whether a relative motion has a balance already, or is an earlier relative motion again."""
     if not is_relative_motion(s, state):
         return False
     if s.moving[state][0] in {s.moving[x][0] for x in positions}:
@@ -199,7 +200,7 @@ def _other_than_speeds(s: AliasStructure, names: set[str]) -> bool:
 
 
 def _kinematic(s: AliasStructure, state: str, names: set[str]) -> bool:
-    """Whether an equation only says how an angle or a displacement follows from a speed."""
+    """Whether an equation only integrates a speed to an angle or a displacement."""
     unit = unit_in(s, state)
     varying = {s.of(n) for n in names if n in s.variables and not s.variables[n].constant} - {state}
     speeds = all(dimension_of_unit(unit_in(s, n)) in SPEEDS for n in varying)
@@ -207,7 +208,7 @@ def _kinematic(s: AliasStructure, state: str, names: set[str]) -> bool:
 
 
 def _constant_factor(s: AliasStructure, e: FlatEquation, driver: str) -> bool:
-    """Whether a driver stands in an equation with nothing but constants as factors."""
+    """Whether all factors of a derivative in an equation are constants."""
 
     def factors(tree: Expression) -> set[str]:
         if isinstance(tree, Call) and tree.function in ("+", "-", "neg"):
@@ -235,14 +236,14 @@ def _equation(s: AliasStructure, state: str, position: str, option: _BalanceOpti
 
 
 def driver_names(s: AliasStructure, state: str) -> list[str]:
-    """What a balance drives: the derivative of a state, or a variable that equals it."""
+    """Names of the derivative of a state: ``der(x)``, and variables that equal it."""
     rate = s.rates.get(s.of(state))
     names = [f"der({n})" for n in s.members(s.of(state))]
     return names + (s.members(rate) if rate is not None and rate not in s.states else [])
 
 
 def is_driver(name: str, *, whole: bool = False) -> Driver:
-    """Whether a term is a driver of that name; with ``whole`` the array that it is an element of counts too."""
+    """A test whether an expression is the derivative of that name; with ``whole``, also the array that has it."""
 
     def same(word: str, name: str) -> bool:
         return word == name or (whole and word.partition("[")[0] == name.partition("[")[0])
@@ -259,13 +260,13 @@ def is_driver(name: str, *, whole: bool = False) -> Driver:
 
 
 def _drivers(s: AliasStructure, state: str) -> Iterator[tuple[int, str]]:
-    """Equations that may be the balance of a state, with what they drive: its derivative, or a name for that."""
+    """Equations that may be the balance of a state, with the name of its derivative there."""
     wanted = driver_names(s, state)
     late: list[tuple[int, str]] = []
     for i, e in enumerate(s.flat.equations):
         for driver in wanted:
             if _holds(e.left, driver) or _holds(e.right, driver):
-                # an equation that says only der(x) = rate is the balance where no other one has the rate
+                # der(x) = rate is the balance only if no other equation contains the rate
                 if i in s.plain:
                     late.append((i, driver))
                 elif driver.startswith("der(") or is_relative_motion(s, state) or _gives(e, driver):
@@ -274,7 +275,7 @@ def _drivers(s: AliasStructure, state: str) -> Iterator[tuple[int, str]]:
 
 
 def _gives(e: FlatEquation, name: str) -> bool:
-    """Whether an equation can be the one that determines a name: it stands alone on a side, or in a product."""
+    """Whether an equation can determine a variable: it is a whole side, or a factor of a product."""
     return any(isinstance(t, Name) and t.name == name for t in (e.left, e.right)) or any(
         isinstance(t, Call) and t.function in ("*", "/") and name in names_in(t) for t in (e.left, e.right)
     )
@@ -285,12 +286,12 @@ def _holds(tree: Expression, driver: str) -> bool:
 
 
 def _own_name(s: AliasStructure, state: str) -> str:
-    """The name of a state in the model's own class, where it has one there that is no output."""
+    """Name of a state in the model's own class, if it has one that is no output."""
     return next((n for n in s.members(state) if "." not in n and s.variables[n].causality == "local"), state)
 
 
 def _alike(one: str, other: str) -> bool:
-    """Whether two units may be the same: a unit that nobody gave may be any."""
+    """Whether two units may be equal. An unknown unit may be any unit."""
     return not one or not other or one == other
 
 
@@ -309,7 +310,7 @@ def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
 
 
 def replaceable_ports(found: Sequence[ReplaceableModel], names: Mapping[str, str]) -> tuple[Port, ...]:
-    """A port for each replaceable model: by the name that it is given, unless several share that, or in snake case."""
+    """A port for each replaceable model. Its id is the declared name, if it is unique, or its name in snake case."""
     own = [snake_case(one.name) for one in found]
     given = [names.get(name, name) for name in own]
     ids = [to if given.count(to) == 1 else name for name, to in zip(own, given, strict=True)]

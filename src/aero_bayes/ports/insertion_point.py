@@ -1,4 +1,4 @@
-"""Where a term that opposes a change enters a balance equation, as it is written."""
+"""Where an additional term is inserted into the text of a balance equation."""
 
 from __future__ import annotations
 
@@ -33,11 +33,24 @@ MAX_WRITTEN_ROWS = 6
 
 @dataclass(frozen=True)
 class InsertionPoint:
-    """A sum of terms on one side of an equation, and the sign (1 or -1) with which an opposing term is appended to it.
+    """A sum on one side of an equation, to which a term can be appended.
 
-    ``factors`` are what multiplies the sum on its side, with their operators; ``side`` is 1 on the left, -1 on the
-    right. ``like`` are the terms that the new one stands beside. ``row`` is given where the sum is one of vectors,
-    ``loop`` where it stands in a loop: the variable, and its value where the term is to be.
+    Parameters
+    ----------
+    group : Expression
+        The sum.
+    sign : int
+        Sign (1 or -1) of an appended term that opposes a change.
+    side : int
+        1 on the left, -1 on the right.
+    like : tuple of Expression
+        Terms of the sum, which have the unit of the new one.
+    factors : tuple
+        Factors of the sum on its side, with their operators.
+    row : tuple of int, optional
+        Row of the term, if the sum is one of vectors.
+    loop : tuple, optional
+        If the equation is in a loop: the loop index, and its value for the term.
     """
 
     group: Expression
@@ -49,7 +62,7 @@ class InsertionPoint:
     loop: tuple[str, int] | None = None
 
     def insert(self, text: str, sign: int = 1) -> list[TextEdit]:
-        """Append ``text`` so that it opposes, or with ``sign`` -1 so that it drives."""
+        """Edits that append ``text`` so that it opposes a change, or drives it with ``sign`` -1."""
         (start, end), wrap = self.group.span, _binds_less(self.group)
         operator = "+" if self.sign * sign > 0 else "-"
         opening = [TextEdit(start, start, "(")] if wrap else []
@@ -58,10 +71,10 @@ class InsertionPoint:
         return [*opening, TextEdit(end, end, f"{')' if wrap else ''} {operator} {text}")]
 
     def dimension(self, of: Callable[[str], Dimension | None], sides: Sequence[Expression] = ()) -> Dimension | None:
-        """Unit of its terms, from the first one whose names all have one; a plain name before a product.
+        """Dimension of the terms, from the first term whose variables all have a unit.
 
-        A number may have a unit that nobody wrote, such as 9.81: terms without one come first, then those of the
-        equation's sides, where nothing multiplies the sum.
+        Names are tried before products. Terms with numbers are tried last, because a number such as 9.81 may have a
+        dimension that is not written.
         """
         others = [] if self.factors else [t for s in sides for _, t in summands(s)]
         terms = [*self.like, *(t for t in others if not has_number(t))]
@@ -70,7 +83,7 @@ class InsertionPoint:
 
 
 def in_vector(text: str, row: RowIndex) -> str:
-    """A vector that is zero but for one row."""
+    """A vector expression with a term in one row and zeros elsewhere."""
     k, of = row
     if of > MAX_WRITTEN_ROWS:
         return f"{{if row_k == {k} then {text} else 0 for row_k in 1:{of}}}"
@@ -85,25 +98,25 @@ def find_insertion_point(
     values: Mapping[str, float],
     row: RowIndex | None = None,
 ) -> InsertionPoint | None:
-    """Find where an opposing term enters an equation.
+    """Find where an opposing term is inserted into an equation.
 
     Parameters
     ----------
     sides : tuple of Expression
         Left and right.
     driver : callable
-        Whether a part is what the balance drives, such as ``der(v)``.
+        Whether an expression is the derivative that the balance determines, such as ``der(v)``.
     constants : frozenset of str
-        Names that do not change: ``der(v) = (u - d * v) / m`` takes the term into the parentheses.
+        Names of constants. In ``der(v) = (u - d * v) / m``, with constant m, the term enters the parentheses.
     values : mapping
-        Numbers of parameters, for the sign of a factor; positive where missing.
+        Values of parameters, for the sign of a factor. A missing one counts as positive.
     row : tuple of int, optional
-        Of a vector equation. Where a side is written element by element, the term enters that element.
+        The row of a vector equation. In a side that is written element by element, the term enters that element.
 
     Returns
     -------
     Entry or None
-        None where the equation does not contain the driver, or not linearly.
+        None if the derivative does not occur, or not linearly.
     """
     rows = [None if row is not None and isinstance(s, Array) else row for s in sides]
     if row is not None:
@@ -135,12 +148,12 @@ def _binds_less(tree: Expression) -> bool:
 
 
 def element_of_row(side: Expression, row: RowIndex) -> Expression:
-    """The row of a side that is written element by element; any other side as it is."""
+    """One element of a side that is an array constructor; any other side unchanged."""
     return side.items[row[0] - 1] if isinstance(side, Array) and len(side.items) == row[1] else side
 
 
 def _solved_right_side(tree: Expression) -> tuple[Expression, Factors] | None:
-    """What ``solve(M, b)`` makes equal to ``M * x``, and its matrix as a factor."""
+    """``b`` of ``solve(M, b)``, with the matrix as a factor."""
     match tree:
         case Call(function, (matrix, right)) if function.rpartition(".")[2] == "solve":
             return right, (("*", matrix),)
@@ -152,7 +165,7 @@ def _terms(tree: Expression) -> tuple[Expression, ...]:
 
 
 def _sign_of(tree: Expression, driver: Driver, values: Mapping[str, float]) -> int | None:
-    """Sign of the coefficient of the driver; None where it does not occur, or not as a plain factor of a term."""
+    """Sign of the coefficient of the derivative; None if it does not occur, or not as a factor of a term."""
     if driver(tree):
         return 1
     terms = [(1, item) for item in tree.items] if isinstance(tree, Array) else summands(tree)
@@ -179,7 +192,7 @@ def _product_sign(trees: Sequence[Expression], values: Mapping[str, float]) -> i
 
 
 def _numerator(tree: Expression, constants: frozenset[str]) -> tuple[Expression, Factors] | None:
-    """The one sum in parentheses of a product whose other factors are constant, and those with their operators."""
+    """The only factor of a product that is not constant, if it is a sum, and the constant factors."""
     parts = factors(tree)
     changing = [k for k, (_, f) in enumerate(parts) if isinstance(f, If) or not names_in(f) <= constants]
     if len(parts) == 1 or len(changing) != 1:

@@ -1,4 +1,4 @@
-"""Signals inside a model: of a controller, from one part of a model to the next, from block to block."""
+"""Ports at signals inside a model: outputs of a controller, of a filter, of a block."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from aero_bayes.language.syntax import Name, names_in
 from aero_bayes.ports.aliases import AliasStructure, derived_in, is_derivative
 from aero_bayes.ports.port import Port
 
-#: Of an equation: which one it is from, the variables in it, and the classes of variables that it gives.
-Told = tuple[int, set[str], set[str]]
+#: Index of an equation in the model, the variables in it, and the alias classes that it determines.
+Determined = tuple[int, set[str], set[str]]
 
 
 def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
-    """A port for every signal that the model's own class gives from a state and an input, such as a controller's.
+    """Ports at variables that an explicit equation computes from states and inputs, such as the output of a controller.
 
-    One that is given from states alone, or is a state by another name, is a signal where nothing comes back from what
-    it acts on: one filter's to the next. It acts as an input does: what follows reads what a law makes of it.
+    A variable that is computed from states alone is a signal only without feedback: if its states do not depend on it,
+    as from one filter to the next. A law at a signal acts as at an input: the rest of the model reads its output.
     """
-    given = _given(s, flat)
+    given = _explicit_variables(s, flat)
     inputs = {s.of(v.name) for v in flat.variables if v.causality == "input" and "." not in v.name}
-    told = _told(s, given)
-    onward, read = _onward(s, told), _read(s)
+    told = _determined(s, given)
+    onward, read = _dependents(s, told), _read(s)
     for name, index in given.items():
         e = flat.equations[index]
-        reached = _reached(s, name, given, read)
+        reached = _sources(s, name, given, read)
         acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
         within = reached & {*s.states}
         first = {head for of, names, heads in told if of != index and name in names for head in heads}
-        if within and acts and (reached & inputs or not within & _following(first, onward)):
+        if within and acts and (reached & inputs or not within & _reachable(first, onward)):
             unit = flat.variable(name).unit
             states = tuple(x for x in s.states if x in reached)
             yield Port(
@@ -46,12 +46,12 @@ def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
 
 
 def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
-    """A port for every input of a component that the model's own class connects to another component's output."""
+    """Ports at inputs of components that the model's own class connects to outputs of other components."""
     for index, e in enumerate(flat.equations):
         match e.left, e.right:
             case Name(one, ()), Name(two, ()) if e.origin == "connection" and not e.component:
                 for inner, outer in ((one, two), (two, one)):
-                    if _passed(s, inner, "input") and _passed(s, outer, "output"):
+                    if _is_component_signal(s, inner, "input") and _is_component_signal(s, outer, "output"):
                         unit = s.variables[inner].unit or s.variables[outer].unit
                         states = tuple(s.states_in(Name(outer)))
                         signals = {"u": unit, "y": unit}
@@ -61,10 +61,10 @@ def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
                         )  # fmt: skip
 
 
-def _told(s: AliasStructure, given: Collection[str]) -> list[Told]:
-    """Of each equation where it is from, the variables in it, and what it gives; all in it where it does not say."""
+def _determined(s: AliasStructure, given: Collection[str]) -> list[Determined]:
+    """For each equation its index, its variables, and the variables that it determines; all of them if implicit."""
     rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
-    found: list[Told] = []
+    found: list[Determined] = []
     for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
         names = {n for n in names_in(e.left) | names_in(e.right) if n in s.same}
         classes = {s.of(n) for n in names}
@@ -75,8 +75,8 @@ def _told(s: AliasStructure, given: Collection[str]) -> list[Told]:
     return found
 
 
-def _onward(s: AliasStructure, told: Sequence[Told]) -> dict[str, set[str]]:
-    """What each class of variables acts on at once."""
+def _dependents(s: AliasStructure, told: Sequence[Determined]) -> dict[str, set[str]]:
+    """By alias class, the classes that it acts on directly."""
     found: dict[str, set[str]] = {}
     for _, names, heads in told:
         for name in names:
@@ -84,8 +84,8 @@ def _onward(s: AliasStructure, told: Sequence[Told]) -> dict[str, set[str]]:
     return found
 
 
-def _following(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
-    """Some variables and all that they act on, by whatever way."""
+def _reachable(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
+    """Some classes, and all that they act on directly or indirectly (reachability in the dependency graph)."""
     found, waiting = {*begin}, [*begin]
     while waiting:
         new = onward.get(waiting.pop(), set()) - found
@@ -94,14 +94,14 @@ def _following(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[st
     return found
 
 
-def _passed(s: AliasStructure, name: str, causality: str) -> bool:
-    """Whether a variable is a component's own input or output."""
+def _is_component_signal(s: AliasStructure, name: str, causality: str) -> bool:
+    """Whether a variable is a scalar input or output of a component."""
     v = s.variables.get(name)
     return v is not None and v.causality == causality and name.count(".") == 1 and v.type == "Real" and not v.sizes
 
 
 def defining_equations(flat: FlatModel, port: Port) -> list[int]:
-    """The equations that give a signal, before any law: one, or where it is connected all that connections say."""
+    """Indices of the equations that define a signal: its own one, or all connection equations if it is connected."""
     if port.defining_equation is None:
         return []
     if flat.equations[port.defining_equation].origin != "connection":
@@ -110,7 +110,7 @@ def defining_equations(flat: FlatModel, port: Port) -> list[int]:
 
 
 def _acts(s: AliasStructure, e: FlatEquation, name: str) -> bool:
-    """Whether an equation makes something of a signal: it is no mere name for a rate, and nothing that is only read."""
+    """Whether a signal acts in an equation: not if that only names a derivative, or defines an output."""
     for one, other in ((e.left, e.right), (e.right, e.left)):
         if other == Name(name) and is_derivative(one):
             return False
@@ -123,8 +123,8 @@ def _gives(e: FlatEquation, name: str) -> bool:
     return e.left == Name(name) and not e.component and e.origin in ("component", "binding") and not derived_in(e)
 
 
-def _given(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
-    """Local variables that one equation gives, with its index: a value of their own, or that of a state."""
+def _explicit_variables(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
+    """Local variables that exactly one explicit equation defines, with the index of that equation."""
     derived = {n for e in s.flat.equations for n in derived_in(e)}
     local = {
         v.name for v in flat.variables
@@ -139,15 +139,15 @@ def _given(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
 
 
 def _read(s: AliasStructure) -> dict[int, set[str]]:
-    """The variables on the right of each equation before it was taken apart; of an array its elements."""
+    """The variables on the right-hand side of each equation of the model; elements of arrays."""
     found: dict[int, set[str]] = {}
     for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
         found.setdefault(index, set()).update(n for n in names_in(e.right) if n in s.same)
     return found
 
 
-def _reached(s: AliasStructure, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
-    """What a signal is computed from, by way of others that are."""
+def _sources(s: AliasStructure, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
+    """Alias classes from which a signal is computed, directly or through other computed variables."""
     found: set[str] = set()
     waiting = [name]
     while waiting:

@@ -1,4 +1,4 @@
-"""Typical sizes of the signals at a model's ports, as a fit has them: what laws scale their parameters by."""
+"""Nominal values of the signals at ports, from a simulation at a fit. Laws scale their parameters by them."""
 
 from __future__ import annotations
 
@@ -26,24 +26,25 @@ from aero_bayes.simulation.interface import InputSignal, Outcome
 
 FloatArray = NDArray[np.float64]
 
-#: Share of a signal's readings that its size covers.
+#: The nominal value of a signal is this quantile of its absolute values.
 NOMINAL_QUANTILE = 0.995
-#: Size below which a signal counts as zero.
+#: Nominal value below which a signal counts as zero.
 MIN_NOMINAL = 1e-200
-#: Readings whose regression line gives the initial value of a level.
+#: Number of first readings whose regression line gives the initial value of a level.
 LEVEL_READINGS = 5
-#: Time that a model is simulated to settle, in lengths of the recording, and the largest change of a level in the
-#: second half of it, as a share of its range.
+#: Time for which a model is simulated until it settles, in lengths of the recording; and the largest change of a level
+#: in the second half of that time, as a share of its range in the recording.
 SETTLING_LENGTHS, MAX_DRIFT_SHARE = 20.0, 0.01
+#: Is added to an output, so that it does not become an alias of a state.
 NEGLIGIBLE_TERM = Call("*", (Number(1e-300), Name("time")))
 
 
 def port_nominals(
     flat: FlatModel, ports: Sequence[Port], calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, dict[str, float]]:
-    """Sizes by the port's id, under the names of the partial models of laws (``f_n``, ``v_n``, ...).
+    """Nominal values by the id of the port, under the names of the partial models of laws (``f_n``, ``v_n``, ...).
 
-    What a law gives at a balance is sized by the largest of that balance's own terms.
+    The nominal value of a law's output in a balance is that of the largest term of the balance.
     """
     ports = [p for p in ports if p.replaceable is None]
     structure, outputs = alias_structure(flat), _AddedOutputs(flat)
@@ -72,14 +73,14 @@ def port_nominals(
 
 
 def _settled(end: FloatArray, over: Sequence[FloatArray]) -> bool:
-    """Whether a level that was left alone has come to rest."""
+    """Whether a level without inputs has settled."""
     return abs(float(end[-1] - end[-2])) < MAX_DRIFT_SHARE * float(np.ptp(np.concatenate(over)))
 
 
 def _near(
     calibration: Calibration, outputs: Mapping[str, list[FloatArray]], signals: Sequence[FloatArray]
 ) -> list[FloatArray]:
-    """Signals of each recording while every output is within reach of its readings."""
+    """Signals of each recording, at times when every simulated output is near the range of its readings."""
     kept = []
     for e, (experiment, signal) in enumerate(zip(calibration.experiments, signals, strict=True)):
         near = np.ones(signal.size, dtype=np.bool_)
@@ -92,7 +93,7 @@ def _near(
 
 
 def _undriven(calibration: Calibration) -> Calibration:
-    """The same recordings without what is fed in, for long: what is a temperature stays at its mean."""
+    """Long experiments without inputs. Inputs that are temperatures keep their means."""
     warm = {v.name for v in calibration.model.inputs if v.unit in KELVIN}
     experiments = []
     for e in calibration.experiments:
@@ -106,7 +107,7 @@ def _undriven(calibration: Calibration) -> Calibration:
 def _recorded_over(
     structure: AliasStructure, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
 ) -> list[FloatArray]:
-    """A signal as it was recorded, where it is an output; what was not read as the fit has it, which may be far off."""
+    """The readings of a signal that is an output; where there is none, the simulated value."""
     members = structure.members(structure.of(expression.name)) if isinstance(expression, Name) else ()
     found = list(simulated)
     for k, e in enumerate(calibration.experiments):
@@ -117,7 +118,7 @@ def _recorded_over(
 
 
 def _first_readings(structure: AliasStructure, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
-    """What the first recording says of levels that are outputs at its start; a fit that lacks something may be off."""
+    """Initial values of levels that are outputs, from the first readings of the first recording."""
     first = calibration.experiments[0]
     found = {}
     for port in ports:
@@ -132,7 +133,7 @@ def _first_readings(structure: AliasStructure, ports: Sequence[Port], calibratio
 
 
 class _AddedOutputs:
-    """Expressions of a flat model that a simulation shall return, each once."""
+    """Expressions of a flat model that are added as outputs, each once."""
 
     def __init__(self, flat: FlatModel) -> None:
         self.flat = flat
@@ -146,9 +147,9 @@ class _AddedOutputs:
     def run(
         self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, undriven: bool
     ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
-        """Each expression over the recordings, by its name, and if asked for where the model is ``left_alone``.
+        """Each expression over the recordings, by its name, and with ``undriven`` also without inputs.
 
-        Those that cannot be exported are left out.
+        Expressions that cannot be exported are left out.
         """
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "watched.fmu"
@@ -174,7 +175,6 @@ class _AddedOutputs:
     def _export(self, expressions: Iterable[Expression], path: Path) -> Model:
         flat = self.flat
         for expression in expressions:
-            # Kept apart from what it equals, so that no state takes its name.
             flat = add_output(flat, self.names[expression], Call("+", (expression, NEGLIGIBLE_TERM)))
         return Model.load(export_flat(flat, path, quick=True))
 
@@ -189,12 +189,12 @@ class _AddedOutputs:
 def simulated_signals(
     calibration: Calibration, names: Sequence[str], fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, list[FloatArray]]:
-    """Outputs of a model at a fit, by name, one array a recording.
+    """Simulated outputs of a model at a fit, by name, one array a recording.
 
     Raises
     ------
     InputError
-        The model cannot be simulated there.
+        If the simulation fails.
     """
     experiments = tuple(replace(e, outputs=tuple(names), measured=None) for e in calibration.experiments)
     values = calibration.parameters.from_search(fit.coordinates)
@@ -206,7 +206,7 @@ def simulated_signals(
 
 
 def _terms(flat: FlatModel, port: Port) -> list[Expression]:
-    """The additive terms of a port's balance, in the unit of what a law gives there."""
+    """The additive terms of the balance of a port, in the unit of a law's output there."""
     if port.balance is None:
         return []
     if port.attachment == "series" and port.states and port.unit == flat.variable(port.states[0]).unit:
@@ -218,18 +218,21 @@ def _terms(flat: FlatModel, port: Port) -> list[Expression]:
     equation = flat.equations[port.balance.equation]
     terms = [t for side in (equation.left, equation.right) for _, t in summands(side)]
     inside = f"{equation.component}." if equation.component else "."
-    # what flows at a component's connectors may be far more than stands in one of its equations
+    # flows at the connectors of a component may be larger than the terms in one of its equations
     flows = [Name(v.name) for v in flat.variables if v.flow and v.name.startswith(inside) and v.unit == port.unit]
     return [*(Call("/", (t, port.balance.scale)) for t in terms), *flows]
 
 
 def signal_nominal(parts: Sequence[FloatArray]) -> float:
-    """What nearly all magnitudes are within; 0 where there are none."""
+    """The quantile :data:`NOMINAL_QUANTILE` of the absolute values of a signal; 0 without values."""
     return float(np.quantile(np.abs(np.concatenate(parts)), NOMINAL_QUANTILE)) if parts else 0.0
 
 
 def relative_change(inputs: Sequence[InputSignal], time: float) -> float:
-    """How far an input moves within ``time`` (s), in its own size: half of all its movement is faster."""
+    """Change of an input within ``time`` (s), over its nominal value.
+
+    Changes that are at least as large make up half of the sum of all changes.
+    """
     size = signal_nominal([s.values for s in inputs])
     moved = [np.abs(np.interp(s.time + time, s.time, s.values) - s.values) for s in inputs]
     steps = np.sort(np.concatenate(moved)) if moved else np.zeros(0)
@@ -239,7 +242,7 @@ def relative_change(inputs: Sequence[InputSignal], time: float) -> float:
 
 
 def recorded_inputs(calibration: Calibration, name: str) -> list[InputSignal]:
-    """The recordings of an input, one a recording that has it."""
+    """The signals of an input in the recordings that have it."""
     return [s for e in calibration.experiments for s in e.inputs if s.name == name]
 
 
@@ -281,7 +284,7 @@ def _nominals(
             around = found[seen["h_s"]]
             mean = float(np.mean(np.concatenate(around)))
         else:
-            # counted from where it comes to rest, or starts, so that a rig has the same laws in K as in degC
+            # relative to its rest or initial value, so that a law is the same in K and in degC
             mean = start if start is not None else float(level[0][0])
             around = [np.array(mean)] * len(level)
         above = signal_nominal([y - z for y, z in zip(level, around, strict=True)]) or 1.0
@@ -290,16 +293,16 @@ def _nominals(
 
 
 def _simulated_inputs(calibration: Calibration, found: Mapping[str, list[FloatArray]], name: str) -> list[InputSignal]:
-    """A signal within a model as if it were fed in, of the fit's own simulations."""
+    """A simulated signal inside a model, as an input signal."""
     return [InputSignal(name, e.time, y) for e, y in zip(calibration.experiments, found.get(name, ()), strict=False)]
 
 
-#: Smallest number of readings in a typical time: laws take a small share of that time for short.
+#: Least time scale in readings. Laws regard a small share of the time scale as short.
 MIN_READINGS_PER_TIME = 10.0
 
 
 def fastest_time_scale(calibration: Calibration, fit: Optimum) -> float:
-    """How long the fastest output takes to change by its own size, in s."""
+    """Time scale of the fastest output in s: its standard deviation over the root mean square of its derivative."""
     times = []
     for experiment in calibration.experiments:
         for y in np.asarray(_smooth(experiment.measured)).T if experiment.measured is not None else ():
@@ -315,6 +318,6 @@ def fastest_time_scale(calibration: Calibration, fit: Optimum) -> float:
 
 
 def _smooth(measured: FloatArray, width: int = 5) -> FloatArray:
-    """Running means, so that noise does not pass for motion."""
+    """Moving averages, which suppress noise in the derivative."""
     kernel = np.ones(width) / width
     return np.stack([np.convolve(y, kernel, mode="same") for y in measured.T], axis=1)

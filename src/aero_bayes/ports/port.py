@@ -1,4 +1,4 @@
-"""Where a term may be missing in a model."""
+"""A port: a place in a model where a term may be missing."""
 
 from __future__ import annotations
 
@@ -25,40 +25,40 @@ class Port:
     Attributes
     ----------
     id : str
-        The input, output or state; at a connection the connector. An output that is a state itself is
-        ``output_<name>``, because the name stands for the balance; a drop before a connector that is a node itself
-        is ``series_<connector>``.
+        Name of the input, output or state; at a connection the name of the connector. If a state has the name of an
+        output, the port at the output is ``output_<name>``. If there is a port at the node of a connector, the port in
+        series before it is ``series_<connector>``.
     kind : str
-        What acts there: ``input``, ``output``, ``reading`` (an output whose rate nothing gives), ``motion``,
+        Kind of law: ``input``, ``output``, ``reading`` (an output whose derivative is not known), ``motion``,
         ``storage``, ``electrical`` or ``replaceable``.
-    via : str
-        How a law is tied in: at an ``input``, an ``output`` or a ``signal`` within, as a term in an ``equation``, as an
-        element at a ``node`` or in ``series`` in a connection, or by a ``redeclare`` of a replaceable model.
+    attachment : str
+        How a law is attached: at an ``input``, an ``output`` or an internal ``signal``, as a term in an ``equation``,
+        as an element at a ``node`` or in ``series``, or by a ``redeclare`` of a replaceable model.
     unit : str
-        Of what a law gives there: a force, a flow, a voltage, or the signal itself. Empty where nothing tells.
+        Unit of a law's output: of a force, a flow, a voltage, or the signal itself. Empty if unknown.
     units : mapping
-        Unit of each signal of a law by its name there, such as ``v`` and ``x``.
+        Units of the variables of a law, such as ``v`` and ``x``.
     place : SourceLocation, optional
         File and line of the declaration or the equation.
     states : tuple of str
-        Names of the states that act there.
+        Names of the states in the equation.
     signals : mapping
-        What a law is given there by the names of its partial model, as variables of the flat model, or as the
-        difference of two (:func:`signal_of`).
-    entrance : Entrance, optional
-        The equation in which an opposing term enters, and with which factor.
+        The inputs of a law by the names in its partial model: a variable of the flat model, or the difference of two
+        (:func:`signal_expression`).
+    balance : Balance, optional
+        The balance equation that a term enters.
     connectors : tuple of str
-        At a connection, the connectors that it joins; the first is the port's own.
+        At a connection, its connectors; the first is the one of the port.
     flow, potential : str
-        Names of the connectors' flow variable and potential.
+        Local names of the flow variable and the potential of the connectors.
     neighbours : tuple of str
-        Of a storage the ids of those of the same unit, those first whose balance has a state in common; of a place
-        between two motions the other one, whose balance takes the reaction.
+        For a storage, the ids of other storages of the same unit; those come first whose balance has a state in common.
+        For a port between two motions, the other motion, on which the reaction acts.
     laws : tuple of str
-        Ids of the laws that fit.
-    given : int, optional
-        Of a signal, the equation that gives it, or the connection.
-    replaceable : Replaceable, optional
+        Ids of the applicable laws.
+    defining_equation : int, optional
+        For an internal signal, the index of the equation or connection that defines it.
+    replaceable : ReplaceableModel, optional
         The replaceable model.
     """
 
@@ -80,12 +80,12 @@ class Port:
     replaceable: ReplaceableModel | None = None
 
 
-#: What stands between the two variables of a difference.
+#: Separates the two variables of a difference.
 DIFFERENCE = " - "
 
 
 def signal_expression(given: str) -> Expression:
-    """What a law is given: a variable, or the difference of two."""
+    """The expression of a variable, or of the difference of two."""
     one, minus, other = given.partition(DIFFERENCE)
     return Call("-", (parse_reference(one), parse_reference(other))) if minus else parse_reference(one)
 

@@ -1,4 +1,4 @@
-"""What a state is, by its unit and by what it is the derivative of: a motion, a current, or the level of a storage."""
+"""The physical kind of a state, by its unit: a motion, a current, or the level of a storage."""
 
 from __future__ import annotations
 
@@ -44,21 +44,21 @@ def units_of(s: AliasStructure, kind: PortKind, signals: Mapping[str, str], unit
 
 
 def owner_of(s: AliasStructure, name: str) -> str:
-    """The component that has a variable, itself or in a connector of its own; empty for the model's own."""
+    """The component to which a variable, or its connector, belongs; empty for the model itself."""
     owner = name.rpartition(".")[0]
     of_connector = any(v.flow and n.rpartition(".")[0] == owner for n, v in s.variables.items())
     return owner.rpartition(".")[0] if owner and of_connector else owner
 
 
 def is_relative_motion(s: AliasStructure, state: str) -> bool:
-    """Whether a state is the distance of two ends of a component, whose speed has a name but no balance."""
+    """Whether a state is the distance of two ends of a component, whose derivative is no state."""
     rate = s.rates.get(state)
     inside = "." in state and unit_in(s, state) in ("m", "rad")
     return inside and rate is not None and rate not in s.states and dimension_of_unit(unit_in(s, rate)) in SPEEDS
 
 
 def is_prescribed(s: AliasStructure, state: str) -> bool:
-    """Whether a component gives a potential at its connector whatever flows there: a source, no storage."""
+    """Whether a state is the prescribed potential of a source, which does not depend on the flow."""
     held = {n for x, r in s.rates.items() for n in s.members(x) if state in (x, r)} | set(s.members(state))
     owner = owner_of(s, state)
     flows = {n for n, v in s.variables.items() if v.flow and n.startswith(f"{owner}.")} if owner else set()
@@ -66,7 +66,7 @@ def is_prescribed(s: AliasStructure, state: str) -> bool:
     moved = {s.moving[n] for n in held}
     if not any(n.rpartition(".")[0] in ends and n not in flows and s.moving.get(n) in moved for n in s.moving):
         return False
-    # what the state's rate depends on within the component
+    # variables on which the derivative depends within the component
     inner = [names_in(e.left) | names_in(e.right) for e in s.flat.equations if e.component == owner]
     reached, grown = set(held), True
     while grown:

@@ -1,4 +1,4 @@
-"""Places between two motions: what acts on both, and depends on how they move against each other."""
+"""Ports between two motions, for laws that act on both and depend on their relative motion."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from aero_bayes.ports.quantities import is_relative_motion, owner_of, unit_in
 
 
 def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
-    """A port for every two motions whose difference, of positions or speeds, stands in the model's own class.
+    """Ports for two motions whose difference of positions or speeds occurs in the model's own class.
 
-    At connections it is every two that a component joins, but for one whose distance is a port already.
+    At connections, these are two motions that a component connects, unless its distance is a port already.
     """
     moving = [p for p in balances if p.kind == "motion" and p.balance is not None]
     apart, known = (
@@ -50,7 +50,7 @@ def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Po
 
 
 def _distance(s: AliasStructure, one: Port, other: Port) -> tuple[str, bool] | None:
-    """A state whose rate is the difference of two speeds, if there is one, and whether it counts from the second."""
+    """A state whose derivative is the difference of two speeds, and whether the first speed is subtracted."""
     speeds = s.of(one.signals["v"]), s.of(other.signals["v"])
     for e in s.flat.equations:
         for rate, difference in ((e.left, e.right), (e.right, e.left)):
@@ -71,12 +71,12 @@ def _inside(s: AliasStructure, port: Port) -> bool:
 
 
 def all_differences(s: AliasStructure) -> set[frozenset[str]]:
-    """Two variables each whose difference stands anywhere in the model."""
+    """Pairs of variables whose difference occurs in the model."""
     return {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences_in(s, side)}
 
 
 def differences_in(s: AliasStructure, tree: Expression) -> Iterator[frozenset[str]]:
-    """Two variables each whose difference stands in an expression."""
+    """Pairs of variables whose difference occurs in an expression."""
     for t in walk(tree):
         match t:
             case Call("-", (Name(a, ()), Name(b, ()))) if a in s.same and b in s.same:

@@ -1,4 +1,4 @@
-"""Replaceable models of a Modelica system: places where its own source lets another class be put in."""
+"""Replaceable models of a Modelica system, which a redeclaration can replace by a law."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from aero_bayes.language.tokens import SourceLocation, find_outside, split_outsi
 
 @dataclass(frozen=True)
 class CombinationRule:
-    """How several laws are put in one place.
+    """How several laws are combined in one replaceable model.
 
-    Of what the partial model has, all are ``handed`` its inputs and parameters, and are connected at the connectors
-    that are ``shared``; two connectors are in ``series``, or an input is passed on to an output as a ``signal``.
+    All laws get the inputs and parameters in ``handed``, and are connected in parallel at the connectors in ``shared``.
+    They are connected in series at the two connectors in ``series``, or by the input and output in ``signal``.
     """
 
     handed: tuple[str, ...] = ()
@@ -33,14 +33,14 @@ class ReplaceableModel:
     ----------
     name, description : str
     constraint : str
-        Full name of the class that all which fit extend.
+        Full name of the constraining class.
     default : str
-        Full name of the class that stands there.
+        Full name of the default class.
     components : tuple of str
         Paths of the components of that class, such as ``thruster_1.rotorEffect``.
     place : SourceLocation
-    join : Join, optional
-        None where the source does not tell how several laws are put there.
+    combination : CombinationRule, optional
+        None if the source does not show how to combine several laws.
     """
 
     name: str
@@ -53,7 +53,7 @@ class ReplaceableModel:
 
 
 def find_replaceable_models(known: Sources, model: str) -> tuple[ReplaceableModel, ...]:
-    """The replaceable models that a model, or a class that it extends, declares and has components of."""
+    """Replaceable models with components, of a model and the classes that it extends."""
     try:
         chain = known.lineage(*known.find(model))
     except InputError:
@@ -68,7 +68,7 @@ def find_replaceable_models(known: Sources, model: str) -> tuple[ReplaceableMode
 
 
 def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStatement) -> ReplaceableModel | None:
-    """``replaceable model Name = Default constrainedby Partial "description"``, if that is what a statement says."""
+    """A statement ``replaceable model Name = Default constrainedby Partial "description"``; None for any other."""
     words = [t.word for t in s.tokens]
     kind = next((k for k in ("model", "block") if k in words[:4]), "")
     if s.section != "class" or "replaceable" not in words[:3] or not kind:
@@ -88,7 +88,7 @@ def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStateme
 
 
 def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], name: str) -> Iterator[str]:
-    """Paths of the components of a replaceable model, also where it is passed on to a component that has one."""
+    """Paths of the components of a replaceable model, also in components to which it is passed by a redeclaration."""
     for _, cls in reversed(chain):
         for c in cls.components():
             if c.type == name:
@@ -102,16 +102,16 @@ def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], n
 
 
 def _passed(c: ComponentDeclaration, name: str) -> list[str]:
-    """Replaceable models of a component's class in whose place a name is put."""
+    """Replaceable models of the class of a component that are redeclared as ``name``."""
     parts = [[t.word for t in part] for part in split_outside(c.arguments[1:-1])]
     return [w[2] for w in parts if len(w) == 5 and w[0] == "redeclare" and w[3] == "=" and w[4] == name]
 
 
-# how several laws go into one place
+# combination of several laws
 
 
 def _join(known: Sources, constraint: str, default: str) -> CombinationRule | None:
-    """From the connectors and signals of the partial model, and what the class that stands there does with them."""
+    """The rule that follows from the connectors and signals of the constraining class and the default class."""
     try:
         chain, there = (known.lineage(*known.find(name)) for name in (constraint, default))
     except InputError:
@@ -131,7 +131,7 @@ def _join(known: Sources, constraint: str, default: str) -> CombinationRule | No
 
 
 def _flow(known: Sources, cls: ClassText, c: ComponentDeclaration) -> str:
-    """Name of the flow variable where a component is a connector; empty where it is none."""
+    """Name of the flow variable of a connector; empty for any other component."""
     try:
         chain = known.lineage(*known.find(known.resolve(cls, c.type)))
     except InputError:

@@ -1,4 +1,4 @@
-"""The rows of a flat model's vector and matrix equations, for whoever looks at one number at a time."""
+"""Scalarisation of a flat model: vector and matrix equations row by row."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from aero_bayes.export.arrays import Value, filled, mapped, scalars
 from aero_bayes.export.compose import element_names
 from aero_bayes.export.expression import Builder, Node
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.export.matrix_solve import without_solve
 from aero_bayes.export.scope import Scope
-from aero_bayes.export.solved import without_solve
 from aero_bayes.language.syntax import Call, Expression, Name, Number, map_children, map_names, names_in, short_text
 
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "^"}
-#: Largest number of operations of a row; a larger one is kept as the names in it.
+#: Largest number of operations of a row. Of a larger one, only its names are kept.
 MAX_OPERATIONS = 1000
 
-#: Of a row: the equation that it is of, its number there (from one; 0 where the equation is one number), of how many.
+#: Index of the equation of a row, number of the row (from one; 0 for a scalar equation), and number of rows.
 Origin = tuple[int, int, int]
 
 
 def scalarised(flat: FlatModel) -> tuple[FlatModel, tuple[Origin, ...]]:
-    """The model with the elements of arrays as variables of their own, ``x[1]``, and vector equations row by row.
+    """The model with scalar variables ``x[1]`` for the elements of arrays, and scalar equations.
 
     Returns
     -------
     FlatModel
-        What cannot be taken apart stays as it is.
+        Equations that cannot be scalarised are unchanged.
     tuple
-        For each of its equations where it is from.
+        For each of its equations, its origin.
     """
     whole = tuple((i, 0, 1) for i in range(len(flat.equations)))
     if not any(v.sizes for v in flat.variables):
@@ -55,7 +55,7 @@ class _Rows:
             if not v.sizes:
                 values[v.name] = self.scope.builder.symbol(v.name)
         for v in flat.variables:
-            # what sizes and subscripts are made of
+            # constants in array sizes and subscripts
             if v.constant and v.type != "Real" and not v.sizes and v.binding is not None:
                 self._settle(v)
 
@@ -68,7 +68,7 @@ class _Rows:
             self.scope.values[v.name] = value
 
     def _need(self, names: Iterable[str]) -> None:
-        """Give arrays their symbols; what an array that follows from parameters holds as a number stays one."""
+        """Give arrays their symbols. Elements of parameter arrays that are numbers stay numbers."""
         for n in names:
             v = self.known.get(n)
             if v is None or not v.sizes or n in self.scope.values:
@@ -103,7 +103,7 @@ class _Rows:
         ]
 
     def _element(self, n: Name) -> Expression:
-        """An element of an array by a name of its own, where its subscripts are numbers."""
+        """An array element as a scalar variable, if its subscripts are numbers."""
         v = self.known.get(n.name)
         if v is None or not n.subscripts or len(n.subscripts) != len(v.sizes):
             return Name(short_text(n)) if n.subscripts and all(isinstance(k, Number) for k in n.subscripts) else n
@@ -136,11 +136,11 @@ class _Rows:
 
 
 def _shaped(items: Iterable[Node], like: Value) -> Value:
-    """Numbers in the shape of an array."""
+    """Nodes in the shape of an array."""
     rest = iter(items)
     return mapped(lambda _: next(rest), like)
 
 
 def substituted(tree: Expression, old: Expression, new: Expression) -> Expression:
-    """The tree with one part of it, that very object, exchanged."""
+    """An expression in which one part, by identity, is substituted."""
     return new if tree is old else map_children(tree, lambda t: substituted(t, old, new))

@@ -18,8 +18,8 @@ from aero_bayes.report.page import fill
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import INK, MUTED, RULE, SERIES, Canvas
 from aero_bayes.report.tables import Column, generic_cell, html_table, parameter_quantity, status_pill
-from aero_bayes.report.text import NO_VALUE, plain_name, pretty_unit, scaled_unit, signal_title, significant, symbol
-from aero_bayes.schema import ParameterResult
+from aero_bayes.report.text import NO_VALUE, greek_name, pretty_unit, scaled_unit, signal_title, significant, symbol
+from aero_bayes.schema import ParameterJson
 
 Runs = Mapping[str, RunDirectory]
 
@@ -52,8 +52,8 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
         "title": " against ".join(runs),
         "legend": [(SERIES[k], name) for k, name in enumerate(runs)],
         "verdicts": [(name, run.result.verdict) for name, run in runs.items()],
-        "intervals": interval_plate(runs), "parameters": parameter_table(runs),
-        "errors": error_table(runs), "residuals": figures, "settings": settings_table(runs),
+        "intervals": interval_plate(runs), "parameters": estimates_by_run_table(runs),
+        "errors": rms_by_run_table(runs), "residuals": figures, "settings": settings_table(runs),
     }  # fmt: skip
     series = {f"{name}|{key}": values for name, run in runs.items() for key, values in run.series.items()}
     page = fill("compare.html.jinja", context, series, [run.result for run in runs.values()])
@@ -64,7 +64,7 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
 
 
 def _names(directories: Sequence[Path]) -> list[str]:
-    """Last parts of the paths; as much of them as it takes to tell them apart."""
+    """Shortest last parts of the paths that are unique."""
     parts = [path.resolve().parts for path in directories]
     for depth in range(1, max(map(len, parts)) + 1):
         names = ["/".join(p[-depth:]) for p in parts]
@@ -73,7 +73,7 @@ def _names(directories: Sequence[Path]) -> list[str]:
     raise InputError("a run cannot be compared with itself: the same directory was given twice")
 
 
-def _shared(runs: Runs) -> dict[str, dict[str, ParameterResult]]:
+def _shared(runs: Runs) -> dict[str, dict[str, ParameterJson]]:
     """Parameters that at least one run estimates, with every run's entry."""
     names = dict.fromkeys(
         name for run in runs.values() for name, entry in run.result.parameters.items() if entry.status != "fixed"
@@ -94,13 +94,13 @@ def interval_plate(runs: Runs) -> Plate | None:
     if not rows:
         return None
     alt = f"Values and 90 % intervals of {', '.join(rows)} in {len(runs)} runs."
-    caption = "Every row has a scale of its own, from the least to the greatest end of its intervals."
+    caption = "Each row has its own scale, from the smallest to the largest end of its intervals."
     wide, narrow = (_interval_drawing(rows, list(runs), width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
     return Plate(wide, narrow, alt, Markup(caption))
 
 
 def _interval_drawing(
-    rows: Mapping[str, Mapping[str, ParameterResult]], runs: list[str], width: float, alt: str
+    rows: Mapping[str, Mapping[str, ParameterJson]], runs: list[str], width: float, alt: str
 ) -> Markup:
     label, line, gap = (150.0 if width > 600 else 92.0), 11.0, 16.0
     height = (line * len(runs) + gap) * len(rows) + 8
@@ -110,7 +110,7 @@ def _interval_drawing(
         ends = [end for e in entries.values() for end in (e.q05, e.q95, e.value) if end is not None]
         low, high = min(ends), max(ends)
         spread = (high - low) or abs(high) or 1.0
-        canvas.text(0, top + 0.5 * line * len(runs) + 4, plain_name(name), INK, 12)
+        canvas.text(0, top + 0.5 * line * len(runs) + 4, greek_name(name), INK, 12)
         canvas.curve([0, width], [top + line * len(runs) + 6] * 2, RULE, 0.7)
 
         def across(value: float, low: float = low, spread: float = spread) -> float:
@@ -127,7 +127,7 @@ def _interval_drawing(
     return canvas.svg()
 
 
-def parameter_table(runs: Runs) -> Markup | None:
+def estimates_by_run_table(runs: Runs) -> Markup | None:
     """Value, interval and status of every parameter, run by run."""
     rows = []
     for name, entries in _shared(runs).items():
@@ -136,11 +136,11 @@ def parameter_table(runs: Runs) -> Markup | None:
             (symbol(name), unit, *(_estimate(entries.get(run)) for run in runs), _apart(list(entries.values())))
         )
     heads = [Column(run, "right") for run in runs]
-    last = Column("largest difference, in joint standard deviations", "right")
+    last = Column("largest difference, in combined standard deviations", "right")
     return html_table(("parameter", "unit", *heads, last), rows, "Parameters, with 90 % intervals") if rows else None
 
 
-def _estimate(found: ParameterResult | None) -> Markup | str:
+def _estimate(found: ParameterJson | None) -> Markup | str:
     if found is None:
         return NO_VALUE
     shown, sure = parameter_quantity(found)
@@ -151,7 +151,7 @@ def _estimate(found: ParameterResult | None) -> Markup | str:
     return Markup("{}<small>{} … {}</small>").format(value, shown.low, shown.high)
 
 
-def _apart(entries: Sequence[ParameterResult]) -> str:
+def _apart(entries: Sequence[ParameterJson]) -> str:
     known = [(e.value, e.sd) for e in entries if e.value is not None and e.sd]
     gaps = [
         abs(a - b) / math.hypot(s, t) for k, (a, s) in enumerate(known) for b, t in known[k + 1 :] if s and t
@@ -160,7 +160,7 @@ def _apart(entries: Sequence[ParameterResult]) -> str:
 
 
 def residual_plates(runs: Runs) -> list[tuple[str, Plate]]:
-    """What each run leaves of the recordings that at least two of them saw, over each other."""
+    """Residuals of all runs for each recording that at least two of them have."""
     names = dict.fromkeys(name for run in runs.values() for name in run.recordings())
     found = []
     for name in names:
@@ -184,7 +184,7 @@ def _residual_plate(runs: Runs, seen: Runs, recording: str) -> Plate | None:
                  trend=True, rms=True, source=_of_run(source, k))
             for k, (values, source) in left.items()
         )  # fmt: skip
-        title = f"what is left of {signal_title(output, unit, result.description(output))}"
+        title = f"residual of {signal_title(output, unit, result.description(output))}"
         panels.append(Panel(title, lines, 120, ticks=3, factor=factor))
     alt = f"Recording {recording}: residuals of {', '.join(seen)} over each other."
     return plate(panels, alt, "time (s)", link=recording) if panels else None
@@ -194,8 +194,8 @@ def _of_run(source: Source, run: str) -> Source:
     return Source(f"{run}|{source.time}", tuple((sign, f"{run}|{key}") for sign, key in source.terms))
 
 
-def error_table(runs: Runs) -> Markup | None:
-    """RMS of what is left, by recording and output."""
+def rms_by_run_table(runs: Runs) -> Markup | None:
+    """RMS of the residual, by recording and output."""
     rows = []
     places = dict.fromkeys(
         (r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r)
@@ -206,7 +206,7 @@ def error_table(runs: Runs) -> Markup | None:
         if any(size is not None for size in sizes):
             rows.append((recording, symbol(output), pretty_unit(unit), *(significant(size) for size in sizes)))
     heads = [Column(run, "right") for run in runs]
-    return html_table(("recording", "output", "unit", *heads), rows, "RMS of what is left") if rows else None
+    return html_table(("recording", "output", "unit", *heads), rows, "RMS of the residual") if rows else None
 
 
 def _rms(run: RunDirectory, recording: str, output: str) -> float | None:

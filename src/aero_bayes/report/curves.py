@@ -1,4 +1,4 @@
-"""Figures over time: what was measured, what the model gives before and after it was extended, and what is left."""
+"""Figures over time: measured data, the model before and after its extension, and the residuals."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from aero_bayes.report.drawing import Band, FloatArray, Layer, Line, Panel, Sour
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM_COLOUR
-from aero_bayes.report.text import plain_name, role_words, scaled_unit, signal_title
+from aero_bayes.report.text import greek_name, role_words, scaled_unit, signal_title
 
 #: The model as it stood, and the one that came out.
 BASE_SERIES, FINAL_SERIES = "before", "fitted"
 MEANING = (
-    "Grey: measured, from the least to the greatest value of every pixel column, so that no spike is lost. "
-    "Below each output what the model leaves: measured minus model; dashed: twice the noise floor, between which noise "
-    "alone leaves 95 % of samples; the line is a running mean."
+    "Grey: measured data, drawn from the smallest to the largest value in each pixel column, so that all spikes show. "
+    "Below each output: its residual, measured minus model, with a running mean as a line. Dashed: twice the noise "
+    "floor. If only noise is left, 95 % of the samples lie between the dashed lines."
 )
 
 
@@ -38,7 +38,7 @@ def largest(*arrays: FloatArray | None) -> float:
 
 def named(signals: Sequence[str]) -> str:
     """Signals in words for an alternative text."""
-    words = [plain_name(name) for name in signals]
+    words = [greek_name(name) for name in signals]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
@@ -58,7 +58,7 @@ def summed(run: RunDirectory, recording: str, *terms: tuple[int, str]) -> tuple[
 
 
 def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tuple[FloatArray, Source] | None:
-    """Measured minus modelled. Ripple that the fit took out of the readings is no part of what the fit left."""
+    """Residual, measured minus model, less the ripple that the fit subtracted."""
     terms = [(1, f"measured/{output}"), (-1, f"{model}/{output}")]
     if model == FINAL_SERIES and f"ripple/{recording}/{output}" in run.series:
         terms.append((-1, f"ripple/{output}"))
@@ -66,7 +66,7 @@ def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tup
 
 
 def opening_scene(run: RunDirectory) -> Scene | None:
-    """The output that most was left of, before or after, on data that was not fitted if there is any."""
+    """The output with the largest residual before or after, on unseen data if there are any."""
     unseen = [(name, stretch) for name in run.recordings() if (stretch := run.unseen(name)) is not None]
     stretches = unseen or [(name, run.span(name)) for name in run.recordings()]
     best: tuple[float, Scene] | None = None
@@ -87,27 +87,27 @@ def opening_scene(run: RunDirectory) -> Scene | None:
 
 
 def scene_panels(run: RunDirectory, scene: Scene) -> list[Panel]:
-    """The curves, small since they hide each other, and what the model leaves, large."""
+    """Panels of the curves (small, since they overlap) and of the residuals (large)."""
     return _output_panels(run, scene.recording, scene.output, (85.0, 210.0), scene.stretch)
 
 
 def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
-    """The opening picture: what the model leaves, and below it the curves."""
+    """The first figure of the page: residuals, and below them the curves."""
     panels = scene_panels(run, scene)[::-1]
     low, high = scene.stretch
     whole = run.span(scene.recording) == scene.stretch
     where = scene.recording if whole else f"{scene.recording} from {low:.4g} to {high:.4g} s"
     unseen = "not fitted" if run.unseen(scene.recording) else "fitted"
-    alt = f"{plain_name(scene.output)}, measured and modelled, and what the model leaves; recording {where}, {unseen}."
+    alt = f"{greek_name(scene.output)}, measured and modelled, and its residual; recording {where}, {unseen}."
     return plate(panels, alt, "time (s)", legend=legend(run, scene.recording), link=scene.recording, width=width)
 
 
 def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Plate | None:
-    """Inputs, then every output (but one that stands elsewhere) with what is left of it, over one time axis."""
+    """Inputs, then every output (except one that is shown elsewhere) with its residual, over one time axis."""
     outputs = _outputs(run, recording, without)
     if not outputs or len(run.time(recording)) < 2:
         return None
-    alt = f"Recording {recording}: inputs, {named(outputs)} measured and modelled, and what the model leaves."
+    alt = f"Recording {recording}: inputs, {named(outputs)} measured and modelled, and their residuals."
     panels = recording_panels(run, recording, without)
     return plate(panels, alt, "time (s)", legend=legend(run, recording), link=recording)
 
@@ -119,7 +119,7 @@ def _outputs(run: RunDirectory, recording: str, without: str) -> list[str]:
 def recording_panels(
     run: RunDirectory, recording: str, without: str = "", outputs: Sequence[str] | None = None
 ) -> list[Panel]:
-    """Inputs, then every output that was read (but one that stands elsewhere) with what is left of it."""
+    """Inputs, then every recorded output (except one that is shown elsewhere) with its residual."""
     time, panels = run.time(recording), []
     for name in run.signals("input", recording):
         values, source = summed(run, recording, (1, f"input/{name}")) or (np.zeros(0), None)
@@ -150,13 +150,13 @@ def _state_panel(run: RunDirectory, recording: str, name: str) -> Panel:
 
 
 def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
-    """Colours of a recording's curves and what they stand for."""
+    """Legend of a recording's curves: colours and labels."""
     fitted, base = run.signals(FINAL_SERIES, recording), run.signals(BASE_SERIES, recording)
     entries = [
         (MEASURED, "measured", True),
         (WARM_COLOUR, "before", bool(base)),
         (ACCENT, "after" if base else "fitted", bool(fitted)),
-        (ACCENT, "shaded: 90 % of new readings", bool(run.signals("lower", recording))),
+        (ACCENT, "shaded: 90 % prediction interval of a reading", bool(run.signals("lower", recording))),
     ]
     return tuple((colour, label) for colour, label, there in entries if there)
 
@@ -165,7 +165,7 @@ def _output_panels(
     run: RunDirectory, recording: str, name: str, heights: tuple[float, float],
     stretch: tuple[float, float] | None = None,
 ) -> list[Panel]:  # fmt: skip
-    """The curve and, below, what the model leaves of it."""
+    """Panels of the curve and of its residual."""
     time = run.time(recording)
     final = "after" if f"{BASE_SERIES}/{recording}/{name}" in run.series else "fitted"
     shown = [(MEASURED, "measured", summed(run, recording, (1, f"measured/{name}"))),
@@ -194,7 +194,7 @@ def _output_panels(
             Line(time, factor * pair[0], colour, 1.1, label=label, source=pair[1], cloud=opacity, trend=True, rms=True)
             for colour, label, opacity, pair in found
         )
-        words = f"residual of {plain_name(name)}: measured minus model" + (f" ({unit})" if unit else "")
+        words = f"residual of {greek_name(name)}: measured minus model" + (f" ({unit})" if unit else "")
         panels.append(Panel(words, lines, heights[1], levels=levels, ticks=3, x_limits=stretch, factor=factor))
     return panels
 

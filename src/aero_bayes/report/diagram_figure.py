@@ -11,8 +11,8 @@ from markupsafe import Markup
 from aero_bayes.report.figure import Plate
 from aero_bayes.report.svg import ACCENT, INK, MUTED, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import html_table
-from aero_bayes.report.text import plain_name
-from aero_bayes.schema import Component, Diagram, Shape
+from aero_bayes.report.text import greek_name
+from aero_bayes.schema import ComponentJson, DiagramJson, ShapeJson
 
 _WIDTH, _MOST_HIGH, _MARGIN = 440.0, 460.0, 26.0
 _LETTER = 5.6
@@ -20,12 +20,12 @@ _LETTER = 5.6
 Place = Callable[[float, float], tuple[float, float]]
 
 
-def is_all_equations(diagram: Diagram) -> bool:
+def is_all_equations(diagram: DiagramJson) -> bool:
     """Whether it shows a model without components: a box with its states, inputs and outputs."""
     return bool(diagram.components) and diagram.components[0].type == "model"
 
 
-def diagram_plate(diagram: Diagram) -> Plate | None:
+def diagram_plate(diagram: DiagramJson) -> Plate | None:
     """A diagram as a figure; None for an empty one."""
     if not diagram.components:
         return None
@@ -36,7 +36,7 @@ def diagram_plate(diagram: Diagram) -> Plate | None:
     canvas, place, scale = _paper(diagram, alt)
     by_name = {c.name: c for c in diagram.components}
     for line in diagram.connections:
-        points = line.points or _way(by_name[line.first], by_name[line.second])
+        points = line.points or _line_between(by_name[line.first], by_name[line.second])
         at = np.array([place(x, y) for x, y in points])
         canvas.curve(at[:, 0], at[:, 1], MUTED, 0.9 if line.signal else 1.4, "3 3" if line.signal else "")
     for component in diagram.components:
@@ -48,19 +48,19 @@ def diagram_plate(diagram: Diagram) -> Plate | None:
     ]  # fmt: skip
     caption = Markup("<strong>{}</strong>. {}").format(
         diagram.title,
-        f"Marked: where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
+        f"Marked: the place where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
     )
     return Plate(
         canvas.svg(), None, alt, caption, (), html_table(("part", "what it is", "connected to", ""), rows, alt)
     )
 
 
-def _neighbours(diagram: Diagram, name: str) -> list[str]:
+def _neighbours(diagram: DiagramJson, name: str) -> list[str]:
     ends = [(line.first, line.second) for line in diagram.connections]
     return list(dict.fromkeys(b if a == name else a for a, b in ends if name in (a, b)))
 
 
-def _paper(diagram: Diagram, alt: str) -> tuple[Canvas, Place, float]:
+def _paper(diagram: DiagramJson, alt: str) -> tuple[Canvas, Place, float]:
     """A canvas that holds all components and lines, and where diagram coordinates go on it."""
     corners = [(x, y) for c in diagram.components for x, y in (c.extent[:2], c.extent[2:])]
     corners += [point for line in diagram.connections for point in line.points]
@@ -75,7 +75,7 @@ def _paper(diagram: Diagram, alt: str) -> tuple[Canvas, Place, float]:
     return Canvas(_WIDTH, scale * up + 2 * _MARGIN + 4, alt), place, scale
 
 
-def _draw(canvas: Canvas, component: Component, place: Place, scale: float) -> None:
+def _draw(canvas: Canvas, component: ComponentJson, place: Place, scale: float) -> None:
     x1, y1, x2, y2 = component.extent
     (left, top), (right, foot) = place(min(x1, x2), max(y1, y2)), place(max(x1, x2), min(y1, y2))
     middle = 0.5 * (left + right)
@@ -97,7 +97,7 @@ def _draw(canvas: Canvas, component: Component, place: Place, scale: float) -> N
             u, v = 0.005 * x * (x2 - x1), 0.005 * y * (y2 - y1)
             return place(0.5 * (x1 + x2) + turn[0] * u - turn[1] * v, 0.5 * (y1 + y2) + turn[1] * u + turn[0] * v)
 
-        drawn = component.shapes or [Shape(kind="rectangle", points=[(-100, -100), (100, 100)], filled=True)]
+        drawn = component.shapes or [ShapeJson(kind="rectangle", points=[(-100, -100), (100, 100)], filled=True)]
         for shape in drawn:
             outline = "".join(f"{'L' if k else 'M'}{x:.1f} {y:.1f}" for k, (x, y) in enumerate(_outline(shape, icon)))
             fill = "var(--panel)" if shape.filled else "none"
@@ -109,12 +109,12 @@ def _draw(canvas: Canvas, component: Component, place: Place, scale: float) -> N
         canvas.shape(frame, f"fill:var(--{WARM_COLOUR});fill-opacity:.12;stroke:var(--{WARM_COLOUR});stroke-width:2")
         foot += 5
     room = max(2.2 * (right - left), 46.0)
-    name = plain_name(component.name)
+    name = greek_name(component.name)
     size = max(8.5, min(11.0, 11.0 * room / (_LETTER * len(name))))
     canvas.text(middle, foot + 11, name, WARM_COLOUR if component.marked else MUTED, size, "middle")
 
 
-def _outline(shape: Shape, icon: Place) -> Iterator[tuple[float, float]]:
+def _outline(shape: ShapeJson, icon: Place) -> Iterator[tuple[float, float]]:
     (x1, y1), (x2, y2) = shape.points[0], shape.points[-1]
     if shape.kind == "rectangle":
         points = [(x1, y1), (x2, y1), (x2, y2), (x1, y2)]
@@ -126,7 +126,7 @@ def _outline(shape: Shape, icon: Place) -> Iterator[tuple[float, float]]:
     return (icon(x, y) for x, y in points)
 
 
-def _way(first: Component, second: Component) -> list[tuple[float, float]]:
+def _line_between(first: ComponentJson, second: ComponentJson) -> list[tuple[float, float]]:
     """From the nearer side of one component to that of another, with one step between."""
     (a, b), (c, d) = _centre(first), _centre(second)
     half = [0.5 * abs(item.extent[2] - item.extent[0]) for item in (first, second)]
@@ -140,6 +140,6 @@ def _way(first: Component, second: Component) -> list[tuple[float, float]]:
     return [(start, b), (knee, b), (knee, d), (stop, d)]
 
 
-def _centre(component: Component) -> tuple[float, float]:
+def _centre(component: ComponentJson) -> tuple[float, float]:
     x1, y1, x2, y2 = component.extent
     return 0.5 * (x1 + x2), 0.5 * (y1 + y2)

@@ -118,7 +118,7 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _PanelFrame:
     """Where a panel's values go on the canvas."""
 
     left: float
@@ -173,7 +173,7 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
     left = max(40.0, 14 + 0.62 * _FONT * longest)
     top = 0.0
     for panel, (y_limits, ticks) in zip(panels, scales, strict=True):
-        frame = _Frame(left, top + _TITLE, width - left - _RIGHT, panel.height, x_limits, y_limits, panel.log_y)
+        frame = _PanelFrame(left, top + _TITLE, width - left - _RIGHT, panel.height, x_limits, y_limits, panel.log_y)
         canvas.group("panel", _panel_spec(panel, frame))
         canvas.text(3, top + 14, panel.title, INK, _FONT + 0.5)
         top += _TITLE
@@ -241,8 +241,8 @@ def _reach(panel: Panel) -> tuple[float, float]:
     return low - spare, high + spare
 
 
-def _panel_spec(panel: Panel, frame: _Frame) -> dict[str, object] | None:
-    """What the script must know to draw a panel anew; None for one that stays as it is."""
+def _panel_spec(panel: Panel, frame: _PanelFrame) -> dict[str, object] | None:
+    """Data that the script needs to redraw a panel; None for a static one."""
     if not any(isinstance(layer, Line | Band) and layer.source for layer in panel.layers):
         return None
     box = [round(side, 1) for side in (frame.left, frame.top, frame.width, frame.height)]
@@ -251,7 +251,7 @@ def _panel_spec(panel: Panel, frame: _Frame) -> dict[str, object] | None:
     return spec | ({"fixed": 1} if panel.y_limits is not None else {})
 
 
-def _draw_panel(canvas: Canvas, panel: Panel, frame: _Frame, ticks: Sequence[float], columns: int) -> None:
+def _draw_panel(canvas: Canvas, panel: Panel, frame: _PanelFrame, ticks: Sequence[float], columns: int) -> None:
     right, foot = frame.left + frame.width, frame.top + frame.height
     canvas.group("y axis")
     for tick, y in zip(ticks, frame.down(np.array(ticks)).tolist(), strict=True):
@@ -280,7 +280,7 @@ def _draw_panel(canvas: Canvas, panel: Panel, frame: _Frame, ticks: Sequence[flo
         canvas.end()
 
 
-def _draw_line(canvas: Canvas, layer: Line, frame: _Frame, columns: int) -> None:
+def _draw_line(canvas: Canvas, layer: Line, frame: _PanelFrame, columns: int) -> None:
     x, y = _seen(frame, layer.x, layer.y)
     source = layer.source
     if layer.cloud and len(x) > 4 * columns:
@@ -300,14 +300,14 @@ def _draw_line(canvas: Canvas, layer: Line, frame: _Frame, columns: int) -> None
     canvas.curve(frame.across(x), frame.down(y), layer.colour, layer.width, "5 3" if layer.dashes else "", data)
 
 
-def _seen(frame: _Frame, x: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
+def _seen(frame: _PanelFrame, x: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
     """What lies within the frame, and one point to either side."""
     first, last = np.searchsorted(x, frame.x_limits[0]) - 1, np.searchsorted(x, frame.x_limits[1], "right") + 1
     part = slice(max(0, int(first)), int(last)) if len(x) > 1 and np.all(np.diff(x) >= 0) else slice(None)
     return (x[part], *(v[part] for v in values))
 
 
-def _draw_x_axis(canvas: Canvas, frame: _Frame, label: str, most: int) -> None:
+def _draw_x_axis(canvas: Canvas, frame: _PanelFrame, label: str, most: int) -> None:
     right, foot = frame.left + frame.width, frame.top + frame.height
     canvas.curve([frame.left, right], [foot, foot], MUTED, 0.8)
     ticks = nice_ticks(*frame.x_limits, most)

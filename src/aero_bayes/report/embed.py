@@ -25,11 +25,11 @@ def embedded(series: Mapping[str, FloatArray]) -> Markup:
     series : mapping of str to ndarray, shape (n,)
         NaN is a gap. Values are rounded to a 2**18th of the series' range.
     """
-    packed = {key: pack(values, _TIME_BITS if _increases(values) else BITS) for key, values in series.items()}
+    packed = {key: pack_series(values, _TIME_BITS if _increases(values) else BITS) for key, values in series.items()}
     return Markup(json.dumps(packed, separators=(",", ":")).replace("<", "\\u003c"))
 
 
-def pack(values: FloatArray, bits: int = BITS) -> dict[str, object]:
+def pack_series(values: FloatArray, bits: int = BITS) -> dict[str, object]:
     """A series as base64 of deflated byte planes of the differences between whole numbers; zero stands for a gap.
 
     Evenly spaced values are only described.

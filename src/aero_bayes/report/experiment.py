@@ -1,4 +1,4 @@
-"""The proposed experiment: its signal, what is expected of it, and whether that comes true in simulation."""
+"""The proposed experiment: its signal, the expected gain, and its check by simulation."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from aero_bayes.report.text import (
     symbol,
     tidy,
 )
-from aero_bayes.schema import DesignResult, Quantiles
+from aero_bayes.schema import DesignJson, QuantilesJson
 
 _TIME = "plan/time"
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ExperimentSection:
     """What the page shows of a proposal."""
 
     lead: Markup
@@ -45,24 +45,24 @@ class Experiment:
     limits: Markup | None
 
 
-def experiment(run: RunDirectory) -> Experiment | None:
+def experiment(run: RunDirectory) -> ExperimentSection | None:
     """The proposal of a run of ``aero-bayes design``; None for other runs."""
     plan, words = run.result.design, run.result.effect_words()
     if plan is None:
         return None
     separate = plan.kind == "separate"
-    return Experiment(
+    return ExperimentSection(
         _lead(plan, words), plan.file, _signal(run, plan), None if separate else _gains(plan),
         _models(plan, words) if separate else None, _separation_check(plan, words) if separate else _gain_check(plan),
         _families(plan), _limits(run, plan),
     )  # fmt: skip
 
 
-def _lead(plan: DesignResult, words: dict[str, str]) -> Markup:
+def _lead(plan: DesignJson, words: dict[str, str]) -> Markup:
     length = f"{duration(plan.duration)}, {plan.family}"
     if plan.kind == "separate":
         first, second = plan.effects
-        lead = Markup("The input that would best tell {} from {}: {}.").format(
+        lead = Markup("This input would best tell {} from {}: {}.").format(
             named_effect(first, words), named_effect(second, words), length
         )
         if plan.common:
@@ -71,10 +71,10 @@ def _lead(plan: DesignResult, words: dict[str, str]) -> Markup:
         return lead
     aimed = [name for name, entry in plan.parameters.items() if entry.target]
     names = Markup(", ").join(symbol(name) for name in aimed)
-    return Markup("The input that would tell most about {}: {}.").format(names, length)
+    return Markup("This input would narrow the intervals of {} most: {}.").format(names, length)
 
 
-def _signal(run: RunDirectory, plan: DesignResult) -> Plate | None:
+def _signal(run: RunDirectory, plan: DesignJson) -> Plate | None:
     time, values = run.series.get(_TIME), run.series.get(f"plan/input/{plan.input}")
     if time is None or values is None or len(time) < 2:
         return None
@@ -90,11 +90,11 @@ def _signal(run: RunDirectory, plan: DesignResult) -> Plate | None:
         (SERIES[k % len(SERIES)], "expected, with its 90 % band" if model == "expected" else f"if {model} is true")
         for k, model in enumerate(models)
     )
-    caption = "Outputs without sensor noise." + (" Dashed: limits of travel." if plan.limits.travel else "")
+    caption = "Outputs without sensor noise." + (" Dashed: limits of the outputs." if plan.limits.travel else "")
     return plate(panels, alt, "time (s)", caption, legend=legend, link="plan")
 
 
-def _output(run: RunDirectory, plan: DesignResult, time: FloatArray, name: str, models: list[str]) -> Panel:
+def _output(run: RunDirectory, plan: DesignJson, time: FloatArray, name: str, models: list[str]) -> Panel:
     """An output as every model expects it; with its limit where the signal comes near."""
     keys = {m: [f"plan/{part}/{m}/{name}" for part in ("lower", "middle", "upper")] for m in models}
     most = largest(*(run.series[key] for triple in keys.values() for key in triple))
@@ -115,7 +115,7 @@ def _output(run: RunDirectory, plan: DesignResult, time: FloatArray, name: str, 
     return Panel(signal_title(name, unit), tuple(layers), 130, levels=shown, y_limits=limits, factor=factor)
 
 
-def _gains(plan: DesignResult) -> Markup | None:
+def _gains(plan: DesignJson) -> Markup | None:
     rows: list[tuple[object, ...]] = []
     marked: list[int] = []
     most = max((entry.gain or 0.0 for entry in plan.parameters.values()), default=1.0)
@@ -123,7 +123,7 @@ def _gains(plan: DesignResult) -> Markup | None:
         value, now = entry.value, entry.sd_before
         if value is None or now is None:
             continue
-        shown, _ = parameter_quantity(Quantiles(value=value, q05=value - now, q95=value + now, unit=entry.unit))
+        shown, _ = parameter_quantity(QuantilesJson(value=value, q05=value - now, q95=value + now, unit=entry.unit))
         spreads = (now, entry.sd_after, entry.sd_achieved, entry.sd_repeated)
         if entry.target:
             marked.append(len(rows))
@@ -133,9 +133,9 @@ def _gains(plan: DesignResult) -> Markup | None:
         ))  # fmt: skip
     columns = (
         "parameter", Column("value", "right"), "unit", Column("now", "right"), Column("expected after", "right"),
-        Column("in simulation", "right"), Column("same input again", "right"), "", Column("times narrower", "right"),
+        Column("in simulation", "right"), Column("old input again", "right"), "", Column("times narrower", "right"),
     )  # fmt: skip
-    caption = "Standard deviations in per cent of the value (marked: what the signal is for)"
+    caption = "Standard deviations in per cent of the value (marked: the parameters that the signal is for)"
     return html_table(columns, rows, caption, marked) if rows else None
 
 
@@ -147,8 +147,8 @@ def _times(gain: float | None) -> str:
     return NO_VALUE if gain is None else f"{gain:.2f}" if gain < 10 else tidy(gain, 3)
 
 
-def _models(plan: DesignResult, words: dict[str, str]) -> Markup | None:
-    """The two effects as the recordings at hand have them."""
+def _models(plan: DesignJson, words: dict[str, str]) -> Markup | None:
+    """The two effects as they fit the present recordings."""
     rows = []
     for entry in plan.models:
         for name, stated in entry.parameters.items():
@@ -156,43 +156,47 @@ def _models(plan: DesignResult, words: dict[str, str]) -> Markup | None:
             interval = f"{shown.low} … {shown.high}" if sure else NO_VALUE
             rows.append((named_effect(entry.id, words), symbol(name), shown.value, interval, shown.unit))
     columns = ("effect", "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit")
-    return html_table(columns, rows, "The two effects, fitted to the recordings at hand") if rows else None
+    return html_table(columns, rows, "The two effects, fitted to the present recordings") if rows else None
 
 
-def _gain_check(plan: DesignResult) -> Markup:
+def _gain_check(plan: DesignJson) -> Markup:
     repeats, failures = plan.check.repeats, plan.check.failures
-    verdict = "The expected gain comes true." if plan.check.agrees else "The expected gain does not quite come true."
+    verdict = (
+        "The simulation confirms the expected gain."
+        if plan.check.agrees
+        else "The simulation does not fully confirm the expected gain."
+    )
     return Markup(
-        "{} {} simulated repetitions: a truth drawn from what is known, its recording with noise, a fit to it. "
-        "The errors that were left are in the column <em>in simulation</em>, each uncertain by about {} %{}."
+        "{} It ran {} repetitions. Each draws true values from the present estimate, simulates a recording with noise "
+        "and fits it. The column <em>in simulation</em> has the errors of these fits, each uncertain by about {} %{}."
     ).format(
         verdict, count(repeats - failures), f"{100 / (2 * max(repeats - failures, 1)) ** 0.5:.0f}",
         f"; {count(failures)} more failed" if failures else "",
     )  # fmt: skip
 
 
-def _already(plan: DesignResult, words: dict[str, str]) -> Markup:
-    """What the recordings at hand say of the two effects."""
+def _already(plan: DesignJson, words: dict[str, str]) -> Markup:
+    """Which of the two effects the present recordings favour."""
     first, second = [*plan.log_posterior_now, None, None][:2]
     if first is None or second is None:
         return Markup("")
     if abs(first - second) < (plan.check.decisive or 0.0):
-        return Markup("The recordings at hand do not tell them apart (difference in log-posterior {}). ").format(
+        return Markup("The present recordings do not tell them apart (difference in log-posterior {}). ").format(
             significant(abs(first - second), 2)
         )
     better = plan.effects[0] if first > second else plan.effects[1]
-    return Markup("The recordings at hand already favour {}, by {} in log-posterior. ").format(
+    return Markup("The present recordings already favour {}, by {} in log-posterior. ").format(
         named_effect(better, words), significant(abs(first - second))
     )
 
 
-def _separation_check(plan: DesignResult, words: dict[str, str]) -> Markup:
+def _separation_check(plan: DesignJson, words: dict[str, str]) -> Markup:
     check = plan.check
     share = 100 * (check.told_apart or 0.0)
     return _already(plan, words) + Markup(
-        "Expected difference in log-evidence: {} if the first is true, {} if the second is. In {} simulated "
-        "repetitions, half of them with either: {} and {} on average; {} % of them put the true one ahead by more "
-        "than {} (odds of twenty to one){}. The expectation is linear in what is not known; the repetitions are not."
+        "Expected difference in log-evidence: {} if the first effect is true, {} if the second is. In {} simulated "
+        "repetitions, half of them with each effect, it was {} and {} on average. In {} % of them the true effect was "
+        "ahead by more than {} (odds of 20 to 1){}. The expectation uses a linearised model; the repetitions do not."
     ).format(
         significant(plan.first_true), significant(plan.second_true), count(check.repeats - check.failures),
         significant(check.first_true), significant(check.second_true), f"{share:.0f}", tidy(check.decisive),
@@ -200,7 +204,7 @@ def _separation_check(plan: DesignResult, words: dict[str, str]) -> Markup:
     )  # fmt: skip
 
 
-def _families(plan: DesignResult) -> Markup | None:
+def _families(plan: DesignJson) -> Markup | None:
     """How well the best signal of each kind would do."""
     scores = {name: score for name, score in plan.families.items() if score is not None}
     if not scores:
@@ -213,10 +217,10 @@ def _families(plan: DesignResult) -> Markup | None:
         for name, value in sorted(worth.items(), key=lambda item: -item[1])
     ]
     head = "difference in log-evidence" if separate else "times narrower"
-    return html_table(("kind of signal", "", Column(head, "right")), rows, "The best signal of every kind tried")
+    return html_table(("kind of signal", "", Column(head, "right")), rows, "The best signal of each kind")
 
 
-def _limits(run: RunDirectory, plan: DesignResult) -> Markup | None:
+def _limits(run: RunDirectory, plan: DesignJson) -> Markup | None:
     values = run.series.get(f"plan/input/{plan.input}")
     rows = [(
         symbol(plan.input), significant(None if values is None else largest(values)),
@@ -226,4 +230,4 @@ def _limits(run: RunDirectory, plan: DesignResult) -> Markup | None:
         reached = plan.travel.get(name)
         rows.append((symbol(name), significant(reached), significant(limit), pretty_unit(run.result.unit(name))))
     columns = ("", Column("largest", "right"), Column("limit", "right"), "unit")
-    return html_table(columns, [(a, minus(b), minus(c), d) for a, b, c, d in rows], "What the rig is asked for")
+    return html_table(columns, [(a, minus(b), minus(c), d) for a, b, c, d in rows], "Demands on the rig")

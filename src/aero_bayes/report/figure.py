@@ -1,4 +1,4 @@
-"""A figure of the page: drawings, the words and the table for those who do not see it, and what the script needs."""
+"""A figure of the page: drawings, alternative text and table, and the data of the script."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _STRETCHES = 12
 
 @dataclass(frozen=True)
 class Plate:
-    """A figure: drawing for wide screens, one for phones, words and numbers for those who do not see it.
+    """A figure: drawings for wide and narrow screens, its alternative text and table.
 
     Figures of one ``link`` zoom together; ``keys`` are the series that the script draws from.
     """
@@ -64,11 +64,11 @@ def plate(
         if isinstance(layer, Line | Band) and layer.source for key in layer.source.keys
     )  # fmt: skip
     narrow = draw(panels, NARROW_WIDTH, alt, x_label) if width > 600 else None
-    table = numbers(panels, x_label, alt)
+    table = data_table(panels, x_label, alt)
     return Plate(draw(panels, width, alt, x_label), narrow, alt, Markup.escape(caption), legend, table, link, keys)
 
 
-def numbers(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None:
+def data_table(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None:
     """The labelled layers of a figure as a table: means over equal stretches of the x axis, RMS for residuals."""
     shown = [
         (panel, layer) for panel in panels for layer in panel.layers if isinstance(layer, Line | Band) and layer.label

@@ -7,13 +7,13 @@ from markupsafe import Markup
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
 from aero_bayes.report.text import NO_VALUE, count, duration, pretty_unit, role_words, signed, significant, symbol, tidy
-from aero_bayes.schema import McmcResult
+from aero_bayes.schema import McmcJson
 
 #: Above this, ensembles do not agree.
 R_HAT_LIMIT = 1.01
 
 
-def residual_table(run: RunDirectory) -> Markup | None:
+def residual_floor_table(run: RunDirectory) -> Markup | None:
     """Residual size against the noise floor and the whiteness test, by recording and output."""
     rows: list[tuple[object, ...]] = []
     for recording, outputs in run.result.residual.items():
@@ -33,7 +33,7 @@ def residual_table(run: RunDirectory) -> Markup | None:
     return html_table(columns, rows, "Residual against noise floor")
 
 
-def noise_table(run: RunDirectory) -> Markup | None:
+def noise_model_table(run: RunDirectory) -> Markup | None:
     """The noise model of every output."""
     rows = [
         (
@@ -46,7 +46,7 @@ def noise_table(run: RunDirectory) -> Markup | None:
         "output", Column("total", "right"), Column("white part", "right"), Column("correlated part", "right"), "unit",
         Column("correlation time", "right"), Column("lag-1 correlation", "right"),
     )  # fmt: skip
-    return html_table(columns, rows, "Noise, standard deviations") if rows else None
+    return html_table(columns, rows, "Noise model of each output (standard deviations)") if rows else None
 
 
 def process_noise_table(run: RunDirectory) -> Markup | None:
@@ -63,8 +63,8 @@ def process_noise_table(run: RunDirectory) -> Markup | None:
     return html_table(columns, rows, "Process noise of the states") if rows else None
 
 
-def sampler_table(mcmc: McmcResult) -> Markup | None:
-    """R-hat, effective draws and autocorrelation time by parameter; what is not good enough is marked."""
+def sampler_table(mcmc: McmcJson) -> Markup | None:
+    """R-hat, effective draws and autocorrelation time by parameter; insufficient ones are marked."""
     rows: list[tuple[object, ...]] = []
     marked = []
     for name, found in mcmc.per_parameter.items():
@@ -78,22 +78,24 @@ def sampler_table(mcmc: McmcResult) -> Markup | None:
         "parameter", Column(Markup("R&#770;"), "right"), Column("ESS, bulk", "right"),
         Column("ESS, tail", "right"), Column(Markup("<i>τ</i> (steps)"), "right"),
     )  # fmt: skip
-    return html_table(columns, rows, "Convergence (ESS: effective draws; marked: R-hat above 1.01)", marked)
+    return html_table(
+        columns, rows, "Convergence of each parameter (ESS: effective draws; marked: R-hat above 1.01)", marked
+    )
 
 
-def sampler_facts(mcmc: McmcResult) -> list[tuple[str, str]]:
-    """The sampler's run in a few words and numbers; what stands at the head of the page is not said again."""
+def sampler_facts(mcmc: McmcJson) -> list[tuple[str, str]]:
+    """The sampler's run in a few words and numbers; without those at the head of the page."""
     facts = [
-        ("independent ensembles", count(mcmc.ensembles)), ("walkers in each", count(mcmc.walkers)),
-        ("draws", count(mcmc.draws)), ("simulations", count(mcmc.evaluations)),
+        ("independent ensembles", count(mcmc.ensembles)), ("walkers per ensemble", count(mcmc.walkers)),
+        ("steps per walker", count(mcmc.draws)), ("simulations", count(mcmc.evaluations)),
         ("autocorrelation time (steps)", significant(mcmc.tau)),
-        ("accepted", NO_VALUE if mcmc.acceptance is None else f"{significant(100 * mcmc.acceptance, 2)} %"),
+        ("accepted moves", NO_VALUE if mcmc.acceptance is None else f"{significant(100 * mcmc.acceptance, 2)} %"),
         ("time", duration(mcmc.seconds)), ("stopped because", mcmc.reason),
     ]  # fmt: skip
     return [(label, value) for label, value in facts if value not in {NO_VALUE, ""}]
 
 
-def rms_table(run: RunDirectory) -> Markup | None:
+def fit_error_table(run: RunDirectory) -> Markup | None:
     """RMS error of the fit by role and output, where no residual table says it by recording."""
     errors = {split: outputs for split, outputs in run.result.fit.rms.items() if outputs}
     outputs = list(dict.fromkeys(output for found in errors.values() for output in found))
@@ -109,9 +111,9 @@ def rms_table(run: RunDirectory) -> Markup | None:
 
 
 def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
-    """How inputs were read, cost and ending of the optimisers."""
+    """Interpolation of the inputs, the cost, and why each optimiser stopped."""
     fit = run.result.fit
-    words = {"hold": "holds", "linear": "in straight lines"}
+    words = {"hold": "constant", "linear": "linear"}
     facts = [(f"{name} between samples", words[how]) for name, how in fit.interpolation.items()]
     if fit.cost_eq6 is not None:
         facts.append(("sum of squared errors", significant(fit.cost_eq6, 4)))
@@ -132,7 +134,7 @@ def probability(p: float | None) -> str:
 
 
 def left_out_table(run: RunDirectory) -> Markup | None:
-    """Error of each recording predicted from the others, beside that of the fit which has seen it."""
+    """Error of each recording predicted from the others, beside that of the fit to all recordings."""
     rows = []
     for recording, entry in run.result.prediction.recordings.items():
         for output, error in entry.rms.items():
@@ -154,21 +156,26 @@ def left_out_table(run: RunDirectory) -> Markup | None:
 
 
 def stretches_table(run: RunDirectory) -> Markup | None:
-    """Expected log-density of stretches of time that were left out."""
+    """Expected log-density of blocks of time that were left out."""
     words = {
-        "leave_future_out": "each stretch from those before it", "leave_one_out": "each stretch from all others",
-        "waic": "the same by Watanabe's criterion",
+        "leave_future_out": "each block, predicted from earlier blocks",
+        "leave_one_out": "each block, predicted from all others",
+        "waic": "the same by the Watanabe-Akaike criterion",
     }  # fmt: skip
     rows = []
     for key, label in words.items():
         entry = run.result.prediction.stretches.get(key)
         if entry is None:
             continue
-        trust = "" if entry.reliable else "the weights are too uneven to rely on it"
+        trust = "" if entry.reliable else "not reliable: the importance weights are too uneven"
         name = Markup("{}<small>{}</small>").format(label, key.replace("_", " "))
         rows.append((name, tidy(entry.elpd, 7), significant(entry.se, 2), count(entry.stretches), trust))
     columns = (
-        "predicted", Column("log-density", "right"), Column("standard error", "right"), Column("stretches", "right"),
+        "predicted", Column("log-density", "right"), Column("standard error", "right"), Column("blocks", "right"),
         "",
     )  # fmt: skip
-    return html_table(columns, rows, "Stretches of time, in order (larger is better)") if rows else None
+    return (
+        html_table(columns, rows, "Expected log-density of left-out blocks of time (larger is better)")
+        if rows
+        else None
+    )

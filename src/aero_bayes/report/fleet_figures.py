@@ -64,7 +64,7 @@ class Ranked:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _RankFrame:
     width: float
     height: float
     limits: tuple[float, float]
@@ -85,7 +85,7 @@ def ranked_drawing(shown: Ranked, width: float, alt: str) -> Markup:
     order = known[np.argsort(shown.values[known], kind="stable")]
     count = len(order)
     height = 200.0 + _TOP + _FOOT if count > 40 else max(150.0, 9.0 * count) + _TOP + _FOOT
-    frame = _Frame(width, height, _limits(shown, order), shown.log)
+    frame = _RankFrame(width, height, _limits(shown, order), shown.log)
     share = (np.arange(count) + 0.5) / max(count, 1)
     canvas = Canvas(width, height, alt)
     box = [_LEFT, _TOP, width - _LEFT - _RIGHT, height - _TOP - _FOOT]
@@ -118,7 +118,7 @@ def _limits(shown: Ranked, order: NDArray[np.intp]) -> tuple[float, float]:
     return low - spare, high + spare
 
 
-def _axis(canvas: Canvas, frame: _Frame, label: str, most: int) -> None:
+def _axis(canvas: Canvas, frame: _RankFrame, label: str, most: int) -> None:
     foot, right = frame.height - _FOOT, frame.width - _RIGHT
     canvas.curve([_LEFT, right], [foot, foot], MUTED, 0.8)
     low, high = (math.exp(end) if frame.log else end for end in frame.limits)
@@ -139,7 +139,7 @@ def _log_ticks(low: float, high: float, most: int) -> list[float]:
     return ticks[:: math.ceil(len(ticks) / most)]
 
 
-def _points(canvas: Canvas, shown: Ranked, frame: _Frame, order: NDArray[np.intp], share: FloatArray) -> None:
+def _points(canvas: Canvas, shown: Ranked, frame: _RankFrame, order: NDArray[np.intp], share: FloatArray) -> None:
     few = len(order) <= MAX_LINKED_RIGS
     drawn = np.arange(len(order))
     if not few:

@@ -1,4 +1,4 @@
-"""The page of a fleet: what its rigs share, which differ, and a way to the page of each."""
+"""The page of a fleet: parameters, effects and outliers, with links to the page of each rig."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from aero_bayes.report.text import (
     NO_VALUE,
     count,
     duration,
+    greek_name,
     named_effect,
-    plain_name,
     pretty_unit,
-    quantity,
+    rounded_value,
     sentence,
     significant,
     symbol,
     tidy,
 )
-from aero_bayes.schema import FleetParameter, FleetResult, Range, RigReason, RunResult
+from aero_bayes.schema import FleetJson, FleetParameterJson, RangeJson, RigReasonJson, RunJson
 
 #: Width of a parameter's figure in CSS pixels, rigs that a list on the page names, and effects that it shows.
-HALF_WIDTH, MAX_LISTED_RIGS, MAX_EFFECTS = 480.0, 40, 24
+HALF_WIDTH, MAX_RIGS_ON_PAGE, MAX_EFFECTS = 480.0, 40, 24
 #: Central 90 % of a normal density, in standard deviations to either side.
 Z90 = 1.6448536269514722
 
 
 @dataclass(frozen=True, eq=False)
-class OneParameter:
+class ParameterColumn:
     """A parameter of every rig: value and width (n,) of its own data, value in the light of the fleet, the curve.
 
     Widths are standard deviations of the value, or of its logarithm where ``shared.log``; ``curve`` is the fleet's
@@ -52,7 +52,7 @@ class OneParameter:
     widths: FloatArray
     shrunk: FloatArray
     curve: tuple[FloatArray, FloatArray] | None
-    shared: FleetParameter
+    shared: FleetParameterJson
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +63,14 @@ class FleetColumns:
     """
 
     names: Sequence[str]
-    parameters: Mapping[str, OneParameter]
+    parameters: Mapping[str, ParameterColumn]
     over_floor: FloatArray
     seconds: FloatArray
     present: FloatArray
     flagged: NDArray[np.bool_]
 
 
-def write_fleet_page(directory: Path, result: FleetResult, columns: FleetColumns) -> Path:
+def write_fleet_page(directory: Path, result: FleetJson, columns: FleetColumns) -> Path:
     """Draw ``DIR/report.html``: one file, of a few hundred bytes a rig at most."""
     target = directory / "report.html"
     page = render_fleet(result, columns)
@@ -79,7 +79,7 @@ def write_fleet_page(directory: Path, result: FleetResult, columns: FleetColumns
     return target
 
 
-def render_fleet(result: FleetResult, columns: FleetColumns) -> str:
+def render_fleet(result: FleetJson, columns: FleetColumns) -> str:
     """The page's text."""
     figures = list(_figures(columns))
     words = {effect.id: effect.summary for effect in result.effects if effect.summary}
@@ -92,15 +92,16 @@ def render_fleet(result: FleetResult, columns: FleetColumns) -> str:
         "by_rig": _matrix_plate(result, columns), "outcomes": _outcomes(result),
         "residual": next((_plate(f, WIDE_WIDTH) for f in figures if f.key == "over_floor"), None),
         "time": next((_plate(f, WIDE_WIDTH) for f in figures if f.key == "seconds"), None),
-        "stand_out": _reasons(result.stand_out, words), "stand_out_more": max(0, result.standing_out - MAX_LISTED_RIGS),
+        "stand_out": _reasons(result.stand_out, words),
+        "stand_out_more": max(0, result.standing_out - MAX_RIGS_ON_PAGE),
         "failures": _reasons(result.failures, words, linked=False),
-        "failures_more": max(0, result.failed - MAX_LISTED_RIGS),
+        "failures_more": max(0, result.failed - MAX_RIGS_ON_PAGE),
         "links": columns.names if len(columns.names) <= MAX_LINKED_RIGS else [], "rig_page": rig_page,
         "provenance": _provenance(result), "few": len(columns.names) <= MAX_LINKED_RIGS,
         "rigs": Markup(json.dumps(list(columns.names), separators=(",", ":")).replace("<", "\\u003c")),
     }  # fmt: skip
     series = {figure.key: figure.values for figure in figures}
-    return fill("fleet.html.jinja", context, series, [RunResult(words=words)], ("data", "fleet"))
+    return fill("fleet.html.jinja", context, series, [RunJson(words=words)], ("data", "fleet"))
 
 
 def _figures(columns: FleetColumns) -> Iterator[Ranked]:
@@ -111,15 +112,15 @@ def _figures(columns: FleetColumns) -> Iterator[Ranked]:
         half = Z90 * one.widths
         ends = (one.values * np.exp(s * half) if shared.log else one.values + s * half for s in (-1.0, 1.0))
         low, high = ends
-        label = f"{plain_name(name)} ({unit})" if unit else plain_name(name)
+        label = f"{greek_name(name)} ({unit})" if unit else greek_name(name)
         yield Ranked(
-            f"p/{name}", plain_name(name), label, columns.names, one.values, columns.flagged, low, high, one.shrunk,
+            f"p/{name}", greek_name(name), label, columns.names, one.values, columns.flagged, low, high, one.shrunk,
             one.curve, shared.log,
         )  # fmt: skip
     for key, values, title, label, level in (
-        ("over_floor", columns.over_floor, "what is left of the recordings, rigs sorted",
-         "largest residual over the noise floor", 1.0),
-        ("seconds", columns.seconds, "time a rig took, rigs sorted", "time (s)", None),
+        ("over_floor", columns.over_floor, "residual of each rig, sorted",
+         "largest residual, in noise floors", 1.0),
+        ("seconds", columns.seconds, "computing time of each rig, sorted", "time (s)", None),
     ):  # fmt: skip
         positive = np.where(values > 0.0, values, np.nan)
         if np.isfinite(positive).any():
@@ -134,7 +135,7 @@ def _plate(shown: Ranked, width: float = HALF_WIDTH) -> Plate:
     return Plate(*drawn, alt, Markup(""), keys=frozenset([shown.key]), css="fleet")
 
 
-def _readings(result: FleetResult) -> list[dict[str, Any]]:
+def _readings(result: FleetJson) -> list[dict[str, Any]]:
     spreads = sorted(
         (p.spread.q50, name) for name, p in result.parameters.items() if p.log and p.spread.q50 is not None
     )
@@ -160,17 +161,17 @@ def _readings(result: FleetResult) -> list[dict[str, Any]]:
     return found
 
 
-def _fitted(result: FleetResult) -> str:
+def _fitted(result: FleetJson) -> str:
     return f"{count(result.failed)} could not be fitted" if result.failed else "all were fitted"
 
 
-def _percent(share: Range) -> str:
+def _percent(share: RangeJson) -> str:
     if share.q05 is None or share.q95 is None:
         return NO_VALUE
     return f"{100 * share.q05:.0f} to {100 * share.q95:.0f} %"
 
 
-def _parameter_table(parameters: Mapping[str, FleetParameter]) -> Markup | None:
+def _parameter_table(parameters: Mapping[str, FleetParameterJson]) -> Markup | None:
     """Typical value, spread and the next rig's value, each with its 90 % interval."""
     rows = []
     for name, entry in parameters.items():
@@ -179,21 +180,21 @@ def _parameter_table(parameters: Mapping[str, FleetParameter]) -> Markup | None:
         rows.append((symbol(name), mean, spread, following, pretty_unit(entry.unit), count(entry.rigs)))
     heads = (
         "parameter", Column("typical value", "right"), Column("spread, one standard deviation", "right"),
-        Column("the next rig", "right"), "unit", Column("rigs that tell", "right"),
+        Column("the next rig", "right"), "unit", Column("rigs used", "right"),
     )  # fmt: skip
-    return html_table(heads, rows, "What the rigs share, with 90 % intervals") if rows else None
+    return html_table(heads, rows, "Distribution over the rigs, with 90 % intervals") if rows else None
 
 
-def _interval(found: Range, unit: str, factor: float = 1.0) -> Markup | str:
+def _interval(found: RangeJson, unit: str, factor: float = 1.0) -> Markup | str:
     if found.q50 is None or found.q05 is None or found.q95 is None:
         return NO_VALUE
-    shown = quantity(factor * found.q50, factor * found.q05, factor * found.q95, unit)
+    shown = rounded_value(factor * found.q50, factor * found.q05, factor * found.q95, unit)
     power = shown.unit.partition(" ")[0] if shown.unit.startswith("×") else ""
     sign = " %" if unit == "%" else ""
     return Markup("{}{}{}<small>{} … {}</small>").format(shown.value, sign, power, shown.low, shown.high)
 
 
-def _effects_plate(result: FleetResult) -> Plate:
+def _effects_plate(result: FleetJson) -> Plate:
     """The share of rigs that have each effect, with its 90 % interval."""
     shown = [effect for effect in result.effects if effect.share.q50 is not None][:MAX_EFFECTS]
     alt = "Share of rigs that have " + ", ".join(f"{e.id}: {_percent(e.share)}" for e in shown) + "."
@@ -201,7 +202,7 @@ def _effects_plate(result: FleetResult) -> Plate:
     return Plate(wide, narrow, alt, Markup(""))
 
 
-def _effects_drawing(result: FleetResult, width: float, alt: str) -> Markup:
+def _effects_drawing(result: FleetJson, width: float, alt: str) -> Markup:
     shown = [effect for effect in result.effects if effect.share.q50 is not None][:MAX_EFFECTS]
     line, label = 24.0, (300.0 if width > 600 else 0.0)
     step = line if label else 1.7 * line
@@ -216,7 +217,7 @@ def _effects_drawing(result: FleetResult, width: float, alt: str) -> Markup:
         canvas.text(across(tick), foot + 16, f"{100 * tick:.0f} %", MUTED, 11.5, "middle" if tick or label else "start")
     for row, effect in enumerate(shown):
         y = step * (row + 1) - 0.5 * line
-        canvas.text(0, y + 4 if label else y - 11, f"{effect.id}  (named in {effect.named})", INK, 12)
+        canvas.text(0, y + 4 if label else y - 11, f"{effect.id}  (found in {effect.named})", INK, 12)
         low, middle, high = (across(q or 0.0) for q in (effect.share.q05, effect.share.q50, effect.share.q95))
         canvas.curve([low, high], [y, y], ACCENT, 4.0)
         canvas.dots(np.array([middle]), np.array([y]), ACCENT, 10.0, 1.0)
@@ -225,7 +226,7 @@ def _effects_drawing(result: FleetResult, width: float, alt: str) -> Markup:
     return canvas.svg()
 
 
-def _effect_table(result: FleetResult, words: Mapping[str, str]) -> Markup | None:
+def _effect_table(result: FleetJson, words: Mapping[str, str]) -> Markup | None:
     rows = [
         (
             named_effect(e.id, words),
@@ -236,20 +237,25 @@ def _effect_table(result: FleetResult, words: Mapping[str, str]) -> Markup | Non
         for e in result.effects[:MAX_EFFECTS]
     ]
     heads = (
-        "effect", Column("rigs whose loop names it", "right"), Column("of all rigs, 90 % interval", "right"),
-        Column("noticed where it is, %", "right"),
+        "effect", Column("rigs whose loop found it", "right"), Column("share of all rigs, 90 % interval", "right"),
+        Column("found where present, %", "right"),
     )  # fmt: skip
     return html_table(heads, rows, "Effects") if rows else None
 
 
-def _matrix_plate(result: FleetResult, columns: FleetColumns) -> Plate | None:
+def _matrix_plate(result: FleetJson, columns: FleetColumns) -> Plate | None:
     """Effects by rig: a spot as large as the effect is probable; for few rigs only."""
     count_, shown = len(columns.names), result.effects[:MAX_EFFECTS]
     if not shown or not 0 < count_ <= MAX_LINKED_RIGS or not np.isfinite(columns.present).any():
         return None
     alt = f"How probable each of {len(shown)} effects is in each of {count_} rigs."
     wide, narrow = (_matrix_drawing(columns, [e.id for e in shown], width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
-    return Plate(wide, narrow, alt, Markup("A full spot is certain; rigs in the order of their names."))
+    return Plate(
+        wide,
+        narrow,
+        alt,
+        Markup("The area of a spot is the probability of the effect. Rigs are in the order of their names."),
+    )
 
 
 def _matrix_drawing(columns: FleetColumns, ids: Sequence[str], width: float, alt: str) -> Markup:
@@ -269,26 +275,27 @@ def _matrix_drawing(columns: FleetColumns, ids: Sequence[str], width: float, alt
     return canvas.svg()
 
 
-def _outcomes(result: FleetResult) -> list[tuple[str, str]]:
+def _outcomes(result: FleetJson) -> list[tuple[str, str]]:
     words = {
-        "adequate": "nothing is missing", "extended": "an effect was added",
-        "unexplained": "something is missing and remains unexplained",
+        "adequate": "the model is adequate", "extended": "an effect was added",
+        "unexplained": "an effect is missing, and no candidate explains it",
     }  # fmt: skip
     return [(words.get(key, key), count(number)) for key, number in sorted(result.outcomes.items())]
 
 
-def _reasons(rigs: Sequence[RigReason], words: Mapping[str, str], *, linked: bool = True) -> Markup | None:
+def _reasons(rigs: Sequence[RigReasonJson], words: Mapping[str, str], *, linked: bool = True) -> Markup | None:
     rows = []
-    for entry in rigs[:MAX_LISTED_RIGS]:
+    for entry in rigs[:MAX_RIGS_ON_PAGE]:
         name = Markup('<a href="{}">{}</a>').format(rig_page(entry.rig), entry.rig) if linked else entry.rig
         rows.append((name, Markup("<br>").join(sentence(reason, words) for reason in entry.reasons)))
     return html_table(("rig", "why"), rows) if rows else None
 
 
-def _provenance(result: FleetResult) -> list[tuple[str, str]]:
+def _provenance(result: FleetJson) -> list[tuple[str, str]]:
     cost = result.cost
     return [
-        ("work", result.work), ("seed", str(result.seed)), ("time, all rigs", duration(cost.seconds)),
-        ("processor time of the workers", duration(cost.cpu_seconds)), ("rigs sent more than once", count(cost.tries)),
-        ("table", result.table_sha256[:16]), *((f"version of {k}", v) for k, v in result.versions.items()),
+        ("work", result.work), ("seed", str(result.seed)), ("computing time of all rigs", duration(cost.seconds)),
+        ("processor time of the workers", duration(cost.cpu_seconds)),
+        ("rigs started more than once", count(cost.tries)), ("table", result.table_sha256[:16]),
+        *((f"version of {k}", v) for k, v in result.versions.items()),
     ]  # fmt: skip

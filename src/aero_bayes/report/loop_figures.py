@@ -13,8 +13,8 @@ from aero_bayes.report.drawing import Band, Line, Panel, tick_text
 from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate, plate
 from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import NO_VALUE, count, minus, plain_name, scaled_unit, significant
-from aero_bayes.schema import CandidateResult, EffectResult, LoopPart, StepResult
+from aero_bayes.report.text import NO_VALUE, count, greek_name, minus, scaled_unit, significant
+from aero_bayes.schema import CandidateJson, EffectJson, LoopJson, StepJson
 
 PORT = 430.0
 _ROW, _TOP = 19.0, 46.0
@@ -25,11 +25,11 @@ MIN_PRINTED_ODDS = 1e-3
 TICK = 6.0
 #: Candidates that are seen at once; the others are folded.
 SHOWN = 5
-#: Width of a letter beside a bar.
-LETTER = 6.3
+#: Width of a letter beside a bar, and letters of a candidate's label.
+LETTER, LABEL_LETTERS = 6.3, 52
 
 
-def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
+def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
     """Rounds that tried anything, all candidates (those taken first, then by their best gain), those to be drawn."""
     steps = [step for step in loop.steps if any(c.delta_evidence is not None for c in step.candidates)]
     best: dict[str, float] = {}
@@ -42,7 +42,7 @@ def rounds(loop: LoopPart) -> tuple[list[StepResult], list[str], list[str]]:
     return steps, ids, [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
 
 
-def rounds_plates(loop: LoopPart, words: Mapping[str, str]) -> list[Plate]:
+def rounds_plates(loop: LoopJson, words: Mapping[str, str]) -> list[Plate]:
     """A row for each candidate, a column for each round, bars of log-evidence gained: the best, then all others."""
     steps, ids, shown = rounds(loop)
     if not steps:
@@ -51,11 +51,11 @@ def rounds_plates(loop: LoopPart, words: Mapping[str, str]) -> list[Plate]:
         f"Step {step.round}: {step.chosen or 'none'} chosen." for step in steps
     )
     caption = Markup(
-        "Log-evidence that each candidate gains in each step, all parameters refitted, on a logarithmic scale. "
-        "Orange: chosen; outlined: not to be told apart from it; dashed: the least gain that counts."
+        "Gain in log-evidence of each candidate in each step, with all parameters fitted again; logarithmic scale. "
+        "Orange: chosen. Outlined: the data cannot tell it from the chosen one. Dashed: the smallest gain that counts."
     )
     left_out = len(ids) - len(shown)
-    rest = Markup.escape(f"{left_out} candidates that gain nothing are left out." if left_out else "")
+    rest = Markup.escape(f"{left_out} candidates without any gain are not shown." if left_out else "")
     plates: list[Plate] = []
     for part, about, below in ((shown[:SHOWN], alt, caption), (shown[SHOWN:], f"The other candidates. {alt}", rest)):
         if part:
@@ -65,9 +65,7 @@ def rounds_plates(loop: LoopPart, words: Mapping[str, str]) -> list[Plate]:
     return plates
 
 
-def _rounds_drawing(
-    steps: list[StepResult], ids: list[str], words: Mapping[str, str], width: float, alt: str
-) -> Markup:
+def _rounds_drawing(steps: list[StepJson], ids: list[str], words: Mapping[str, str], width: float, alt: str) -> Markup:
     wide = width > 600
     ports = {c.id: c.port for step in steps for c in step.candidates}
     label = 350.0 if wide else 0.0
@@ -86,8 +84,8 @@ def _rounds_drawing(
     for index, id_ in enumerate(ids):
         y = _TOP + row * index
         canvas.curve([0, width], [y + row - 2, y + row - 2], RULE, 0.6)
-        text, fits = words.get(id_, id_), 52 - (len(ports.get(id_, "")) if wide else 0)
-        canvas.text(0, y + 13, text if len(text) <= fits else f"{text[: fits - 1]}…", INK, 11.5)
+        fits = LABEL_LETTERS - (len(ports.get(id_, "")) if wide else 0)
+        canvas.text(0, y + 13, short_label(id_, words, fits), INK, 11.5)
         if wide:
             canvas.text(label - 12, y + 13, ports.get(id_, ""), MUTED, 10.5, "end")
     for k, step in enumerate(steps):
@@ -112,9 +110,13 @@ def _rounds_drawing(
     return canvas.svg()
 
 
-def _bar(
-    canvas: Canvas, found: CandidateResult, step: StepResult, place: tuple[float, float, float], text: str
-) -> None:
+def short_label(id_: str, words: Mapping[str, str], letters: int = LABEL_LETTERS) -> str:
+    """What a candidate is, by its words or else its id, cut to a number of letters."""
+    text = words.get(id_) or id_
+    return text if len(text) <= letters else f"{text[: letters - 1]}…"
+
+
+def _bar(canvas: Canvas, found: CandidateJson, step: StepJson, place: tuple[float, float, float], text: str) -> None:
     """A candidate's gain as a bar (left, top, length), with its text where it gains anything."""
     left, y, length = place
     chosen = found.id == step.chosen
@@ -126,13 +128,13 @@ def _bar(
         canvas.text(left + length + 4, y + 13, text, INK if chosen else MUTED, 10.5)
 
 
-def _beside(found: CandidateResult, *, odds: bool) -> str:
-    """What stands beside a bar: the gain, and the odds where they say anything."""
+def _beside(found: CandidateJson, *, odds: bool) -> str:
+    """Text beside a bar: the gain, and the odds unless they are negligible."""
     stated = odds and found.odds is not None and found.odds >= MIN_PRINTED_ODDS
     return gain_text(found.delta_evidence) + (f", {odds_text(found.odds or 0.0)}" if stated else "")
 
 
-def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, str]) -> Markup:
+def _rounds_table(steps: list[StepJson], ids: list[str], words: Mapping[str, str]) -> Markup:
     cells = [{c.id: c for c in step.candidates} for step in steps]
     rows = []
     for id_ in ids:
@@ -141,32 +143,32 @@ def _rounds_table(steps: list[StepResult], ids: list[str], words: Mapping[str, s
         rows.append(
             (name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True)))
         )
-    heads = [Column(f"round {step.round}", "right") for step in steps]
-    return html_table(("candidate", "port", *heads), rows, "Candidates: log-evidence gained, step by step")
+    heads = [Column(f"step {step.round}", "right") for step in steps]
+    return html_table(("candidate", "port", *heads), rows, "Candidates: gain in log-evidence in each step")
 
 
-def _candidate_cell(found: CandidateResult | None, step: StepResult) -> Markup:
+def _candidate_cell(found: CandidateJson | None, step: StepJson) -> Markup:
     if found is None:
         return Markup(NO_VALUE)
     notes = [
         "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
-        "" if found.refitted else "promised too little to be refitted",
+        "" if found.refitted else "not fitted, its predicted gain is too small",
         "" if found.odds is None else odds_text(found.odds),
     ]
     return Markup("{}<small>{}</small>").format(gain_text(found.delta_evidence), "; ".join(filter(None, notes)))
 
 
 def odds_text(odds: float) -> str:
-    """Odds among all that a round tried; what is beyond belief is not counted out."""
+    """Odds among all candidates of a step; below a limit only that they are."""
     return f"odds {significant(odds, 3)}" if odds >= MIN_PRINTED_ODDS else f"odds below {MIN_PRINTED_ODDS:g}"
 
 
 def gain_text(value: float | None) -> str:
     """A gain in log-evidence."""
-    return NO_VALUE if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:.1f}")
+    return NO_VALUE if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:z.1f}")
 
 
-def curve_plate(effect: EffectResult) -> Plate | None:
+def curve_plate(effect: EffectJson) -> Plate | None:
     """A learned curve and its 90 % band over its signal."""
     found = effect.curve
     if found is None:
@@ -179,14 +181,18 @@ def curve_plate(effect: EffectResult) -> Plate | None:
         Band(x * across, low * up, high * up, ACCENT, 0.18, label="90 % band"),
         Line(x * across, value * up, ACCENT, 2.0, label="learned"),
     )
-    over = plain_name(effect.over)
+    over = greek_name(effect.over)
     title, label = (
-        f"{words} ({of})" if of else words for words, of in ((f"{effect.port}: what acts", unit), (over, x_unit))
+        f"{words} ({of})" if of else words for words, of in ((f"{effect.port}: learned effect", unit), (over, x_unit))
     )
-    alt = f"What was learned at {effect.port} over {over}: curve and 90 % band."
-    # A wide band is where no data went: it would make the curve flat.
+    alt = f"Learned effect at {effect.port} as a function of {over}: curve and 90 % band."
+    # The band is wide where there are no data; showing all of it would flatten the curve.
     room = 0.3 * float(np.ptp(value)) or 1.0
     limits = (float(value.min() - room) * up, float(value.max() + room) * up)
     return plate(
-        [Panel(title, layers, 220, y_limits=limits)], alt, label, "The band is wide where no data went.", width=PORT
+        [Panel(title, layers, 220, y_limits=limits)],
+        alt,
+        label,
+        "The band is wide where there are no data.",
+        width=PORT,
     )

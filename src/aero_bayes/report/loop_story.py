@@ -1,4 +1,4 @@
-"""The closed loop in tables: what was added, what it gained, how far the rest moved."""
+"""Tables of the closed loop: added effects, errors, and changes of the parameters."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from aero_bayes.report.loop_figures import curve_plate, gain_text
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, parameter_quantity, ratio_glyph
 from aero_bayes.report.text import NO_VALUE, pretty_unit, role_words, signed, significant, symbol
-from aero_bayes.schema import EffectResult, LoopPart, Quantiles
+from aero_bayes.schema import EffectJson, LoopJson, QuantilesJson
 
 
 @dataclass(frozen=True)
-class Effect:
+class EffectSection:
     """An effect that the loop added."""
 
     name: str
@@ -29,16 +29,16 @@ class Effect:
     figure: Plate | None
 
 
-def effects(loop: LoopPart, stated: Collection[str]) -> list[Effect]:
+def effects(loop: LoopJson, stated: Collection[str]) -> list[EffectSection]:
     """The effects that were added; with their parameters, but for those that the page states elsewhere."""
     return [_effect(entry, stated) for entry in loop.effects]
 
 
-def _effect(entry: EffectResult, elsewhere: Collection[str]) -> Effect:
-    kind = "a shape learned from the data" if entry.kind == "free_form" else ""
+def _effect(entry: EffectJson, elsewhere: Collection[str]) -> EffectSection:
+    kind = "a curve learned from the data" if entry.kind == "free_form" else ""
     evidence = f"log-evidence {gain_text(entry.evidence.log_evidence_gain)}"
     if entry.evidence.needed is not None:
-        evidence += f" (needed {significant(entry.evidence.needed, 2)})"
+        evidence += f" (needed: {significant(entry.evidence.needed, 2)})"
     if entry.odds is not None:
         evidence += f", odds {significant(entry.odds, 3)}"
     rows = []
@@ -49,12 +49,12 @@ def _effect(entry: EffectResult, elsewhere: Collection[str]) -> Effect:
         interval = f"{shown.low} … {shown.high}" if sure else NO_VALUE
         rows.append((symbol(name), shown.value, interval, shown.unit, stated.description))
     columns = ("parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "")
-    where = f"port {entry.port}" + (f", over {entry.over}" if entry.over else "")
+    where = f"port {entry.port}" + (f", as a function of {entry.over}" if entry.over else "")
     table = html_table(columns, rows, f"Parameters of {entry.id}") if rows else None
-    return Effect(entry.id, entry.summary or kind, where, evidence, table, curve_plate(entry))
+    return EffectSection(entry.id, entry.summary or kind, where, evidence, table, curve_plate(entry))
 
 
-def error_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
+def before_after_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
     """RMS error before and after, on training and on unseen recordings, against the noise floor."""
     rows = []
     for split in dict.fromkeys((*loop.before, *loop.after)):
@@ -77,7 +77,7 @@ def error_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
     return html_table(columns, rows, "RMS error before and after")
 
 
-def shift_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
+def shift_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
     """How far the base parameters moved once the missing effect was in: the bias that it had caused."""
     rows = []
     for name, moved in loop.shifts.items():
@@ -98,13 +98,13 @@ def shift_table(run: RunDirectory, loop: LoopPart) -> Markup | None:
     if not rows:
         return None
     columns = (
-        "parameter", Column("before", "right"), Column("after", "right"), Column("moved", "right"),
+        "parameter", Column("before", "right"), Column("after", "right"), Column("change", "right"),
         Column("in standard deviations", "right"),
     )  # fmt: skip
-    return html_table(columns, rows, "How far the base parameters moved")
+    return html_table(columns, rows, "Change of the parameters of the base model")
 
 
-def changed_equations(loop: LoopPart) -> Markup | None:
+def changed_equations(loop: LoopJson) -> Markup | None:
     """Equations of the extended model that the base model has not, with what is new in them marked; None if there are
     none.
     """
@@ -125,7 +125,7 @@ def changed_equations(loop: LoopPart) -> Markup | None:
 
 
 def _marked(old: str, new: str) -> Markup:
-    """A line with what an older one has not between marks."""
+    """A line with the differences to an older one marked."""
     before, after = (re.findall(r"[\w.]+|\s+|.", text) for text in (old, new))
     shown = Markup("")
     for kind, _, _, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes():
@@ -134,7 +134,7 @@ def _marked(old: str, new: str) -> Markup:
     return shown
 
 
-def new_values(loop: LoopPart) -> Markup:
+def new_values(loop: LoopJson) -> Markup:
     """Name, value and interval of each parameter that was added, in a line."""
     texts = []
     for name, stated in ((n, p) for effect in loop.effects for n, p in effect.parameters.items()):
@@ -144,7 +144,7 @@ def new_values(loop: LoopPart) -> Markup:
     return Markup("; ").join(texts)
 
 
-def diff_lines(loop: LoopPart) -> list[tuple[str, str]]:
+def diff_lines(loop: LoopJson) -> list[tuple[str, str]]:
     """Lines of the Modelica diff with their kind: add, del, hunk or same."""
     return [(_diff_kind(entry), entry) for entry in loop.diff.splitlines()]
 
@@ -155,14 +155,14 @@ def _diff_kind(entry: str) -> str:
     return {"+": "add", "-": "del"}.get(entry[:1], "same")
 
 
-def _spread(value: float | None, sd: float | None, unit: str) -> Quantiles:
+def _spread(value: float | None, sd: float | None, unit: str) -> QuantilesJson:
     """A value with its standard deviation as an interval, for rounding."""
     if value is None or sd is None:
-        return Quantiles(value=value, unit=unit)
-    return Quantiles(value=value, q05=value - sd, q95=value + sd, unit=unit)
+        return QuantilesJson(value=value, unit=unit)
+    return QuantilesJson(value=value, q05=value - sd, q95=value + sd, unit=unit)
 
 
-def _floor(run: RunDirectory, loop: LoopPart, split: str, output: str) -> float | None:
+def _floor(run: RunDirectory, loop: LoopJson, split: str, output: str) -> float | None:
     if (given := loop.noise_floor.get(output)) is not None:
         return given
     rows = [row for row in run.result.recordings if row.role == split] or run.result.recordings

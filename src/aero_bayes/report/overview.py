@@ -1,4 +1,4 @@
-"""What stands first on the page (verdict, readings, warnings) and last (where it all came from)."""
+"""Head of the page (verdict, key figures, warnings) and its end (provenance)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from markupsafe import Markup
 from aero_bayes.report.findings import R_HAT_LIMIT
 from aero_bayes.report.tables import Column, generic_cell, html_table
 from aero_bayes.report.text import count, duration, role_words, scaled_unit, significant, symbol, tidy
-from aero_bayes.schema import RunResult, Verdict
+from aero_bayes.schema import RunJson, VerdictJson
 
 _HASH_SHOWN = 16
 
 
 @dataclass(frozen=True)
-class Reading:
-    """One number of the head: what, how much, and how to take it."""
+class KeyFigure:
+    """A key figure at the head of the page, with a note on its meaning."""
 
     label: Markup
     value: str
@@ -25,33 +25,33 @@ class Reading:
     level: str = ""
 
 
-def verdict(result: RunResult) -> Verdict:
+def stated_verdict(result: RunJson) -> VerdictJson:
     """The run's verdict; a plain one where the run states none."""
-    return result.verdict or Verdict(level="warning", text="The run has finished and states no verdict of its own.")
+    return result.verdict or VerdictJson(level="warning", text="The run has finished without a verdict.")
 
 
-def readings(result: RunResult) -> list[Reading]:
-    """The few numbers that say how far the rest can be trusted."""
+def readings(result: RunJson) -> list[KeyFigure]:
+    """Key figures on the quality of the result."""
     outputs = dict.fromkeys(out for found in result.residual.values() for out in found)
     found = [_residual_reading(result, output) for output in outputs]
     mcmc = result.mcmc
     if mcmc is not None and mcmc.r_hat_max is not None:
         fine = mcmc.r_hat_max <= R_HAT_LIMIT
         words = "ensembles agree" if fine else "ensembles disagree: above 1.01"
-        found.append(Reading(Markup("largest R&#770;"), f"{mcmc.r_hat_max:.3f}", words, "good" if fine else "bad"))
+        found.append(KeyFigure(Markup("largest R&#770;"), f"{mcmc.r_hat_max:.3f}", words, "good" if fine else "bad"))
     sizes = [] if mcmc is None else [size for size in (mcmc.ess_bulk_min, mcmc.ess_tail_min) if size is not None]
     if sizes:
-        found.append(Reading(Markup("effective draws"), count(min(sizes)), "of the worst parameter"))
+        found.append(KeyFigure(Markup("effective draws"), count(min(sizes)), "of the parameter with the fewest"))
     if result.seconds is not None:
         runs = sum(result.failures.values())
         failed = runs - result.failures.get("completed", 0)
         words = f"{count(runs)} simulations, {count(failed)} failed" if runs else "wall time"
-        found.append(Reading(Markup("time taken"), duration(result.seconds), words))
+        found.append(KeyFigure(Markup("time taken"), duration(result.seconds), words))
     return found
 
 
-def provenance(result: RunResult) -> list[Markup]:
-    """Tables of where the data, the model and the software came from, and what the work cost."""
+def provenance(result: RunJson) -> list[Markup]:
+    """Tables of provenance: data, model, software and computing effort."""
     tables = []
     files = [
         (row.file, count(row.rows), tidy(row.rate_hz), _hash(row.sha256)) for row in result.data
@@ -72,7 +72,7 @@ def provenance(result: RunResult) -> list[Markup]:
         ("Model", model),
         ("Run", {"command": result.command, "seed": result.seed}),
         ("Versions", result.versions),
-        ("How simulations ended", result.failures),
+        ("Simulations", result.failures),
     ):
         if node:
             rows = [(key.replace("_", " ") if node is model else key, _exact(value)) for key, value in node.items()]
@@ -80,15 +80,17 @@ def provenance(result: RunResult) -> list[Markup]:
     return tables
 
 
-def warnings(result: RunResult) -> list[str]:
-    """The run's warnings but for what the verdict says, and that of parameters on a bound."""
+def warnings(result: RunJson) -> list[str]:
+    """Warnings of the run without those in the verdict, and one on parameters on a bound."""
     found = list(result.warnings)
     reason = result.mcmc.reason if result.mcmc is not None and not result.mcmc.converged else ""
-    if reason and reason in verdict(result).text:  # said already
+    if reason and reason in stated_verdict(result).text:  # said already
         found = [text for text in found if reason not in text]
     bounds = [f"`{name}`" for name, entry in result.parameters.items() if entry.status == "at_bound"]
     if bounds:
-        found.append(f"{', '.join(bounds)}: the best value is the edge of the range that was searched; no interval.")
+        found.append(
+            f"{', '.join(bounds)}: the best value lies on a bound of the search range, so there is no interval."
+        )
     return list(dict.fromkeys(found))
 
 
@@ -96,19 +98,19 @@ def _signals(names: Sequence[str]) -> Markup:
     return Markup(", ").join(symbol(name) for name in names)
 
 
-def _residual_reading(result: RunResult, output: str) -> Reading:
+def _residual_reading(result: RunJson, output: str) -> KeyFigure:
     entries = [found[output] for found in result.residual.values() if output in found]
     ratios = [entry.ratio for entry in entries if entry.ratio is not None]
     structured = any(entry.verdict == "structured" for entry in entries)
     label, level = symbol(output) + Markup(" residual"), "warning" if structured else "good"
-    words = "structured: something is missing" if structured else "no structure left"
+    words = "structured: the model lacks an effect" if structured else "no structure left"
     ratio = max(ratios, default=None)
     sizes = [entry.rms for entry in entries if entry.rms is not None]
     if ratio is None and sizes:
         factor, unit = scaled_unit(max(sizes), result.unit(output))
         size = f"{significant(factor * max(sizes))} {unit}".strip()
-        return Reading(label, size, f"RMS; noise floor unknown; {words}", level)
-    return Reading(label, f"{significant(ratio)}\u202f×", f"the noise floor; {words}", level)
+        return KeyFigure(label, size, f"RMS; the signal changes too fast to estimate the noise floor; {words}", level)
+    return KeyFigure(label, f"{significant(ratio)}\u202f×", f"the noise floor; {words}", level)
 
 
 def _exact(value: object) -> object:

@@ -34,7 +34,7 @@ from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.sensor_table import sensor_table
 from aero_bayes.report.tables import generic_cell, parameter_table, status_words
 from aero_bayes.report.text import named_effect, sentence, symbol
-from aero_bayes.schema import LoopPart, RunResult
+from aero_bayes.schema import LoopJson, RunJson
 
 _TITLES = {
     "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "design": "The next experiment",
@@ -42,9 +42,9 @@ _TITLES = {
 }  # fmt: skip
 SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "save", "start")
 _OUTCOMES = {
-    "adequate": "nothing is missing: the residual is noise",
+    "adequate": "the model is adequate: the residual is noise",
     "extended": "the model was extended",
-    "unexplained": "something is missing and remains unexplained",
+    "unexplained": "an effect is missing, and no candidate explains it",
 }
 
 
@@ -58,7 +58,7 @@ class RecordingPlates:
     statistics: list[Plate]
 
 
-def write_report(directory: Path | str) -> Path:
+def write_run_page(directory: Path | str) -> Path:
     """Draw ``DIR/report.html`` from the run's ``result.json``, ``series.npz`` and ``posterior.nc``.
 
     Parameters
@@ -75,11 +75,6 @@ def write_report(directory: Path | str) -> Path:
     ------
     InputError
         No ``result.json`` in the directory, or one of the files is damaged.
-
-    Examples
-    --------
-    >>> aero_bayes.write_report("out/loop").name
-    'report.html'
     """
     run = RunDirectory.read(directory)
     target = run.path / "report.html"
@@ -100,7 +95,7 @@ def fill(
     template: str,
     context: Mapping[str, Any],
     series: Mapping[str, FloatArray],
-    results: Sequence[RunResult],
+    results: Sequence[RunJson],
     scripts: Sequence[str] = SCRIPTS,
 ) -> str:
     """A page from its template.
@@ -112,7 +107,7 @@ def fill(
         What the template shows. The series that its figures are drawn from are put into the page.
     series : mapping of str to ndarray, shape (n,)
         All that figures may ask for.
-    results : sequence of RunResult
+    results : sequence of RunJson
         The runs that the page is about: they say what the names of effects and signals stand for.
     scripts : sequence of str
         Parts of the page's script.
@@ -173,7 +168,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     return {
         "title": f"{heading}: {model}",
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
-        "verdict": overview.verdict(result), "simulated": result.simulated,
+        "verdict": overview.stated_verdict(result), "simulated": result.simulated,
         "equations": equations, "new_values": loop_story.new_values(result.loop) if result.loop else "",
         "opening": curves.scene_plate(run, scene, 700 if diagrams else WIDE_WIDTH) if scene else None,
         "opening_words": curves.stretch_words(run, scene) if scene else "",
@@ -185,9 +180,9 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "combinations": [c for c in result.identifiability.combinations if c.text not in c.members],
         "recordings": [_recording(run, name, scene) for name in run.recordings()],
         "curve_words": curves.MEANING,
-        "residuals": findings.residual_table(run), "noise": findings.noise_table(run),
+        "residuals": findings.residual_floor_table(run), "noise": findings.noise_model_table(run),
         "process_noise": findings.process_noise_table(run),
-        "sensors": sensor_table(run), "rms": findings.rms_table(run), "fit_facts": findings.fit_facts(run),
+        "sensors": sensor_table(run), "rms": findings.fit_error_table(run), "fit_facts": findings.fit_facts(run),
         "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),
         "loop": _loop(run, result.loop) if result.loop else None,
@@ -222,12 +217,12 @@ def _posterior(run: RunDirectory) -> dict[str, Any] | None:
     return shown if any(shown.values()) else None
 
 
-def _loop(run: RunDirectory, loop: LoopPart) -> dict[str, Any]:
+def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
     return {
         "outcome": _OUTCOMES[loop.outcome], "story": loop.story,
         "effects": loop_story.effects(loop, run.result.parameters),
         "rounds": loop_figures.rounds_plates(loop, run.result.effect_words()),
-        "errors": loop_story.error_table(run, loop), "shift": loop_story.shift_table(run, loop),
+        "errors": loop_story.before_after_table(run, loop), "shift": loop_story.shift_table(run, loop),
         "equivalents": loop.equivalent, "separate": loop.separate,
         "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
     }  # fmt: skip

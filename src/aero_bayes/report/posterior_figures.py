@@ -15,7 +15,7 @@ from aero_bayes.report.drawing import Band, FloatArray, Layer, Line, Panel
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, SERIES, Canvas
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import minus, plain_name, quantity, significant, symbol
+from aero_bayes.report.text import greek_name, minus, rounded_value, significant, symbol
 
 _TRACE_BINS = 60
 #: Draws that the page carries for marking them across the cells of the pair plot.
@@ -53,7 +53,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
             canvas.group("cell", spec if row == column else spec | {"y": below, "ry": ranges[below]})
             if row == column:
                 _marginal(canvas, draws[name], *corner, cell)
-                canvas.text(corner[0] + cell / 2 - 4, corner[1] - 4, plain_name(name), INK, 12.5, "middle")
+                canvas.text(corner[0] + cell / 2 - 4, corner[1] - 4, greek_name(name), INK, 12.5, "middle")
             else:
                 _joint(canvas, draws[name], draws[below], *corner, cell)
             canvas.end()
@@ -62,8 +62,8 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
     for column, name in enumerate(names):
         _cell_scale(canvas, draws[name], units.get(name, ""), 2 + cell * column, 22 + cell * len(names), cell)
     caption = Markup(
-        "Dark and light: regions that hold 50 % and 90 % of the posterior; numbers: rank correlations. "
-        "Every cell spans the central 99.8 % of its parameter. Strongest: {} with {}, {}."
+        "Dark and light: regions that contain 50 % and 90 % of the posterior. Numbers: rank correlations. "
+        "Each cell spans the central 99.8 % of its parameter. Strongest correlation: {} with {}, {}."
     ).format(symbol(first), symbol(second), value)
     rows = [
         (symbol(name), *(minus(f"{correlation[row, column]:+.2f}") for column in range(len(names))))
@@ -89,7 +89,7 @@ def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) 
         if draws.shape[1] < 8 or not np.isfinite(draws).all():
             continue
         low, high = np.quantile(draws, (0.05, 0.95))
-        unit = quantity(float(low), float(low), float(high), units.get(name, "")).unit
+        unit = rounded_value(float(low), float(low), float(high), units.get(name, "")).unit
         power = _power(draws)
         bins = np.array_split(np.arange(draws.shape[1]), min(_TRACE_BINS, draws.shape[1] // 4))
         where = np.array([float(index.mean()) for index in bins]) / draws.shape[1] * 100
@@ -99,10 +99,10 @@ def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) 
             middle = np.array([np.median(ensemble[part]) for part in bins])
             colour = SERIES[index % len(SERIES)]
             layers.append(Line(where, middle, colour, 1.2, label=f"ensemble {index + 1}"))
-        title = f"{plain_name(name)} ({unit})" if unit else plain_name(name)
+        title = f"{greek_name(name)} ({unit})" if unit else greek_name(name)
         alt = f"Traces of {name}: running median of {len(draws)} ensembles."
         panel = Panel(title, tuple(layers), 84, x_limits=(0, 100), ticks=3)
-        plates.append(plate([panel], alt, "draws kept (%)", width=300))
+        plates.append(plate([panel], alt, "share of the chain (%)", width=300))
     return plates
 
 
@@ -192,7 +192,7 @@ def _number(canvas: Canvas, correlation: float, left: float, top: float, cell: f
 
 def _cell_scale(canvas: Canvas, draws: FloatArray, unit: str, left: float, foot: float, cell: float) -> None:
     low, high = span(draws)
-    shown = quantity(0.5 * (low + high), low, high, unit, digits=1)
+    shown = rounded_value(0.5 * (low + high), low, high, unit, digits=1)
     canvas.text(left, foot + 7, shown.low, MUTED, 10.5)
     canvas.text(left + cell - 8, foot + 7, shown.high, MUTED, 10.5, "end")
     canvas.text(left + (cell - 8) / 2, foot + 24, shown.unit, MUTED, 10.5, "middle")

@@ -1,4 +1,4 @@
-"""Profile likelihoods: how much the fit loses when one parameter is held elsewhere."""
+"""Profile likelihoods: decrease of the log-posterior with one parameter fixed."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from aero_bayes.report.drawing import Dots, FloatArray, Layer, Line, Panel
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED
-from aero_bayes.report.text import NO_VALUE, plain_name, quantity, symbol
-from aero_bayes.schema import Profile
+from aero_bayes.report.text import NO_VALUE, greek_name, rounded_value, symbol
+from aero_bayes.schema import ProfileJson
 
 #: How far up a profile is drawn; the threshold of a 90 % interval is at 1.35.
 _TOP = 5.0
@@ -25,7 +25,7 @@ def profile_plates(run: RunDirectory) -> list[Plate]:
     return [drawn for drawn in plates if drawn is not None]
 
 
-def _plate(name: str, entry: Profile, level: float | None) -> Plate | None:
+def _plate(name: str, entry: ProfileJson, level: float | None) -> Plate | None:
     values, drop, prior = _floats(entry.values), _floats(entry.drop), _floats(entry.prior_drop)
     if len(values) != len(drop) or np.isfinite(drop).sum() < 3:
         return None
@@ -33,33 +33,33 @@ def _plate(name: str, entry: Profile, level: float | None) -> Plate | None:
     view = slice(max(int(near.min()) - 1, 0), int(near.max()) + 2)
     values, drop, prior = values[view], drop[view], prior[view]
     low, high = float(values.min()), float(values.max())
-    shown = quantity(float(values[int(np.nanargmin(drop))]), low, high, entry.unit, digits=2)
+    shown = rounded_value(float(values[int(np.nanargmin(drop))]), low, high, entry.unit, digits=2)
     power = _power(values)
     fine = np.isfinite(drop)
     layers: list[Layer] = []
     if len(prior) == len(values):
         layers.append(Line(values / power, prior, MEASURED, 1.4, label="prior alone"))
     layers += [
-        Line(values[fine] / power, drop[fine], ACCENT, 1.6, label="fall of the log-posterior"),
+        Line(values[fine] / power, drop[fine], ACCENT, 1.6, label="decrease of the log-posterior"),
         Dots(values[fine] / power, drop[fine], INK, 3.0, 0.8),
     ]
-    title = f"{plain_name(name)} ({shown.unit})" if shown.unit else plain_name(name)
+    title = f"{greek_name(name)} ({shown.unit})" if shown.unit else greek_name(name)
     panel = Panel(
         title, tuple(layers), 110, y_limits=(-0.15, _TOP), x_limits=(low / power, high / power),
         levels=() if level is None else (level,), ticks=3,
     )  # fmt: skip
     words = _interval_words(entry)
     alt = f"Profile of {name}: {words}."
-    return plate([panel], alt, "value held", Markup("{}: {}.").format(symbol(name), words), width=300)
+    return plate([panel], alt, "fixed value", Markup("{}: {}.").format(symbol(name), words), width=300)
 
 
-def _interval_words(entry: Profile) -> str:
+def _interval_words(entry: ProfileJson) -> str:
     """The interval at the threshold; a side on which the profile stays below it has no end."""
     first, last = [*entry.interval, None, None][:2]
     unit = entry.unit
     if first is None and last is None:
-        return "flat over all that was tried, no 90 % interval"
-    shown = quantity(first if first is not None else last, first, last, unit, digits=3)
+        return "flat over the whole range, no 90 % interval"
+    shown = rounded_value(first if first is not None else last, first, last, unit, digits=3)
     if first is None or last is None:
         side, end = ("above", shown.value) if last is None else ("below", shown.value)
         return f"90 % {side} {end} {shown.unit}, open on the other side".replace("  ", " ")

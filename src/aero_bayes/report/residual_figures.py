@@ -1,4 +1,4 @@
-"""Figures of what the fit leaves: against itself, and against the noise floor."""
+"""Figures of the residuals: autocorrelation, and histogram against the noise floor."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from aero_bayes.report.drawing import Band, FloatArray, Line, Panel
 from aero_bayes.report.figure import SMALL_WIDTH, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK
-from aero_bayes.report.text import plain_name, scaled_unit, significant
+from aero_bayes.report.text import greek_name, scaled_unit, significant
 from aero_bayes.sensors.whiteness import autocorrelation
 
 _MIN_SAMPLES = 16
@@ -37,11 +37,11 @@ def _autocorrelation_plate(time: FloatArray, values: FloatArray, recording: str,
     strip = Band(lag[[0, -1]], np.full(2, -white), np.full(2, white), INK, 0.14)
     reach = max(4 * white, 1.15 * float(np.abs(correlation[lags]).max()))
     low = -reach if reach < 0.3 else min(-0.2, float(correlation[lags].min()) - 0.05)
-    title = f"{plain_name(name)}: autocorrelation"
+    title = f"{greek_name(name)}: autocorrelation"
     panel = Panel(title, (strip, drawn), 120, y_limits=(low, min(1.05, reach)))
     share = significant(100 * outside, 2)
-    alt = f"Autocorrelation of the {plain_name(name)} residual, recording {recording}: {share} % of lags outside."
-    caption = f"{share} % of lags lie outside the shaded band; white noise would put 5 % there."
+    alt = f"Autocorrelation of the {greek_name(name)} residual, recording {recording}: {share} % of lags outside."
+    caption = f"{share} % of lags lie outside the shaded band; for white noise 5 % would."
     return plate([panel], alt, f"lag ({unit})", caption, width=SMALL_WIDTH)
 
 
@@ -54,14 +54,16 @@ def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name
     density = density / max(density.max(), 1e-300)
     steps = factor * np.repeat(edges, 2)[1:-1]
     layers: list[Line | Band] = [
-        Band(steps, np.zeros(2 * len(density)), np.repeat(density, 2), ACCENT, 0.45, label="share of the peak")
+        Band(steps, np.zeros(2 * len(density)), np.repeat(density, 2), ACCENT, 0.45, label="histogram, peak at 1")
     ]
     if floor:
         grid = np.linspace(-reach, reach, 301)
         layers.append(Line(factor * grid, np.exp(-0.5 * (grid / floor) ** 2), INK, 1.3, label="noise floor alone"))
-    panel = Panel(f"{plain_name(name)}: how often", tuple(layers), 120, (0, 1.08), ticks=0)
-    alt = f"Histogram of the {plain_name(name)} residual, recording {recording}, against the noise floor's bell curve."
+    panel = Panel(f"{greek_name(name)}: histogram", tuple(layers), 120, (0, 1.08), ticks=0)
+    alt = f"Histogram of the {greek_name(name)} residual, recording {recording}, and the density of the noise floor."
     words = f"RMS {significant(factor * float(np.sqrt(np.mean(finite**2))))} {unit}."
     if floor:
-        words += f" Line: the noise floor alone, {significant(factor * floor)} {unit}; peaks drawn at one height."
+        words += (
+            f" Line: normal density of the noise floor, {significant(factor * floor)} {unit}, scaled to the same peak."
+        )
     return plate([panel], alt, f"residual ({unit})" if unit else "residual", words, width=SMALL_WIDTH)

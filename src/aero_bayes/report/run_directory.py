@@ -1,4 +1,4 @@
-"""What a finished run left on disk, read once for drawing. Nothing else feeds the page."""
+"""Read the files of a finished run; the page is drawn from nothing else."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.plot_backend import plot_backend
-from aero_bayes.schema import SCHEMA, RunResult
+from aero_bayes.schema import SCHEMA, RunJson
 
 if TYPE_CHECKING:
     import pandas
@@ -29,13 +29,13 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RunDirectory:
-    """What a finished run left: its result, its curves and its draws.
+    """Files of a finished run: its result, curves and draws.
 
     Parameters
     ----------
     path : Path
         The directory.
-    result : RunResult
+    result : RunJson
         ``result.json``.
     series : mapping of str to ndarray, shape (n,)
         ``series.npz``, keys ``group/recording/signal``; empty where there is no such file.
@@ -58,7 +58,7 @@ class RunDirectory:
     """
 
     path: Path
-    result: RunResult
+    result: RunJson
     series: Mapping[str, FloatArray]
     posterior: Mapping[str, FloatArray]
 
@@ -205,7 +205,7 @@ class RunDirectory:
             )
 
 
-def _read_result(directory: Path) -> RunResult:
+def _read_result(directory: Path) -> RunJson:
     path = directory / "result.json"
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
@@ -222,7 +222,7 @@ def _read_result(directory: Path) -> RunResult:
     if result.get("schema", SCHEMA) != SCHEMA:
         raise InputError(f"{path}: schema {result['schema']!r}, this version draws schema {SCHEMA}")
     try:
-        return RunResult.model_validate(result)
+        return RunJson.model_validate(result)
     except ValidationError as error:
         problem = error.errors()[0]
         raise InputError(f"{path}: {'.'.join(map(str, problem['loc']))}: {problem['msg'].lower()}") from None

@@ -1,4 +1,4 @@
-"""Table of what the sensors add to the physics: ripple locked to the rotor, and the counts of an encoder."""
+"""Table of sensor errors: ripple at multiples of the rotor's angle, and quantisation of encoders."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from markupsafe import Markup
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import NO_VALUE, pretty_unit, significant, symbol, tidy
-from aero_bayes.schema import SensorResult
+from aero_bayes.schema import SensorJson
 
 _TURN = {"1": "once a turn", "2": "twice a turn"}
 
@@ -26,17 +26,17 @@ def sensor_table(run: RunDirectory) -> Markup | None:
     if not rows:
         return None
     columns = (
-        "output", "what", Column("size", "right"), "unit", Column("log-evidence", "right"), "what it does to the noise",
+        "output", "what", Column("size", "right"), "unit", Column("log-evidence", "right"), "effect on the noise",
     )  # fmt: skip
-    return html_table(columns, rows, "What the sensors add (ripple: amplitude; encoder: one count)")
+    return html_table(columns, rows, "Sensor errors (ripple: amplitude; encoder: one count)")
 
 
-def _ripple(found: SensorResult, output: str, unit: str) -> Iterator[tuple[object, ...]]:
-    left_in = "" if found.ripple_subtracted else ", left in"
+def _ripple(found: SensorJson, output: str, unit: str) -> Iterator[tuple[object, ...]]:
+    left_in = "" if found.ripple_subtracted else ", not subtracted"
     for recording, ripple in found.ripple.items():
         for order, size in ripple.orders.items():
             turn = f"ripple {_TURN.get(order, f'{order} times a turn')}{left_in}"
-            sizes = f"{significant(ripple.noise_sd_with_ripple)} with it, {significant(ripple.noise_sd)} without"
+            sizes = f"{significant(ripple.noise_sd_with_ripple)} with ripple, {significant(ripple.noise_sd)} without"
             yield (
                 symbol(output), Markup("{}<small>{}</small>").format(turn, recording), significant(size.amplitude),
                 unit, tidy(size.log_evidence, 3), sizes,

@@ -12,10 +12,10 @@ from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import MEASURED, SERIES
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import sentence, tidy
-from aero_bayes.schema import StudyResult
+from aero_bayes.schema import StudyJson
 
 
-def study_plate(run: RunDirectory, study: StudyResult) -> Plate | None:
+def study_plate(run: RunDirectory, study: StudyJson) -> Plate | None:
     """Draw the measured output and that of every model of the study over time; None where no curve is there."""
     prefix = f"{study.name}/"
     found = {key.removeprefix(prefix): values for key, values in run.series.items() if key.startswith(prefix)}
@@ -49,7 +49,7 @@ def _readable(models: dict[str, FloatArray], measured: FloatArray | None) -> tup
     return (low - 1.2 * span, high + 1.2 * span) if reach > 4 * max(abs(low), abs(high)) > 0 else None
 
 
-def study_table(study: StudyResult) -> Markup | None:
+def study_table(study: StudyJson) -> Markup | None:
     """Write the table of a study; None where it has no rows."""
     if not study.rows:
         return None
@@ -64,7 +64,7 @@ def study_table(study: StudyResult) -> Markup | None:
     return html_table(columns, rows, study.table_caption, _smallest(study))
 
 
-def _smallest(study: StudyResult) -> list[int]:
+def _smallest(study: StudyJson) -> list[int]:
     """Rows whose number in the column ``smallest_in`` is the smallest."""
     if study.smallest_in is None:
         return []

@@ -78,7 +78,7 @@ class Canvas:
         self._parts.append(where.format(x, y, size, anchor, colour, _subscripts(words)))
 
     def link(self, address: str, label: str, x: float, y: float, size: float) -> None:
-        """A round spot that leads elsewhere; what is seen there is drawn apart."""
+        """A transparent round link; its visible mark is drawn separately."""
         self._parts.append(
             Markup(
                 '<a href="{}" aria-label="{}"><path d="M{:.1f} {:.1f}h0" style="fill:none;stroke:transparent;'

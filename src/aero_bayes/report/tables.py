@@ -11,25 +11,25 @@ from markupsafe import Markup, escape
 
 from aero_bayes.report.text import (
     NO_VALUE,
-    Quantity,
+    RoundedValue,
     key_label,
     pretty_unit,
-    quantity,
+    rounded_value,
     sentence,
     significant,
     symbol,
     tidy,
 )
-from aero_bayes.schema import ParameterResult, Quantiles
+from aero_bayes.schema import ParameterJson, QuantilesJson
 
 _STATUS_WORDS = {
     "identified": "the data determine it",
-    "weak": "the data say little more than the prior",
+    "weak": "the data add little to the prior",
     "unidentified": "the data do not determine it",
-    "fixed": "held, not fitted",
-    "at_bound": "ended on the edge of its range",
-    "adequate": "nothing but noise is left",
-    "structured": "the model lacks something",
+    "fixed": "not fitted",
+    "at_bound": "the best value lies on a bound of its range",
+    "adequate": "the residual is noise",
+    "structured": "the residual is more than noise: the model lacks an effect",
 }
 _RANKS = {status: rank for rank, status in enumerate(("identified", "weak", "at_bound", "unidentified", "fixed"))}
 
@@ -83,7 +83,7 @@ def html_table(
     ).format(caption or "table", title, top, body)
 
 
-def parameter_table(parameters: Mapping[str, ParameterResult]) -> Markup:
+def parameter_table(parameters: Mapping[str, ParameterJson]) -> Markup:
     """Value, 90 % interval, unit, prior and status of every parameter.
 
     What was fixed, ended on a bound, or is not determined by the data never shows an interval.
@@ -103,19 +103,19 @@ def parameter_table(parameters: Mapping[str, ParameterResult]) -> Markup:
         rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""), glyph, prior))
     columns = (
         "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "status",
-        Column("interval in bounds", "centre"), "prior",
+        Column("interval within bounds", "centre"), "prior",
     )  # fmt: skip
     return html_table(columns, rows, "Estimates")
 
 
-def parameter_quantity(stated: Quantiles) -> tuple[Quantity, bool]:
+def parameter_quantity(stated: QuantilesJson) -> tuple[RoundedValue, bool]:
     """A parameter's texts, and whether it may show an interval at all."""
     low, high = stated.q05, stated.q95
-    status = stated.status if isinstance(stated, ParameterResult) else None
+    status = stated.status if isinstance(stated, ParameterJson) else None
     sure = status not in {"unidentified", "fixed", "at_bound"} and low is not None and high is not None
     if not sure:
         low = high = None
-    return quantity(stated.value, low, high, stated.unit), sure
+    return rounded_value(stated.value, low, high, stated.unit), sure
 
 
 def status_pill(status: str) -> Markup:
@@ -126,13 +126,13 @@ def status_pill(status: str) -> Markup:
     return Markup('<span class="pill {}" title="{}">{}</span>').format(known, _STATUS_WORDS.get(status, ""), status)
 
 
-def status_words(parameters: Mapping[str, ParameterResult]) -> list[tuple[str, str]]:
+def status_words(parameters: Mapping[str, ParameterJson]) -> list[tuple[str, str]]:
     """The statuses that parameters have, and what each means."""
     found = {entry.status for entry in parameters.values()}
     return [(status, _STATUS_WORDS[status]) for status in _RANKS if status in found]
 
 
-def interval_glyph(stated: ParameterResult, name: str) -> Markup:
+def interval_glyph(stated: ParameterJson, name: str) -> Markup:
     """The 90 % interval (bar) within the parameter's bounds (track); logarithmic where wide."""
     low, high, middle, first, last = stated.q05, stated.q95, stated.value, stated.lower, stated.upper
     if low is None or high is None or middle is None or first is None or last is None or last <= first:

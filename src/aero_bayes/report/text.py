@@ -67,7 +67,7 @@ def duration(seconds: float | None) -> str:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class RoundedValue:
     """A value and its interval, rounded to what the interval justifies, over a common power of ten."""
 
     value: str
@@ -76,7 +76,9 @@ class Quantity:
     unit: str
 
 
-def quantity(value: float | None, low: float | None, high: float | None, unit: str, digits: int = 2) -> Quantity:
+def rounded_value(
+    value: float | None, low: float | None, high: float | None, unit: str, digits: int = 2
+) -> RoundedValue:
     """Round a value to two digits of its interval's half-width; without an interval, to four digits.
 
     Parameters
@@ -90,7 +92,7 @@ def quantity(value: float | None, low: float | None, high: float | None, unit: s
 
     Returns
     -------
-    Quantity
+    RoundedValue
         Texts; ``unit`` carries the power of ten, if one is needed.
     """
     sizes = [abs(x) for x in (value, low, high) if x is not None and math.isfinite(x) and x != 0]
@@ -113,7 +115,7 @@ def quantity(value: float | None, low: float | None, high: float | None, unit: s
     shown = show(value)
     if exact and "." in shown:
         shown = shown.rstrip("0").rstrip(".")
-    return Quantity(shown, show(low), show(high), label)
+    return RoundedValue(shown, show(low), show(high), label)
 
 
 def pretty_unit(unit: object) -> str:
@@ -142,7 +144,7 @@ def greek(name: str) -> str:
         return name
 
 
-def plain_name(name: str) -> str:
+def greek_name(name: str) -> str:
     """A name with its Greek letters, for use within a figure: ``omega_m`` becomes ω_m."""
     if name.endswith("_dot") and name.count("_") == 1:
         return f"{greek(name[:-4])}\u0307"
@@ -175,7 +177,7 @@ def role_words(role: str) -> str:
 
 def signal_title(name: str, unit: str, meaning: str = "") -> str:
     """Title of a panel: symbol, meaning, unit."""
-    title = f"{plain_name(name)}: {meaning}" if meaning else plain_name(name)
+    title = f"{greek_name(name)}: {meaning}" if meaning else greek_name(name)
     return f"{title} ({unit})" if unit else title
 
 

@@ -1,4 +1,4 @@
-"""What all parts of a result share: frozen models, and values with their spread."""
+"""Base classes of a result: frozen models, and values with their spread."""
 
 from __future__ import annotations
 
@@ -8,41 +8,41 @@ from pydantic import BaseModel, ConfigDict
 
 Status = Literal["identified", "weak", "unidentified", "fixed", "at_bound"]
 Level = Literal["good", "warning", "bad"]
-Number = float | None
+JsonNumber = float | None
 
 
-class Part(BaseModel):
+class JsonTable(BaseModel):
     """A table of the result. Keys that are not named here are kept (see :func:`aero_bayes.schema.undeclared`)."""
 
     model_config = ConfigDict(frozen=True, extra="allow", populate_by_name=True, allow_inf_nan=False)
 
 
-class Quantiles(Part):
+class QuantilesJson(JsonTable):
     """A value with its standard deviation and quantiles; no spread where the data give none."""
 
-    value: Number = None
-    sd: Number = None
-    q05: Number = None
-    q50: Number = None
-    q95: Number = None
+    value: JsonNumber = None
+    sd: JsonNumber = None
+    q05: JsonNumber = None
+    q50: JsonNumber = None
+    q95: JsonNumber = None
     unit: str = ""
     description: str = ""
 
 
-class ParameterResult(Quantiles):
-    """A parameter: its estimate, where it was searched, and what the data say of it."""
+class ParameterJson(QuantilesJson):
+    """A parameter: its estimate, search range, prior and status."""
 
     status: Status | None = None
     prior: str = ""
-    start: Number = None
-    lower: Number = None
-    upper: Number = None
+    start: JsonNumber = None
+    lower: JsonNumber = None
+    upper: JsonNumber = None
     note: str = ""
     recording: str = ""
 
 
-class Verdict(Part):
-    """The run in one sentence, and how to take it."""
+class VerdictJson(JsonTable):
+    """Summary of the run in a sentence, with a level."""
 
     level: Level
     text: str

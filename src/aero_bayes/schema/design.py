@@ -4,74 +4,74 @@ from __future__ import annotations
 
 from typing import Literal
 
-from aero_bayes.schema.base import Number, ParameterResult, Part
+from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson
 
 
-class DesignedParameter(Part):
+class DesignedParameterJson(JsonTable):
     """A parameter's standard deviation now, expected after the experiment, and in simulated repetitions."""
 
-    value: Number
+    value: JsonNumber
     unit: str = ""
-    sd_before: Number
-    sd_after: Number = None
-    sd_repeated: Number = None
-    sd_achieved: Number = None
-    gain: Number = None
+    sd_before: JsonNumber
+    sd_after: JsonNumber = None
+    sd_repeated: JsonNumber = None
+    sd_achieved: JsonNumber = None
+    gain: JsonNumber = None
     target: bool = False
 
 
-class DesignLimits(Part):
-    """What the rig allows."""
+class DesignLimitsJson(JsonTable):
+    """Limits of the rig."""
 
-    amplifier: Number = None
-    travel: dict[str, Number] = {}
+    amplifier: JsonNumber = None
+    travel: dict[str, JsonNumber] = {}
 
 
-class DesignCheck(Part):
+class DesignCheckJson(JsonTable):
     """Simulated repetitions of the proposal."""
 
     repeats: int = 0
     failures: int = 0
     agrees: bool | None = None
-    expected: dict[str, Number] = {}
-    realised: dict[str, Number] = {}
-    first_true: Number = None
-    second_true: Number = None
-    achieved: Number = None
-    told_apart: Number = None
-    decisive: Number = None
+    expected: dict[str, JsonNumber] = {}
+    realised: dict[str, JsonNumber] = {}
+    first_true: JsonNumber = None
+    second_true: JsonNumber = None
+    achieved: JsonNumber = None
+    told_apart: JsonNumber = None
+    decisive: JsonNumber = None
 
 
-class RivalResult(Part):
-    """One of two effects to tell apart, as fitted to the recordings at hand."""
+class RivalJson(JsonTable):
+    """One of two effects to tell apart, as fitted to the present recordings."""
 
     id: str
     model: str = ""
-    parameters: dict[str, ParameterResult] = {}
+    parameters: dict[str, ParameterJson] = {}
 
 
-class DesignResult(Part):
+class DesignJson(JsonTable):
     """The proposed experiment."""
 
     kind: Literal["narrow", "separate"] = "narrow"
     input: str
     unit: str = ""
     family: str = ""
-    families: dict[str, Number] = {}
+    families: dict[str, JsonNumber] = {}
     duration: float
-    rate_hz: Number = None
-    gain: Number = None
-    parameters: dict[str, DesignedParameter] = {}
-    travel: dict[str, Number] = {}
-    limits: DesignLimits = DesignLimits()
-    table: dict[str, list[Number]] = {}
+    rate_hz: JsonNumber = None
+    gain: JsonNumber = None
+    parameters: dict[str, DesignedParameterJson] = {}
+    travel: dict[str, JsonNumber] = {}
+    limits: DesignLimitsJson = DesignLimitsJson()
+    table: dict[str, list[JsonNumber]] = {}
     seed: int | None = None
     file: str = ""
-    check: DesignCheck = DesignCheck()
+    check: DesignCheckJson = DesignCheckJson()
     effects: list[str] = []
     common: list[str] = []
-    log_posterior_now: list[Number] = []
-    models: list[RivalResult] = []
-    log_evidence: Number = None
-    first_true: Number = None
-    second_true: Number = None
+    log_posterior_now: list[JsonNumber] = []
+    models: list[RivalJson] = []
+    log_evidence: JsonNumber = None
+    first_true: JsonNumber = None
+    second_true: JsonNumber = None

@@ -1,4 +1,4 @@
-"""What fit and posterior leave in a result: recordings, fit, noise, residual, sampler, sensors, prediction."""
+"""Fit and posterior in a result: recordings, fit, noise, residuals, sampler, sensors, prediction."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Literal
 
 from pydantic import JsonValue
 
-from aero_bayes.schema.base import Number, Part
+from aero_bayes.schema.base import JsonNumber, JsonTable
 
 
-class DataFile(Part):
+class DataFileJson(JsonTable):
     """A recording's file."""
 
     file: str
@@ -18,7 +18,7 @@ class DataFile(Part):
     rate_hz: float
 
 
-class RecordingResult(Part):
+class RecordingJson(JsonTable):
     """A recording as it was used; ``noise_floor`` and ``rms`` by output."""
 
     name: str
@@ -28,193 +28,193 @@ class RecordingResult(Part):
     duration_s: float
     inputs: list[str]
     outputs: list[str]
-    noise_floor: dict[str, Number] = {}
-    rms: dict[str, Number] = {}
+    noise_floor: dict[str, JsonNumber] = {}
+    rms: dict[str, JsonNumber] = {}
 
 
-class SwarmResult(Part):
+class SwarmJson(JsonTable):
     """The particle swarm: best cost after each iteration."""
 
     evaluations: int
-    history: list[Number]
+    history: list[JsonNumber]
     failures: int = 0
     reason: str = ""
 
 
-class LocalResult(Part):
+class LocalJson(JsonTable):
     """The bounded local search."""
 
     iterations: int
     reason: str
 
 
-class StageResult(Part):
+class StageJson(JsonTable):
     """A stage of the local search."""
 
     parameters: list[str]
     outputs: list[str]
-    cost: Number
-    values: dict[str, Number]
-    rms: dict[str, Number]
+    cost: JsonNumber
+    values: dict[str, JsonNumber]
+    rms: dict[str, JsonNumber]
 
 
-class FitResult(Part):
-    """The best fit; ``rms`` by role and output, ``interpolation`` what each input did between its samples."""
+class FitJson(JsonTable):
+    """The best fit; ``rms`` by role and output, ``interpolation`` of each input between its samples."""
 
-    cost_eq6: Number = None
-    rms: dict[str, dict[str, Number]] = {}
+    cost_eq6: JsonNumber = None
+    rms: dict[str, dict[str, JsonNumber]] = {}
     interpolation: dict[str, Literal["hold", "linear"]] = {}
-    log_likelihood: Number = None
-    log_posterior: Number = None
-    bic: Number = None
-    stages: list[StageResult] = []
-    pso: SwarmResult | None = None
-    local: LocalResult | None = None
+    log_likelihood: JsonNumber = None
+    log_posterior: JsonNumber = None
+    bic: JsonNumber = None
+    stages: list[StageJson] = []
+    pso: SwarmJson | None = None
+    local: LocalJson | None = None
 
 
-class NoiseResult(Part):
+class NoiseJson(JsonTable):
     """Noise of an output: white plus correlated over ``tau_s``."""
 
-    sd: Number
-    rho: Number
-    sd_white: Number = None
-    sd_ou: Number = None
-    tau_s: Number = None
+    sd: JsonNumber
+    rho: JsonNumber
+    sd_white: JsonNumber = None
+    sd_ou: JsonNumber = None
+    tau_s: JsonNumber = None
 
 
-class ResidualResult(Part):
-    """What the model leaves of an output in one recording."""
+class ResidualJson(JsonTable):
+    """Residual of an output in one recording."""
 
-    rms: Number
-    noise_floor: Number = None
-    ratio: Number = None
+    rms: JsonNumber
+    noise_floor: JsonNumber = None
+    ratio: JsonNumber = None
     white: bool
-    p_value: Number = None
+    p_value: JsonNumber = None
     verdict: Literal["adequate", "structured"]
-    tests: dict[str, Number] = {}
-    correlations: dict[str, Number] = {}
-    worst_time: list[Number] = []
-    worst_share: Number = None
+    tests: dict[str, JsonNumber] = {}
+    correlations: dict[str, JsonNumber] = {}
+    worst_time: list[JsonNumber] = []
+    worst_share: JsonNumber = None
 
 
-class Profile(Part):
-    """How far the log-posterior falls when a parameter is held at ``values``."""
+class ProfileJson(JsonTable):
+    """Profile of the log-posterior: its decrease with a parameter fixed at ``values``."""
 
     unit: str = ""
-    values: list[Number]
-    drop: list[Number]
-    prior_drop: list[Number] = []
-    interval: list[Number]
+    values: list[JsonNumber]
+    drop: list[JsonNumber]
+    prior_drop: list[JsonNumber] = []
+    interval: list[JsonNumber]
     bounded: JsonValue = None
 
 
-class Combination(Part):
+class CombinationJson(JsonTable):
     """A combination of parameters that the data determine."""
 
     text: str
     members: list[str]
-    sd_relative: Number = None
+    sd_relative: JsonNumber = None
 
 
-class Identifiability(Part):
-    """What the data say of the parameters together."""
+class IdentifiabilityJson(JsonTable):
+    """Identifiability of the parameters."""
 
-    combinations: list[Combination] = []
+    combinations: list[CombinationJson] = []
     unidentified: list[str] = []
     flat: list[str] = []
     text: list[str] = []
-    profiles: dict[str, Profile] = {}
-    profile_drop_90: Number = None
+    profiles: dict[str, ProfileJson] = {}
+    profile_drop_90: JsonNumber = None
     not_profiled: list[str] = []
 
 
-class Convergence(Part):
+class ConvergenceJson(JsonTable):
     """A parameter's chains."""
 
-    r_hat: Number
-    ess_bulk: Number
-    ess_tail: Number
-    tau: Number
+    r_hat: JsonNumber
+    ess_bulk: JsonNumber
+    ess_tail: JsonNumber
+    tau: JsonNumber
 
 
-class McmcResult(Part):
+class McmcJson(JsonTable):
     """The sampler."""
 
     ensembles: int
     draws: int
     walkers: int | None = None
-    tau: Number
-    r_hat_max: Number
-    ess_bulk_min: Number
-    ess_tail_min: Number
+    tau: JsonNumber
+    r_hat_max: JsonNumber
+    ess_bulk_min: JsonNumber
+    ess_tail_min: JsonNumber
     seconds: float
     converged: bool = True
     reason: str = ""
-    acceptance: Number = None
+    acceptance: JsonNumber = None
     evaluations: int | None = None
-    per_parameter: dict[str, Convergence] = {}
+    per_parameter: dict[str, ConvergenceJson] = {}
 
 
-class RippleOrder(Part):
+class RippleOrderJson(JsonTable):
     """Ripple at a multiple of the rotor's turn."""
 
-    amplitude: Number
+    amplitude: JsonNumber
     law: str
-    log_evidence: Number
+    log_evidence: JsonNumber
 
 
-class RippleResult(Part):
+class RippleJson(JsonTable):
     """Ripple in an output of one recording."""
 
-    orders: dict[str, RippleOrder] = {}
-    noise_sd: Number
-    noise_sd_with_ripple: Number
+    orders: dict[str, RippleOrderJson] = {}
+    noise_sd: JsonNumber
+    noise_sd_with_ripple: JsonNumber
 
 
-class EncoderResult(Part):
+class EncoderJson(JsonTable):
     """Counts of an encoder and what rounding to them adds."""
 
     step: float
     share: float
-    error_sd: Number = None
-    error_lasts_s: Number = None
-    sd_before_rounding: Number = None
-    gain: Number = None
+    error_sd: JsonNumber = None
+    error_lasts_s: JsonNumber = None
+    sd_before_rounding: JsonNumber = None
+    gain: JsonNumber = None
     exact: bool = False
 
 
-class SensorResult(Part):
-    """What a sensor adds to the physics; ``ripple`` by recording."""
+class SensorJson(JsonTable):
+    """Errors of a sensor; ``ripple`` by recording."""
 
-    ripple: dict[str, RippleResult] = {}
+    ripple: dict[str, RippleJson] = {}
     ripple_subtracted: bool = False
-    encoder: EncoderResult | None = None
+    encoder: EncoderJson | None = None
 
 
-class LeftOutResult(Part):
+class LeftOutJson(JsonTable):
     """A recording predicted from the others."""
 
-    rms: dict[str, Number]
-    rms_fitted: dict[str, Number]
-    elpd: Number
+    rms: dict[str, JsonNumber]
+    rms_fitted: dict[str, JsonNumber]
+    elpd: JsonNumber
 
 
-class StretchesResult(Part):
-    """Expected log-density of stretches that were left out."""
+class StretchesJson(JsonTable):
+    """Expected log-density of left-out blocks of time."""
 
     method: str = ""
-    elpd: Number
-    se: Number
-    parameters: Number = None
+    elpd: JsonNumber
+    se: JsonNumber
+    parameters: JsonNumber = None
     stretches: int
-    pareto_k_max: Number = None
+    pareto_k_max: JsonNumber = None
     reliable: bool
     refits: int = 0
 
 
-class PredictionResult(Part):
-    """What the parameters are worth on data that they have not seen."""
+class PredictionJson(JsonTable):
+    """Cross-validation of the fit on left-out data."""
 
-    recordings: dict[str, LeftOutResult] = {}
-    stretches: dict[str, StretchesResult] = {}
+    recordings: dict[str, LeftOutJson] = {}
+    stretches: dict[str, StretchesJson] = {}
     note: str = ""

@@ -1,4 +1,4 @@
-"""What ``fleet.json`` holds: what rigs share, which stand out, and what it took."""
+"""Typed classes of ``fleet.json``: parameters, effects, outliers and computing effort."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from typing import Literal
 
 from pydantic import Field
 
-from aero_bayes.schema.base import Number, Part, Verdict
+from aero_bayes.schema.base import JsonNumber, JsonTable, VerdictJson
 
 
-class Range(Part):
+class RangeJson(JsonTable):
     """Median and central 90 % of a posterior."""
 
-    q05: Number = None
-    q50: Number = None
-    q95: Number = None
+    q05: JsonNumber = None
+    q50: JsonNumber = None
+    q95: JsonNumber = None
 
 
-class FleetParameter(Part):
+class FleetParameterJson(JsonTable):
     """A parameter over the fleet.
 
     ``mean`` is the fleet's typical value, ``next`` the prediction for a rig not seen yet, both in the parameter's unit.
@@ -28,12 +28,12 @@ class FleetParameter(Part):
     unit: str = ""
     log: bool = False
     rigs: int = 0
-    mean: Range = Range()
-    spread: Range = Range()
-    next: Range = Range()
+    mean: RangeJson = RangeJson()
+    spread: RangeJson = RangeJson()
+    next: RangeJson = RangeJson()
 
 
-class FleetEffect(Part):
+class FleetEffectJson(JsonTable):
     """An effect over the fleet: rigs whose loop named it, the share of rigs that have it, and how surely it is noticed.
 
     ``noticed`` is the probability that the loop names it in a rig that has it.
@@ -42,20 +42,20 @@ class FleetEffect(Part):
     id: str
     summary: str = ""
     named: int = 0
-    share: Range = Range()
-    noticed: Number = None
+    share: RangeJson = RangeJson()
+    noticed: JsonNumber = None
 
 
-class RigReason(Part):
+class RigReasonJson(JsonTable):
     """A rig and why it is mentioned; ``p_value``: how unlikely one so far from the others is."""
 
     rig: str
     reasons: list[str] = []
-    p_value: Number = None
+    p_value: JsonNumber = None
 
 
-class FleetCost(Part):
-    """What the rigs took, added up, and on how many workers; ``tries`` counts tasks that were sent more than once."""
+class FleetCostJson(JsonTable):
+    """Computing effort of all rigs, and the number of workers; ``tries`` counts tasks that were sent more than once."""
 
     seconds: float = 0.0
     cpu_seconds: float = 0.0
@@ -63,7 +63,7 @@ class FleetCost(Part):
     tries: int = 0
 
 
-class FleetResult(Part):
+class FleetJson(JsonTable):
     """``fleet.json``; lists of rigs are cut at a hundred, counts are whole, all rigs are in ``rigs.sqlite``."""
 
     version: Literal[1] = Field(default=1, alias="schema")
@@ -76,11 +76,11 @@ class FleetResult(Part):
     failed: int = 0
     outcomes: dict[str, int] = {}
     levels: dict[str, int] = {}
-    parameters: dict[str, FleetParameter] = {}
-    effects: list[FleetEffect] = []
+    parameters: dict[str, FleetParameterJson] = {}
+    effects: list[FleetEffectJson] = []
     standing_out: int = 0
-    stand_out: list[RigReason] = []
-    failures: list[RigReason] = []
-    cost: FleetCost = FleetCost()
+    stand_out: list[RigReasonJson] = []
+    failures: list[RigReasonJson] = []
+    cost: FleetCostJson = FleetCostJson()
     table_sha256: str = ""
-    verdict: Verdict | None = None
+    verdict: VerdictJson | None = None

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import Literal
 
-from aero_bayes.schema.base import Number, ParameterResult, Part
-from aero_bayes.schema.estimate import ResidualResult
+from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson
+from aero_bayes.schema.estimate import ResidualJson
 
 
-class Evidence(Part):
+class EvidenceJson(JsonTable):
     """Log-evidence that the model loses without the effect, and the least that counts."""
 
-    log_evidence_gain: Number = None
-    needed: Number = None
+    log_evidence_gain: JsonNumber = None
+    needed: JsonNumber = None
 
 
-class CurveResult(Part):
-    """A learned curve: what the port gives over a signal, and its standard deviation."""
+class CurveJson(JsonTable):
+    """A learned curve: output of the port as a function of a signal, and its standard deviation."""
 
     x: list[float]
     value: list[float]
@@ -25,75 +25,75 @@ class CurveResult(Part):
     unit: str = ""
 
 
-class EffectResult(Part):
+class EffectJson(JsonTable):
     """An effect that was added; ``id`` is ``law@port`` or an id of a library."""
 
     id: str
     port: str
     kind: Literal["catalogue", "free_form"]
-    parameters: dict[str, ParameterResult] = {}
-    evidence: Evidence = Evidence()
-    odds: Number = None
+    parameters: dict[str, ParameterJson] = {}
+    evidence: EvidenceJson = EvidenceJson()
+    odds: JsonNumber = None
     modelica: str = ""
     summary: str = ""
-    widths: dict[str, Number] = {}
-    width_influence_sd: Number = None
+    widths: dict[str, JsonNumber] = {}
+    width_influence_sd: JsonNumber = None
     over: str = ""
-    curve: CurveResult | None = None
+    curve: CurveJson | None = None
 
 
-class CandidateResult(Part):
+class CandidateJson(JsonTable):
     """A candidate of a round: gain in log-evidence over the model without it, odds against doing without."""
 
     id: str
     port: str
-    delta_evidence: Number = None
-    odds: Number = None
+    delta_evidence: JsonNumber = None
+    odds: JsonNumber = None
     refitted: bool = True
 
 
-class StepResult(Part):
+class StepJson(JsonTable):
     """A round of the search; ``threshold`` is the least gain that counts, ``odds`` those of nothing and the untried."""
 
     round: int
-    candidates: list[CandidateResult] = []
-    threshold: Number = None
+    candidates: list[CandidateJson] = []
+    threshold: JsonNumber = None
     chosen: str | None = None
     equivalent: list[str] = []
-    odds: dict[str, Number] = {}
+    odds: dict[str, JsonNumber] = {}
     why: str = ""
 
 
-class ShiftResult(Part):
+class ShiftJson(JsonTable):
     """How far a base parameter moved."""
 
-    before: Number
-    before_sd: Number
-    after: Number
-    after_sd: Number
-    in_sd: Number
+    before: JsonNumber
+    before_sd: JsonNumber
+    after: JsonNumber
+    after_sd: JsonNumber
+    in_sd: JsonNumber
 
 
-Errors = dict[str, dict[str, Number]]
+RmsByRole = dict[str, dict[str, JsonNumber]]
 
 
-class LoopPart(Part):
+class LoopJson(JsonTable):
     """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output."""
 
     outcome: Literal["adequate", "extended", "unexplained"]
     sentence: str = ""
     base: str = ""
     model: str = ""
-    effects: list[EffectResult] = []
+    effects: list[EffectJson] = []
     equivalent: list[list[str]] = []
-    before: Errors = {}
-    after: Errors = {}
-    before_sd: Errors = {}
-    after_sd: Errors = {}
-    noise_floor: dict[str, Number] = {}
-    steps: list[StepResult] = []
-    shifts: dict[str, ShiftResult] = {}
-    whiteness: dict[str, dict[str, dict[str, ResidualResult]]] = {}
+    before: RmsByRole = {}
+    after: RmsByRole = {}
+    before_sd: RmsByRole = {}
+    after_sd: RmsByRole = {}
+    noise_floor: dict[str, JsonNumber] = {}
+    steps: list[StepJson] = []
+    shifts: dict[str, ShiftJson] = {}
+    whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
     separate: list[str] = []
     story: list[str] = []
     diff: str = ""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-from aero_bayes.schema.base import Part
+from aero_bayes.schema.base import JsonTable
 
 
-class Signal(Part):
+class SignalJson(JsonTable):
     """Unit and meaning of an input, output, state or port."""
 
     unit: str = ""
     description: str = ""
 
 
-class Shape(Part):
+class ShapeJson(JsonTable):
     """A drawing primitive of an icon, in coordinates from -100 to 100; y points up."""
 
     kind: Literal["line", "polygon", "rectangle", "ellipse"]
@@ -22,7 +22,7 @@ class Shape(Part):
     filled: bool = False
 
 
-class Component(Part):
+class ComponentJson(JsonTable):
     """A part of the model, its place in the diagram (two opposite corners) and its icon.
 
     ``terminal`` says whether it is an input, an output or a connector of the model; ``marked`` that an effect was added
@@ -34,12 +34,12 @@ class Component(Part):
     description: str = ""
     extent: tuple[float, float, float, float]
     rotation: float = 0.0
-    shapes: list[Shape] = []
+    shapes: list[ShapeJson] = []
     terminal: Literal["", "input", "output", "connector"] = ""
     marked: bool = False
 
 
-class Connection(Part):
+class ConnectionJson(JsonTable):
     """A line between two components; ``signal`` where only a value is handed on. No points: drawn straight."""
 
     first: str
@@ -48,16 +48,16 @@ class Connection(Part):
     signal: bool = False
 
 
-class Diagram(Part):
+class DiagramJson(JsonTable):
     """The model's structure; ``drawn`` says that its authors placed the parts, else they were laid out here."""
 
     title: str = ""
     drawn: bool = False
-    components: list[Component] = []
-    connections: list[Connection] = []
+    components: list[ComponentJson] = []
+    connections: list[ConnectionJson] = []
 
 
-class ModelResult(Part):
+class ModelJson(JsonTable):
     """The model that was fitted."""
 
     name: str = ""

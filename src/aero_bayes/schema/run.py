@@ -7,66 +7,66 @@ from typing import Literal
 
 from pydantic import BaseModel, Field, JsonValue
 
-from aero_bayes.schema.base import Number, ParameterResult, Part, Verdict
-from aero_bayes.schema.design import DesignResult
+from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson, VerdictJson
+from aero_bayes.schema.design import DesignJson
 from aero_bayes.schema.estimate import (
-    DataFile,
-    FitResult,
-    Identifiability,
-    McmcResult,
-    NoiseResult,
-    PredictionResult,
-    RecordingResult,
-    ResidualResult,
-    SensorResult,
+    DataFileJson,
+    FitJson,
+    IdentifiabilityJson,
+    McmcJson,
+    NoiseJson,
+    PredictionJson,
+    RecordingJson,
+    ResidualJson,
+    SensorJson,
 )
-from aero_bayes.schema.loop import LoopPart
-from aero_bayes.schema.model import Diagram, ModelResult, Signal
-from aero_bayes.schema.study import StudyResult
+from aero_bayes.schema.loop import LoopJson
+from aero_bayes.schema.model import DiagramJson, ModelJson, SignalJson
+from aero_bayes.schema.study import StudyJson
 
 SCHEMA = 1
 
 
-class RunResult(Part):
-    """``result.json``; ``signals`` and ``words`` say what signals and the ids of effects stand for."""
+class RunJson(JsonTable):
+    """``result.json``; ``signals`` and ``words`` describe the signals and the effects by id."""
 
     version: Literal[1] = Field(default=1, alias="schema")
     command: str = ""
     seed: int | None = None
     versions: dict[str, str] = {}
-    data: list[DataFile] = []
+    data: list[DataFileJson] = []
     simulated: bool = False
     units: dict[str, str] = {}
-    signals: dict[str, Signal] = {}
+    signals: dict[str, SignalJson] = {}
     words: dict[str, str] = {}
     settings: dict[str, JsonValue] = {}
-    model: ModelResult = ModelResult()
-    diagrams: list[Diagram] = []
-    recordings: list[RecordingResult] = []
-    parameters: dict[str, ParameterResult] = {}
-    noise: dict[str, NoiseResult] = {}
-    process_noise: dict[str, ParameterResult] = {}
-    sensors: dict[str, SensorResult] = {}
-    fit: FitResult = FitResult()
-    identifiability: Identifiability = Identifiability()
-    residual: dict[str, dict[str, ResidualResult]] = {}
-    prediction: PredictionResult = PredictionResult()
-    mcmc: McmcResult | None = None
-    loop: LoopPart | None = None
-    study: StudyResult | None = None
-    design: DesignResult | None = None
+    model: ModelJson = ModelJson()
+    diagrams: list[DiagramJson] = []
+    recordings: list[RecordingJson] = []
+    parameters: dict[str, ParameterJson] = {}
+    noise: dict[str, NoiseJson] = {}
+    process_noise: dict[str, ParameterJson] = {}
+    sensors: dict[str, SensorJson] = {}
+    fit: FitJson = FitJson()
+    identifiability: IdentifiabilityJson = IdentifiabilityJson()
+    residual: dict[str, dict[str, ResidualJson]] = {}
+    prediction: PredictionJson = PredictionJson()
+    mcmc: McmcJson | None = None
+    loop: LoopJson | None = None
+    study: StudyJson | None = None
+    design: DesignJson | None = None
     failures: dict[str, int] = {}
     warnings: list[str] = []
-    verdict: Verdict | None = None
-    seconds: Number = None
+    verdict: VerdictJson | None = None
+    seconds: JsonNumber = None
 
     def unit(self, signal: str) -> str:
-        """Unit of an input, output or state; empty where the run does not say."""
+        """Unit of an input, output or state; empty if unknown."""
         described = self.signals.get(signal)
         return self.units.get(signal) or (described.unit if described else "")
 
     def description(self, signal: str) -> str:
-        """What a signal is, in the model's words."""
+        """Description of a signal in the model."""
         return self.signals[signal].description if signal in self.signals else ""
 
     def role(self, recording: str) -> str:
@@ -81,7 +81,7 @@ class RunResult(Part):
         return next((row.noise_floor.get(output) for row in self.recordings if row.name == recording), None)
 
     def effect_words(self) -> dict[str, str]:
-        """What the effects that the run speaks of are, by id."""
+        """Descriptions of all effects in the run, by id."""
         added = self.loop.effects if self.loop is not None else []
         return self.words | {effect.id: effect.summary for effect in added if effect.summary}
 

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from aero_bayes.schema.base import Number, Part
+from aero_bayes.schema.base import JsonNumber, JsonTable
 
 
-class StudyColumn(Part):
+class StudyColumnJson(JsonTable):
     """A column of a study's table: its heading, and how many significant digits its numbers are shown with."""
 
     title: str
     digits: int = 3
 
 
-class StudyRow(Part):
+class StudyRowJson(JsonTable):
     """A row of a study's table: what it is, a note below that, and one number a column."""
 
     label: str
     note: str = ""
-    values: list[Number] = []
+    values: list[JsonNumber] = []
 
 
-class StudyResult(Part):
+class StudyJson(JsonTable):
     """A section of the page: curves of one output over time, a table, and sentences.
 
     The curves are the keys ``NAME/time``, ``NAME/measured`` and ``NAME/LABEL`` of ``series.npz``, where ``NAME`` is
@@ -32,7 +32,7 @@ class StudyResult(Part):
     output: str = ""
     figure_caption: str = ""
     table_caption: str = ""
-    columns: list[StudyColumn] = []
-    rows: list[StudyRow] = []
+    columns: list[StudyColumnJson] = []
+    rows: list[StudyRowJson] = []
     smallest_in: int | None = None
     notes: list[str] = []

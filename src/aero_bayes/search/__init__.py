@@ -1,22 +1,42 @@
 """The search over model structures: structures, edits, start rules, one score, a beam."""
 
-from aero_bayes.search.edits import Edit, Surroundings
-from aero_bayes.search.models import FittedModel
+from aero_bayes.search.beam import StructureSearch
+from aero_bayes.search.edits import EDITS, Edit, EditContext, likely_pairs, term_directions
+from aero_bayes.search.explored import Library, SearchControl, SearchResult
+from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.parts import PARTS, Parts
 from aero_bayes.search.restarts import Restart
+from aero_bayes.search.score import Penalty, common_noise, odds, residual_correlation_time
 from aero_bayes.search.settings import StructureSettings
-from aero_bayes.search.starts import Start, StartRule
+from aero_bayes.search.starts import START_RULES, Start, StartRule, starting_points
 from aero_bayes.search.structure import Structure
 
 __all__ = [
+    "EDITS",
     "PARTS",
+    "START_RULES",
+    "CandidateModel",
     "Edit",
+    "EditContext",
+    "FitNoise",
     "FittedModel",
+    "Library",
+    "ModelCache",
+    "ModelSource",
     "Parts",
+    "Penalty",
     "Restart",
+    "SearchControl",
+    "SearchResult",
     "Start",
     "StartRule",
     "Structure",
+    "StructureSearch",
     "StructureSettings",
-    "Surroundings",
+    "common_noise",
+    "likely_pairs",
+    "odds",
+    "residual_correlation_time",
+    "starting_points",
+    "term_directions",
 ]

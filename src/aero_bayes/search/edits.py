@@ -1,4 +1,4 @@
-"""Edits: what makes a structure's neighbours. The search knows no other way from one structure to the next."""
+"""Edits: rules that give the neighbours of a structure in the search."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ MIN_SQUARED_SINE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
-    """What an edit is told of a fit.
+class EditContext:
+    """What an edit knows of a fitted structure.
 
     Parameters
     ----------
     fitted : FittedModel
     adequate : bool
-        Whether it is down to its noise.
+        Whether it leaves only noise.
     offered : tuple of str
         Terms of the library.
     refines : mapping of str to str
@@ -44,16 +44,16 @@ class Surroundings:
         Offered terms that learn a curve.
     rivals : tuple of str
         Terms of the best structures so far.
-    undecided : tuple of str
+    free_later : tuple of str
         Parameters that may be freed.
     directions : tuple of Direction
         What the magnitude of each offered term changes to first order.
-    reading_is_open : bool
+    interpolation_is_free : bool
         Whether the inputs may be read the other way.
     best : bool
         Whether it is the best structure so far.
     unlisted : bool
-        Whether the listed laws were tried and do not explain what is left.
+        Whether the laws of the library were tried and do not explain the residual.
     """
 
     fitted: FittedModel
@@ -62,9 +62,9 @@ class Surroundings:
     refines: Mapping[str, str]
     curves: tuple[str, ...]
     rivals: tuple[str, ...]
-    undecided: tuple[str, ...]
+    free_later: tuple[str, ...]
     directions: tuple[Direction, ...]
-    reading_is_open: bool
+    interpolation_is_free: bool
     best: bool
     unlisted: bool
 
@@ -76,7 +76,7 @@ class Surroundings:
 class Edit(Protocol):
     """Gives the neighbours of a structure."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         """Structures that are worth a fit, given the fit of one."""
         ...
 
@@ -88,28 +88,28 @@ class AddTerm:
     offered.
     """
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
-        imitated = {d.id for d in here.directions if d.imitated}
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
+        confounded = {d.id for d in here.directions if d.confounded}
         for id_ in here.offered:
             fine = id_ in here.refines and here.adequate
-            if id_ in here.structure.terms or id_ in imitated or id_ in here.curves or fine:
+            if id_ in here.structure.terms or id_ in confounded or id_ in here.curves or fine:
                 continue
             yield with_term(here, here.structure, id_)
 
 
 class AddCurve:
-    """A curve learned at each port, where no listed law explains what is left: a curve bends to anything."""
+    """A learned curve at each port, if no law of the library explains the residual; a curve fits almost anything."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if here.unlisted and not here.adequate:
             for id_ in here.curves:
                 yield here.structure.plus(id_)
 
 
 class AddPair:
-    """Two terms that explain much together and little alone, foretold from the linearised response."""
+    """Two terms that explain much together and little alone, predicted by the linearised response."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if here.adequate or not here.best:
             return
         special = {*here.curves, *here.refines}
@@ -120,7 +120,7 @@ class AddPair:
 class RefineTerm:
     """Each term replaced by its finer laws."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if not here.best:
             return
         for finer, coarse in here.refines.items():
@@ -131,7 +131,7 @@ class RefineTerm:
 class DropTerm:
     """The structure without each of its terms."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if here.best:
             for id_ in here.structure.terms:
                 yield here.structure.minus(id_)
@@ -140,7 +140,7 @@ class DropTerm:
 class ReplaceTerm:
     """Each term replaced by a term of the best structures so far."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if not here.best or len(here.structure) < 2:
             return
         for id_ in here.structure.terms:
@@ -152,10 +152,10 @@ class ReplaceTerm:
 class FreeParameter:
     """Each parameter that the configuration frees later."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
         if not here.best:
             return
-        for name in here.undecided:
+        for name in here.free_later:
             if name not in here.structure.freed:
                 yield replace(here.structure, freed=(*here.structure.freed, name))
 
@@ -163,11 +163,11 @@ class FreeParameter:
 class InputInterpolation:
     """The inputs read the other way between their samples: held, or along straight lines."""
 
-    def neighbours(self, here: Surroundings) -> Iterable[Structure]:
-        if here.best and here.reading_is_open:
-            other = replace(here.structure, other_reading=not here.structure.other_reading)
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
+        if here.best and here.interpolation_is_free:
+            other = replace(here.structure, other_interpolation=not here.structure.other_interpolation)
             yield other
-            # Half a sample too early looks like a lag or a delay.
+            # The wrong interpolation shifts an input by half a sample, which a lag or a delay imitates.
             for id_ in here.structure.terms:
                 yield other.minus(id_)
 
@@ -178,7 +178,7 @@ EDITS: tuple[Edit, ...] = (
 )  # fmt: skip
 
 
-def with_term(here: Surroundings, structure: Structure, id_: str) -> Structure:
+def with_term(here: EditContext, structure: Structure, id_: str) -> Structure:
     """A structure with a further term, which takes the place of what it refines."""
     coarse = here.refines.get(id_)
     return structure.minus(coarse).plus(id_) if coarse is not None else structure.plus(id_)
@@ -189,14 +189,14 @@ class Direction:
     """What the magnitude of a term changes to first order, once the free parameters have readjusted.
 
     ``across`` (N,) is the change in units of the noise, ``slope`` its product with the residual, ``room`` how far the
-    magnitude may go down and up, and ``imitated`` whether the free parameters do the same.
+    magnitude may go down and up, and ``confounded`` whether the free parameters do the same.
     """
 
     id: str
     across: FloatArray
     slope: float
     room: tuple[float, float]
-    imitated: bool
+    confounded: bool
 
 
 def term_directions(fitted: FittedModel) -> list[Direction]:
@@ -205,7 +205,7 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
     candidates: list[CandidateTerm] = [c for id_, c in model.candidates.items() if id_ not in fitted.terms and c.starts]
     origin = with_nominal_shapes(fitted, candidates)
     sizes = [c.columns[0] for c in candidates]
-    slopes = response.across(origin, sizes) if sizes else None
+    slopes = response.readjusted_slopes(origin, sizes) if sizes else None
     if slopes is None:
         return []
     low, high = model.objective.parameters.box
@@ -215,23 +215,23 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
         size, whole = candidate.columns[0], float(alone @ alone)
         if whole > 0.0:
             room = float(low[size] - origin[size]), float(high[size] - origin[size])
-            # What changes less than the noise over all its room is not seen to first order: nothing imitates it.
+            # A term whose whole range changes less than the noise is invisible to first order, so nothing imitates it.
             seen = math.sqrt(whole) * max(-room[0], room[1]) > 1.0
-            imitated = seen and float(beyond[k] @ beyond[k]) < MAX_UNIQUE_SHARE * whole
-            found.append(Direction(candidate.id, across, float(across @ response.left), room, imitated))
+            confounded = seen and float(beyond[k] @ beyond[k]) < MAX_UNIQUE_SHARE * whole
+            found.append(Direction(candidate.id, across, float(across @ response.remaining), room, confounded))
     return found
 
 
 def _projected(rows: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Rows (q, N) as far as some slopes (f, N) span them."""
+    """Projection of rows (q, N) onto the span of some slopes (f, N)."""
     unit = np.linalg.norm(slopes, axis=1)
     basis = slopes[unit > 0.0] / unit[unit > 0.0, np.newaxis]
     return np.asarray((rows @ basis.T) @ np.linalg.pinv(basis @ basis.T, 1e-12, hermitian=True) @ basis)
 
 
 def likely_pairs(directions: list[Direction]) -> list[tuple[str, str]]:
-    """The pairs that promise most, and more than either alone."""
-    acting = [d for d in directions if not d.imitated]
+    """Pairs with the largest predicted gain, if it is larger than that of either term alone."""
+    acting = [d for d in directions if not d.confounded]
     if len(acting) < 2:
         return []
     rows = np.stack([d.across for d in acting])
@@ -250,7 +250,7 @@ def likely_pairs(directions: list[Direction]) -> list[tuple[str, str]]:
 
 
 def _gain(inner: FloatArray, slope: FloatArray, room: FloatArray) -> float:
-    """What the best step gains; nothing where it leaves the bounds."""
+    """Predicted gain of the Newton step; zero if it leaves the bounds."""
     step = np.linalg.solve(inner, slope)
     if np.any(step < room[:, 0]) or np.any(step > room[:, 1]):
         return 0.0

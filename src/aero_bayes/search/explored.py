@@ -1,17 +1,17 @@
-"""What a search over structures is given and what it gives back, as plain objects."""
+"""Input and result of a search over structures."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from aero_bayes.ahead import Task
 from aero_bayes.search.models import FittedModel
-from aero_bayes.search.score import CommonNoise, Price
+from aero_bayes.search.score import CommonNoise, Penalty
 from aero_bayes.search.structure import Structure
+from aero_bayes.speculative import Task
 
-#: Does tasks of which some are asked for next, and says how far it is.
-DoAhead = Callable[[Sequence[Task], Callable[[float], None]], None]
+#: Computes tasks whose results will be needed, and reports the share that is done.
+Precompute = Callable[[Sequence[Task], Callable[[float], None]], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,50 +41,49 @@ class Library:
 
 
 @dataclass(frozen=True, eq=False)
-class Work:
-    """Where a search works: the time that it has, helpers, and who is told.
+class SearchControl:
+    """How a search is run: its time limit, its helper processes, and the report of its progress.
 
-    ``late`` says whether the time is up; ``ahead`` gives helpers tasks that are asked for next, on which no result
-    depends; ``tell`` is told what is being done and how far it is.
+    ``time_is_up`` says whether the time limit has passed. ``precompute`` lets helpers compute tasks that the search
+    will need, which does not change any result. ``report`` is called with what is being done and its share.
     """
 
-    late: Callable[[], bool] = lambda: False
-    ahead: DoAhead = lambda tasks, told: None
-    tell: Callable[[str, float], None] = lambda what, share: None
+    time_is_up: Callable[[], bool] = lambda: False
+    precompute: Precompute = lambda tasks, done: None
+    report: Callable[[str, float], None] = lambda what, share: None
 
 
-def ranked(fits: Iterable[FittedModel], price: Price) -> list[FittedModel]:
+def ranked(fits: Iterable[FittedModel], penalty: Penalty) -> list[FittedModel]:
     """Fitted models by their score, best first; equal ones by their terms."""
-    return sorted(fits, key=lambda f: (-price.score(f), f.structure.terms))
+    return sorted(fits, key=lambda f: (-penalty.score(f), f.structure.terms))
 
 
 @dataclass(frozen=True, eq=False)
-class Explored:
+class SearchResult:
     """All that a search found: every structure fitted, scored under one noise.
 
-    ``promised`` are the gains that the starts of structures promised which were not worth a fit; ``ports`` the port of
-    each term.
-    ``skipped`` are terms with which the model cannot be simulated; ``ended`` is what was being done when the time was
-    up, empty where the search came to its end.
+    ``predicted_gains`` are those of structures that were not fitted, because the gains are too small; ``ports`` is the
+    port of each term. ``skipped`` are terms with which the model cannot be simulated; ``ended`` is what was being done
+    when the time limit passed, empty where the search was completed.
     """
 
     fits: Mapping[Structure, FittedModel]
     noise: CommonNoise
-    price: Price
+    penalty: Penalty
     floors: Mapping[tuple[str, str], float]
-    promised: Mapping[Structure, float]
+    predicted_gains: Mapping[Structure, float]
     ports: Mapping[str, str]
     refines: Mapping[str, str]
     skipped: tuple[str, ...] = ()
     ended: str = ""
 
     def score(self, structure: Structure) -> float:
-        return self.price.score(self.fits[structure])
+        return self.penalty.score(self.fits[structure])
 
     @property
     def ranked(self) -> list[FittedModel]:
         """All fits, best first."""
-        return ranked(self.fits.values(), self.price)
+        return ranked(self.fits.values(), self.penalty)
 
     @property
     def best(self) -> FittedModel:

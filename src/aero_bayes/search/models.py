@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Noise:
+class FitNoise:
     """The noise under which structures are fitted and compared.
 
     Parameters
@@ -48,7 +48,7 @@ class CandidateModel:
     ----------
     objective : Objective
     candidates : mapping of str to Candidate
-        The terms at hand by id, with their parameters' columns.
+        The candidate terms by id, with the columns of their parameters.
     own : tuple of int
         Columns of the first model's parameters that are free.
     open : callable
@@ -65,7 +65,7 @@ class CandidateModel:
         return (*self.own, *(j for id_ in terms for j in self.candidates[id_].columns))
 
     def at(self, values: Mapping[str, float], terms: Collection[str]) -> FloatArray:
-        """Search coordinates of SI values by name with some terms on; the others stand at their off values."""
+        """Search coordinates of SI values by name with some terms on; the others are switched off."""
         parameters = self.objective.parameters
         on = set(self.free(terms))
         start = [
@@ -74,7 +74,7 @@ class CandidateModel:
         ]
         return parameters.to_search(np.array(start))
 
-    def fit(self, structure: Structure, start: FloatArray, noise: Noise, settings: LocalFitSettings) -> FittedModel:
+    def fit(self, structure: Structure, start: FloatArray, noise: FitNoise, settings: LocalFitSettings) -> FittedModel:
         """Local fit of a structure from search coordinates.
 
         Raises
@@ -103,9 +103,9 @@ class FittedModel:
         return self.structure.terms
 
     @property
-    def noise(self) -> Noise:
+    def noise(self) -> FitNoise:
         """Under which it was fitted and is compared."""
-        return Noise(self.optimum.noise, self.temperature)
+        return FitNoise(self.optimum.noise, self.temperature)
 
     @cached_property
     def log_evidence(self) -> float:
@@ -114,7 +114,7 @@ class FittedModel:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """SI values by name; terms that are off stand at their off values."""
+        """SI values by name; terms that are off have their off values."""
         parameters = self.model.objective.parameters
         return dict(zip(parameters.names, parameters.from_search(self.optimum.coordinates).tolist(), strict=True))
 
@@ -130,14 +130,14 @@ class FittedModel:
         ended = parameters.on_bound(self.optimum.coordinates)
         return sum(bool(ended[j]) for j in self.model.own if parameters.items[j].recording is None)
 
-    def with_noise(self, noise: Noise) -> FittedModel:
+    def with_noise(self, noise: FitNoise) -> FittedModel:
         """The same fit under another noise, without a simulation."""
         optimum = self.optimum
         if any(optimum.noise[o] != n for o, n in noise.outputs.items()):
             optimum = optimum.with_noise(self.model.objective, noise.outputs)
         return replace(self, optimum=optimum, temperature=noise.temperature)
 
-    def refitted(self, noise: Noise, settings: LocalFitSettings) -> FittedModel:
+    def refitted(self, noise: FitNoise, settings: LocalFitSettings) -> FittedModel:
         """The optimum under another noise, from here."""
         return self.model.fit(self.structure, self.optimum.coordinates, noise, settings)
 
@@ -170,8 +170,8 @@ class ModelSource:
         Holds a calibration against the recordings, on a simulator of its own.
     open : callable
         Opens a simulator.
-    reading_is_open : bool
-        Whether the user leaves it to the data how inputs are read between their samples.
+    interpolation_is_free : bool
+        Whether the data decide the interpolation of the inputs.
     """
 
     family: ModelFamily
@@ -179,7 +179,7 @@ class ModelSource:
     own: tuple[int, ...]
     open_objective: Callable[[Calibration], Objective]
     open: OpenSimulator
-    reading_is_open: bool
+    interpolation_is_free: bool
 
 
 class ModelCache:
@@ -190,7 +190,7 @@ class ModelCache:
         self._built: dict[tuple[Structure, frozenset[str]], CandidateModel] = {}
 
     def of(self, structure: Structure, extra: Collection[str] = ()) -> CandidateModel:
-        """The model for a structure, with ``extra`` terms at hand.
+        """The model for a structure, with ``extra`` candidate terms built in.
 
         Raises
         ------
@@ -219,14 +219,14 @@ class ModelCache:
         return CandidateModel(self.source.open_objective(calibration), found, own, self.source.open)
 
     @property
-    def undecided(self) -> tuple[str, ...]:
-        """Parameters that are held until the data tell them."""
+    def free_later(self) -> tuple[str, ...]:
+        """Parameters that are fixed until the search frees them."""
         return tuple(p.name for p in self.source.plain.parameters if p.auto)
 
     @property
-    def reading_is_open(self) -> bool:
-        """Whether the inputs may be read the other way between their samples."""
-        return self.source.reading_is_open and with_other_interpolation(self.source.plain) is not None
+    def interpolation_is_free(self) -> bool:
+        """Whether the search may change the interpolation of the inputs."""
+        return self.source.interpolation_is_free and with_other_interpolation(self.source.plain) is not None
 
     @property
     def ports(self) -> dict[str, str]:
@@ -234,7 +234,7 @@ class ModelCache:
         return {id_: c.port for model in self._built.values() for id_, c in model.candidates.items()}
 
     def beside(self, held: ParameterSet) -> ModelCache:
-        """Models that have further parameters, which stay where they are."""
+        """Models with further parameters, which stay fixed."""
         plain = replace(self.source.plain, parameters=self.source.plain.parameters.extended(tuple(held)))
         return ModelCache(replace(self.source, plain=plain))
 
@@ -255,10 +255,10 @@ def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure)
     CannotFinishError
         If the inputs cannot be read the other way.
     """
-    if structure.other_reading:
+    if structure.other_interpolation:
         other = with_other_interpolation(plain)
         if other is None:
-            raise CannotFinishError("the inputs cannot be read otherwise between their samples")
+            raise CannotFinishError("the inputs have no other interpolation between their samples")
         plain = other
     if structure.freed:
         items = tuple(replace(p, auto=p.auto and p.name not in structure.freed) for p in plain.parameters)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.global_search import GlobalSearchSettings
 from aero_bayes.search.edits import EDITS, Edit
-from aero_bayes.search.restarts import GrowingHorizon, Restart, Swarm
+from aero_bayes.search.restarts import GrowingHorizon, Restart, SwarmRestart
 from aero_bayes.search.starts import START_RULES, StartRule
 
 #: Names of everything that can be left out.
@@ -33,7 +33,7 @@ class Parts:
     known_terms: bool = True
 
     @classmethod
-    def of(cls, ascent: GlobalSearchSettings, seed: int, leave_out: Sequence[str] = ()) -> Parts:
+    def of(cls, swarm: GlobalSearchSettings, seed: int, leave_out: Sequence[str] = ()) -> Parts:
         """The standard parts but for those left out.
 
         Raises
@@ -43,8 +43,8 @@ class Parts:
         """
         unknown = [name for name in leave_out if name not in PARTS]
         if unknown:
-            raise InputError(f"[loop] leave_out names {unknown[0]!r}; expected one of {', '.join(PARTS)}")
-        restarts: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3), (Swarm(ascent, seed), 1))
+            raise InputError(f"[loop] leave_out: unknown part {unknown[0]!r}; expected one of {', '.join(PARTS)}")
+        restarts: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3), (SwarmRestart(swarm, seed), 1))
         return cls(
             tuple(e for e in EDITS if type(e).__name__ not in leave_out),
             tuple(r for r in START_RULES if type(r).__name__ not in leave_out),

@@ -1,4 +1,4 @@
-"""The linearised response of a fitted model: what a change of the outputs gains once the free parameters readjust."""
+"""Linearised response of a fitted model: gain of a change of the outputs, the free parameters readjusted to it."""
 
 from __future__ import annotations
 
@@ -29,37 +29,37 @@ class ResponseLine:
 
     Parameters
     ----------
-    row : ndarray, shape (p,)
+    point : ndarray, shape (p,)
         Search coordinates of the tried point.
-    back : ndarray, shape (f,)
-        How far the free parameters readjust to the whole change.
-    power : float
-        Squared length of the change after they have readjusted.
-    alone : float
+    readjustment : ndarray, shape (f,)
+        Change of the free parameters that compensates the change, by Gauss-Newton.
+    squared_length : float
+        Squared length of the change after this readjustment.
+    length_before : float
         Length of the change before.
-    along : float
+    best_step : float
         Step, in units of the tried one, at which the line comes closest to the readings.
     """
 
-    row: FloatArray
-    back: FloatArray
-    power: float
-    alone: float
-    along: float
+    point: FloatArray
+    readjustment: FloatArray
+    squared_length: float
+    length_before: float
+    best_step: float
 
     @property
-    def within(self) -> float:
-        """The best step within reason."""
-        return float(np.clip(self.along, MIN_STEP_RATIO, MAX_STEP_RATIO))
+    def bounded_step(self) -> float:
+        """The best step, limited to the range where the line is trusted."""
+        return float(np.clip(self.best_step, MIN_STEP_RATIO, MAX_STEP_RATIO))
 
     def gain(self, step: float) -> float:
-        """Gain in log-likelihood that a step foretells."""
-        return (self.along - 0.5 * step) * step * self.power
+        """Gain in log-likelihood that the line predicts for a step."""
+        return (self.best_step - 0.5 * step) * step * self.squared_length
 
     @property
     def best_gain(self) -> float:
-        """The same at the best step; zero where the best step goes the wrong way."""
-        return self.gain(max(self.along, 0.0))
+        """Predicted gain at the best step; zero if the best step is negative."""
+        return self.gain(max(self.best_step, 0.0))
 
 
 class LinearResponse:
@@ -91,14 +91,14 @@ class LinearResponse:
         both = np.outer(unit, unit)
         self._step = np.zeros((len(free), len(free)))
         self._step[np.ix_(steady, steady)] = np.linalg.pinv(curvature * both, 1e-10, hermitian=True) * both
-        self.own: FloatArray = self._step @ (slopes @ residual + first)
-        self.left: FloatArray = residual - self.own @ slopes
+        self.free_step: FloatArray = self._step @ (slopes @ residual + first)
+        self.remaining: FloatArray = residual - self.free_step @ slopes
 
-    def possible(self, gain: float) -> float:
-        """A gain in log-likelihood as it would be if all that is left beside it were white noise.
+    def gain_under_white_noise(self, gain: float) -> float:
+        """A predicted gain in log-likelihood if the rest of the residual were white noise.
 
-        Where structure is left, the noise is as large as that, and no gain can be larger than half of the effective
-        samples; under the noise that a right term leaves it may be far more.
+        Under the present noise, which includes the structure of the residual, no gain exceeds half of the effective
+        samples. Under the noise that the right term leaves it may be much larger.
         """
         whole = 0.5 * float(self.base.whitened.residual @ self.base.whitened.residual)
         share = min(gain / max(whole, 1e-300), 1.0 - 1e-9)
@@ -123,20 +123,24 @@ class LinearResponse:
         back = self._step @ (whitened.slopes @ change)
         direction = change - back @ whitened.slopes
         power = float(direction @ direction)
-        along = float(direction @ self.left) / power if power > 0.0 else 0.0
+        along = float(direction @ self.remaining) / power if power > 0.0 else 0.0
         return ResponseLine(row, back, power, math.sqrt(float(change @ change)), along)
 
-    def point(self, candidate: CandidateTerm, line: ResponseLine, step: float, readjusted: bool = True) -> FloatArray:
+    def point_on_line(
+        self, candidate: CandidateTerm, line: ResponseLine, step: float, readjusted: bool = True
+    ) -> FloatArray:
         """Search coordinates after a step along a line, the free parameters ``readjusted`` to it."""
         low, high = self.objective.parameters.box
         size, free = candidate.columns[0], list(self.base.free)
-        point = line.row.copy()
-        point[size] = np.clip(step * line.row[size], low[size], high[size])
+        point = line.point.copy()
+        point[size] = np.clip(step * line.point[size], low[size], high[size])
         if readjusted:
-            point[free] = np.clip(self.base.coordinates[free] + self.own - step * line.back, low[free], high[free])
+            point[free] = np.clip(
+                self.base.coordinates[free] + self.free_step - step * line.readjustment, low[free], high[free]
+            )
         return point
 
-    def gains(self, points: Sequence[FloatArray]) -> list[float]:
+    def simulated_gains(self, points: Sequence[FloatArray]) -> list[float]:
         """Gain in log-likelihood at points, by simulation; minus infinity where that fails."""
         found = self.objective.residuals(np.array(points)) if len(points) else []
         present = self.base.whitened.log_likelihood
@@ -145,7 +149,9 @@ class LinearResponse:
             for tried in found
         ]  # fmt: skip
 
-    def across(self, point: FloatArray, columns: Sequence[int]) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    def readjusted_slopes(
+        self, point: FloatArray, columns: Sequence[int]
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """Slopes by further columns, before and after the free parameters have readjusted.
 
         Returns

@@ -1,11 +1,10 @@
-"""Fit the best structure of a level again, from elsewhere, before another term may stand beside it.
+"""Restart the fits of the best structures of a level, before further terms are added.
 
-A term that is added to a fit in a local optimum makes up for that optimum, and passes for physics.
+A term that is added at a local optimum may compensate for that optimum instead of describing a missing effect.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -15,28 +14,25 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.progressive_horizon import fit_progressive_horizon
-from aero_bayes.search.models import CandidateModel, FittedModel
-
-#: Gives the model that has a structure's terms at hand and no others.
-ModelOf = Callable[[FittedModel], CandidateModel]
+from aero_bayes.search.models import FittedModel
 
 
 class Restart(Protocol):
     """Looks for a better optimum of the same structure."""
 
-    def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
-        """A fit from elsewhere under the same noise, whether better or not; None where there is none."""
+    def refit(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
+        """A fit from another start under the same noise, better or not; None if there is none."""
         ...
 
 
 class GrowingHorizon:
-    """Fit the beginning of the recordings first, then ever more of them.
+    """Fit the beginning of the recordings first, then longer and longer parts (progressive horizon).
 
     An oscillating or slowly decaying motion has few local optima only while the recording is short.
     Parameters of the first model that ended on a bound begin at their starting values.
     """
 
-    def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
+    def refit(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         model, known = fitted.model, fitted.optimum.coordinates
         start = model.objective.parameters.revived(known, model.own)
         try:
@@ -49,7 +45,7 @@ class GrowingHorizon:
             return None
 
 
-class Swarm:
+class SwarmRestart:
     """The global search of ``fit``: a particle swarm over the whole box, then local fits from its best particles.
 
     Parameters
@@ -62,7 +58,7 @@ class Swarm:
     def __init__(self, settings: GlobalSearchSettings, seed: int) -> None:
         self._settings, self._seed = settings, seed
 
-    def again(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
+    def refit(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         if self._settings.swarm is None:
             return None
         model = fitted.model

@@ -1,4 +1,4 @@
-"""The one score of all structures under comparison: log-evidence under one noise, less a price for each term.
+"""The one score of all structures under comparison: log-evidence under one noise, less a penalty for each term.
 
 The noise is that of the best structure so far, per output. Where a residual is what a sensor leaves, it is the sensor's
 noise as estimated. Where structure is left, structures are fitted by least squares, and a series of ``n`` readings
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.local_fit import LocalFitSettings, fit_noise
-from aero_bayes.search.models import FittedModel, Noise
+from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 
 FloatArray = NDArray[np.float64]
@@ -35,7 +35,7 @@ class CommonNoise:
 
     Parameters
     ----------
-    noise : Noise
+    noise : FitNoise
     autocorrelation_time : mapping of str to float
         In samples, by output; 1 where the output is down to its noise.
     effective_samples : mapping of str to float
@@ -45,7 +45,7 @@ class CommonNoise:
         Of the residual that the noise was taken from, under the noise as estimated.
     """
 
-    noise: Noise
+    noise: FitNoise
     autocorrelation_time: Mapping[str, float]
     effective_samples: Mapping[str, float]
     structured: tuple[str, ...]
@@ -58,21 +58,21 @@ class CommonNoise:
 
     @property
     def adequate(self) -> bool:
-        """Whether the best structure is down to its noise in every output."""
+        """Whether the best structure leaves only noise in every output."""
         return not self.structured
 
 
-def autocorrelation_time(residuals: Sequence[FloatArray]) -> float:
+def residual_correlation_time(residuals: Sequence[FloatArray]) -> float:
     """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
 
     The sum runs over the autocorrelation up to where it falls below :data:`MIN_AUTOCORRELATION`, or to a lag of
     :data:`AUTOCORRELATION_WINDOW` autocorrelation times (Sokal, 1997, Monte Carlo methods in statistical mechanics).
     """
     total = sum(r.size for r in residuals)
-    return sum(r.size * _one_time(r) for r in residuals) / max(total, 1)
+    return sum(r.size * _correlation_time_of_series(r) for r in residuals) / max(total, 1)
 
 
-def _one_time(residual: FloatArray) -> float:
+def _correlation_time_of_series(residual: FloatArray) -> float:
     x = residual - residual.mean()
     power = np.abs(np.fft.rfft(x, 2 * x.size)) ** 2
     acf = np.fft.irfft(power)[: max(x.size // 3, 1)]
@@ -91,26 +91,26 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     ----------
     fitted : FittedModel
     floors : mapping of (recording, output) to float
-        Noise floors of the readings, in the output's unit, where they are known.
+        FitNoise floors of the readings, in the output's unit, where they are known.
     """
     objective, optimum = fitted.model.objective, fitted.optimum
     calibration, parts = objective.calibration, _by_output(fitted)
     white: dict[str, NoiseKind] = {o: "white" for o in parts if calibration.noise.kind(o) == "white"}
     floors_of = {o: max(calibration.floors.get(o, 0.0), 1e-7 * _range(fitted, o)) for o in parts}
-    # No longer correlated than a sensor's noise may be: what lasts is the model's fault.
+    # The correlation time of sensor noise is limited; slower residuals are model error.
     estimated = fit_noise(objective, optimum.evaluation.residual, LocalFitSettings(kinds=white, floors=floors_of))
     reports = check_residuals(calibration, objective.series, replace(optimum, noise=estimated), floors)
     left = {r.output for r in reports if r.verdict == "structured"}
     residuals = {output: [r for _, r in own] for output, own in parts.items()}
     counts = {output: sum(r.size for r in rs) for output, rs in residuals.items()}
-    times_of = {o: autocorrelation_time(rs) if o in left else 1.0 for o, rs in residuals.items()}
+    times_of = {o: residual_correlation_time(rs) if o in left else 1.0 for o, rs in residuals.items()}
     samples = {o: counts[o] / times_of[o] for o in parts}
     shortest = min(times_of.values())
     noise = dict(estimated)
     for output in left:
         square = sum(float(r @ r) for r in residuals[output]) / counts[output]
         noise[output] = OutputNoise(max(math.sqrt(square * times_of[output] / shortest), 1e-300))
-    return CommonNoise(Noise(noise, shortest), times_of, samples, tuple(o for o in parts if o in left), reports)
+    return CommonNoise(FitNoise(noise, shortest), times_of, samples, tuple(o for o in parts if o in left), reports)
 
 
 def _by_output(fitted: FittedModel) -> dict[str, list[tuple[int, FloatArray]]]:
@@ -126,19 +126,19 @@ def _range(fitted: FittedModel, output: str) -> float:
 
 
 @dataclass(frozen=True)
-class Price:
-    """What a structure pays for having been looked for, in log-evidence.
+class Penalty:
+    """Penalty on log-evidence for the number of candidates that were tried (multiple comparisons).
 
     Parameters
     ----------
     candidates : int
-        Terms that were offered: each term pays the logarithm of their number.
+        Terms that were offered; each term costs the logarithm of their number.
     margin : float
-        Paid for each term on top.
+        Further cost of each term.
     extra : tuple of str
-        Terms that pay the margin twice: a refinement is one more detail, and a curve bends to anything.
+        Terms with twice the margin: a refinement adds detail, and a curve fits almost anything.
     parameters : int
-        Parameters that may be freed; each that is pays the logarithm of their number and the margin.
+        Parameters that may be freed; each freed one costs the logarithm of their number and the margin.
     """
 
     candidates: int
@@ -148,17 +148,18 @@ class Price:
 
     @property
     def of_one(self) -> float:
-        """Price of one ordinary term."""
+        """Penalty of one ordinary term."""
         return math.log(max(self.candidates, 1)) + self.margin
 
     def of_term(self, id_: str) -> float:
-        """Price of one term."""
+        """Penalty of one term."""
         return self.of_one + (self.margin if id_ in self.extra else 0.0)
 
     def score(self, fitted: FittedModel) -> float:
-        """Log-evidence less what the structure pays.
+        """Log-evidence less the penalty.
 
-        A parameter of the first model that ends on a bound pays the margin: whoever wrote the model knows that it acts.
+        A parameter of the first model that ends on a bound costs the margin, since the model
+        expects it to act.
         """
         freed = len(fitted.structure.freed) * (math.log(max(self.parameters, 1)) + self.margin)
         off = self.margin * fitted.parameters_on_bound

@@ -1,4 +1,4 @@
-"""Where the fit of a larger structure may start: rules that each give points with the gain they promise."""
+"""Starting points for the fit of a larger structure: rules that give points with the gain they predict."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ MIN_CONFIRMED_SHARE, MIN_REFIT_GAIN, MIN_REFIT_SHARE = 0.3, 6.0, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A point (p,) in search coordinates where a fit may start, and the gain in log-likelihood that it promises.
+    """A point (p,) in search coordinates where a fit may start, and the gain in log-likelihood that it predicts.
 
-    ``simulated`` is the gain that a simulation at the point found; minus infinity where there was none.
+    ``simulated_gain`` is the gain of a simulation at the point; minus infinity without a simulation.
     """
 
     point: FloatArray
     expected_gain: float
-    simulated: float = -math.inf
+    simulated_gain: float = -math.inf
 
     @property
-    def promise(self) -> float:
-        return max(self.expected_gain, self.simulated)
+    def predicted_gain(self) -> float:
+        return max(self.expected_gain, self.simulated_gain)
 
 
 class StartRule(Protocol):
@@ -59,91 +59,91 @@ class StartRule(Protocol):
 
 
 def starting_points(rules: Sequence[StartRule], fitted: FittedModel, structure: Structure) -> list[Start]:
-    """All starts of all rules, looked for once, also in a search that was resumed.
+    """Collect the starts of all rules; a resumed search takes them from its checkpoint.
 
-    The start with the best simulated gain comes first: a line may promise what a simulation at its end refutes. The
-    others follow by their promise.
+    The start with the best simulated gain comes first, because a simulation may refute a linear prediction. The
+    others follow by their predicted gain.
     """
 
-    def look() -> dict[str, NDArray[np.generic]]:
+    def find() -> dict[str, NDArray[np.generic]]:
         found = [start for rule in rules for start in rule.starts(fitted, structure)]
-        found.sort(key=lambda s: -s.promise)
-        confirmed = max(found, key=lambda s: s.simulated, default=None)
+        found.sort(key=lambda s: -s.predicted_gain)
+        confirmed = max(found, key=lambda s: s.simulated_gain, default=None)
         return pack_all(sorted(found, key=lambda s: s is not confirmed))
 
     candidates = [fitted.model.candidates[t] for t in structure.new_terms(fitted.structure)]
     base = fitted.optimum
     asked = base.coordinates, base.free, base.noise, candidates, structure, list(rules)
-    return unpack_all(Start, fitted.model.objective.cached("starts", asked, look))
+    return unpack_all(Start, fitted.model.objective.cached("starts", asked, find))
 
 
-def _one_new(fitted: FittedModel, structure: Structure) -> CandidateTerm | None:
+def _single_new_term(fitted: FittedModel, structure: Structure) -> CandidateTerm | None:
     new = structure.new_terms(fitted.structure)
     return fitted.model.candidates[new[0]] if len(new) == 1 else None
 
 
 @dataclass(frozen=True)
 class NominalSizes:
-    """Simulate a term at its nominal parameters; follow the lines through these points, by Gauss-Newton.
+    """Simulate a term at its nominal parameters, and take Gauss-Newton steps along the lines through these points.
 
-    A law with a threshold is no line: a grid of magnitudes is halved about its best, and both ends of the likeliest
-    lines are simulated. Where every nominal magnitude changes more than there is to explain, 30 % of the residual is
-    tried. Where no simulation confirms the promise, the other parameters are refitted with the term held.
+    The response to a law with a threshold is not linear: a grid of magnitudes is refined by bisection about its best
+    point, and both ends of the likeliest lines are simulated. If every trial magnitude overshoots the residual, retry
+    at 30 % of it. Where no simulation confirms the prediction, the other parameters are refitted with the term fixed.
     """
 
     def starts(self, fitted: FittedModel, structure: Structure) -> Iterable[Start]:
-        candidate = _one_new(fitted, structure)
+        candidate = _single_new_term(fitted, structure)
         if candidate is None or not candidate.starts:
             return []
         response = fitted.response
         lines = nominal_lines(response, candidate)
-        if response.possible(_foretold(lines)) < MIN_LINE_GAIN:
-            lines += [response.line(*tried) for tried in _smaller(response, candidate, lines)]
-        starts = _ends(response, candidate, lines)
-        promise = max((s.promise for s in starts), default=0.0)
-        much = 0.5 * float(response.left @ response.left) * MIN_REFIT_SHARE
-        worth = promise > min(MIN_REFIT_GAIN * fitted.temperature, much)
-        if worth and max((s.simulated for s in starts), default=0.0) < MIN_CONFIRMED_SHARE * promise:
-            starts += _with_term_held(response, lines)
+        if response.gain_under_white_noise(_max_predicted_gain(lines)) < MIN_LINE_GAIN:
+            lines += [response.line(*tried) for tried in _scaled_to_residual(response, candidate, lines)]
+        starts = _line_starts(response, candidate, lines)
+        predicted = max((s.predicted_gain for s in starts), default=0.0)
+        much = 0.5 * float(response.remaining @ response.remaining) * MIN_REFIT_SHARE
+        worth = predicted > min(MIN_REFIT_GAIN * fitted.temperature, much)
+        if worth and max((s.simulated_gain for s in starts), default=0.0) < MIN_CONFIRMED_SHARE * predicted:
+            starts += _refit_with_term_fixed(response, lines)
         return starts
 
 
 def nominal_lines(response: LinearResponse, candidate: CandidateTerm) -> list[ResponseLine]:
     """Lines through a candidate's nominal parameters."""
-    columns, lines = candidate.columns, [response.line(*tried) for tried in _first_look(response, candidate)]
+    columns, lines = candidate.columns, [response.line(*tried) for tried in _simulate_nominal(response, candidate)]
     if len(columns) == 1 and len(candidate.starts) >= GRID_POINTS:
         for _ in range(GRID_HALVINGS):
-            between = _between(response.objective.parameters, candidate, lines)
+            between = _midpoints(response.objective.parameters, candidate, lines)
             if not between:
                 break
             lines += [response.line(*tried) for tried in response.simulate(columns, between)]
     return lines
 
 
-def _first_look(response: LinearResponse, candidate: CandidateTerm) -> list[Tried]:
-    """A candidate at its nominal parameters; of a grid only every second one if all of these go the wrong way."""
+def _simulate_nominal(response: LinearResponse, candidate: CandidateTerm) -> list[Tried]:
+    """A candidate at its nominal parameters; of a grid only every second one if all of these lower the likelihood."""
     columns, starts = candidate.columns, candidate.starts
     if len(columns) > 1 or len(starts) < GRID_POINTS:
         return response.simulate(columns, starts)
     ordered = sorted(starts)
     tried = response.simulate(columns, ordered[::2])
     lines = [response.line(*one) for one in tried]
-    if lines and all(line.power > 0.0 and line.along <= 0.0 for line in lines):
+    if lines and all(line.squared_length > 0.0 and line.best_step <= 0.0 for line in lines):
         return tried
     return tried + response.simulate(columns, ordered[1::2])
 
 
-def _foretold(lines: Sequence[ResponseLine]) -> float:
-    """The most that a line foretells, at its best step or where it was tried."""
+def _max_predicted_gain(lines: Sequence[ResponseLine]) -> float:
+    """Largest gain that a line predicts, at its best step or where it was simulated."""
     return max((max(line.best_gain, line.gain(1.0)) for line in lines), default=0.0)
 
 
-def _between(
+def _midpoints(
     parameters: ParameterSet, candidate: CandidateTerm, lines: Sequence[ResponseLine]
 ) -> list[tuple[float, ...]]:
-    """Magnitudes half way between the best and its neighbours; none if the least is too much."""
+    """Geometric means of the best magnitude and its neighbours; none if the smallest one overshoots."""
     (column,) = candidate.columns
-    gains = {float(parameters.from_search(line.row)[column]): line.gain(1.0) for line in lines}
+    gains = {float(parameters.from_search(line.point)[column]): line.gain(1.0) for line in lines}
     sizes = sorted(gains)
     # Of those that do not act at all, the last before the threshold.
     best = max(range(len(sizes)), key=lambda k: (gains[sizes[k]], sizes[k]), default=0)
@@ -152,51 +152,53 @@ def _between(
     return [(math.sqrt(one * other),) for one, other in pairwise(sizes[max(best - 1, 0) : best + 2]) if one > 0.0]
 
 
-def _smaller(response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]) -> list[Tried]:
+def _scaled_to_residual(
+    response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]
+) -> list[Tried]:
     """Each shape of a candidate at a magnitude that changes :data:`LINEAR_RESPONSE_SHARE` of the residual."""
     columns = list(candidate.columns)
     least: dict[tuple[float, ...], ResponseLine] = {}
     for line in lines:
-        shape = tuple(line.row[columns[1:]])
-        if shape not in least or line.alone < least[shape].alone:
+        shape = tuple(line.point[columns[1:]])
+        if shape not in least or line.length_before < least[shape].length_before:
             least[shape] = line
-    aim = LINEAR_RESPONSE_SHARE * math.sqrt(float(response.left @ response.left))
+    aim = LINEAR_RESPONSE_SHARE * math.sqrt(float(response.remaining @ response.remaining))
     values: list[tuple[float, ...]] = []
     for line in least.values():
-        if line.alone > aim:
-            magnitude, *rest = response.objective.parameters.from_search(line.row)[columns]
-            values.append((magnitude * aim / line.alone, *rest))
+        if line.length_before > aim:
+            magnitude, *rest = response.objective.parameters.from_search(line.point)[columns]
+            values.append((magnitude * aim / line.length_before, *rest))
     return response.simulate(columns, values)
 
 
-def _ends(response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]) -> list[Start]:
-    """Both ends of the likeliest lines: where each was tried, and where it is best; simulated if worth it."""
-    acting = [line for line in lines if line.power > 0.0]
+def _line_starts(response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]) -> list[Start]:
+    """Starts at both ends of the likeliest lines: the simulated point and the best step."""
+    acting = [line for line in lines if line.squared_length > 0.0]
     ends: list[tuple[ResponseLine, float]] = []
-    for steps in ([1.0] * len(acting), [line.within for line in acting]):
+    for steps in ([1.0] * len(acting), [line.bounded_step for line in acting]):
         ends += sorted(zip(acting, steps, strict=True), key=lambda end: -end[0].gain(end[1]))[:MAX_LINES]
-    starts = [(line.best_gain, response.point(candidate, line, step)) for line, step in ends]
-    if response.possible(_foretold(lines)) < MIN_LINE_GAIN:
-        return [Start(point, promise) for promise, point in starts]
-    gains = response.gains([point for _, point in starts])
-    found = [Start(point, promise, gain) for (promise, point), gain in zip(starts, gains, strict=True)]
-    if ends and all(s.simulated < 0.0 for s in found):
-        # So little of the term as is just seen: from there a local fit follows the slope.
+    starts = [(line.best_gain, response.point_on_line(candidate, line, step)) for line, step in ends]
+    if response.gain_under_white_noise(_max_predicted_gain(lines)) < MIN_LINE_GAIN:
+        return [Start(point, predicted) for predicted, point in starts]
+    gains = response.simulated_gains([point for _, point in starts])
+    found = [Start(point, predicted, gain) for (predicted, point), gain in zip(starts, gains, strict=True)]
+    if ends and all(s.simulated_gain < 0.0 for s in found):
+        # A magnitude that is just visible: from there a local fit follows the gradient.
         line, _ = ends[0]
-        point = response.point(candidate, line, 1.0 / max(line.alone, 1e-300), readjusted=False)
-        found.append(Start(point, line.best_gain, response.gains([point])[0]))
-    return [s for s in found if math.isfinite(s.simulated)]
+        point = response.point_on_line(candidate, line, 1.0 / max(line.length_before, 1e-300), readjusted=False)
+        found.append(Start(point, line.best_gain, response.simulated_gains([point])[0]))
+    return [s for s in found if math.isfinite(s.simulated_gain)]
 
 
-def _with_term_held(response: LinearResponse, lines: Sequence[ResponseLine]) -> list[Start]:
-    """The likeliest nominal parameters that act, all else refitted in a few steps."""
+def _refit_with_term_fixed(response: LinearResponse, lines: Sequence[ResponseLine]) -> list[Start]:
+    """Starts at the likeliest nominal parameters, the other parameters refitted in a few steps."""
     settings = LocalFitSettings(hold_noise=True).with_limits(6, 0.5)
-    acting = sorted((line for line in lines if line.alone > 1.0), key=lambda line: -line.gain(1.0))
+    acting = sorted((line for line in lines if line.length_before > 1.0), key=lambda line: -line.gain(1.0))
     present, found = response.base.whitened.log_likelihood, []
     for line in acting[:MAX_LINES]:
         with suppress(CannotFinishError):
             end = local_fit(
-                response.objective, line.row, response.base.free, noise=response.base.noise, settings=settings
+                response.objective, line.point, response.base.free, noise=response.base.noise, settings=settings
             )
             found.append(Start(end.coordinates, line.best_gain, end.log_likelihood - present))
     return found
@@ -218,24 +220,26 @@ class Tangent:
         base, free = response.base, list(response.base.free)
         columns = [j for c in new for j in (c.columns if not c.starts else c.columns[:1])]
         origin = with_nominal_shapes(fitted, new)
-        slopes = response.across(origin, columns)
+        slopes = response.readjusted_slopes(origin, columns)
         if slopes is None:
             return []
         across, _, back = slopes
         first, second = parameters.prior_derivatives(origin)
         curvature = across @ across.T + prior_curvature(second[columns])
-        slope = across @ response.left + first[columns]
+        slope = across @ response.remaining + first[columns]
         step = np.linalg.solve(curvature, slope)
         low, high = parameters.box
         points = []
         for share in (1.0, 0.5):
             point = origin.copy()
             point[columns] = np.clip(point[columns] + share * step, low[columns], high[columns])
-            point[free] = np.clip(base.coordinates[free] + response.own - share * (step @ back), low[free], high[free])
+            point[free] = np.clip(
+                base.coordinates[free] + response.free_step - share * (step @ back), low[free], high[free]
+            )
             points.append(point)
-        gains = response.gains(points)
-        promise = 0.5 * float(slope @ step)
-        return [Start(p, promise, gain) for p, gain in zip(points, gains, strict=True) if math.isfinite(gain)]
+        gains = response.simulated_gains(points)
+        predicted = 0.5 * float(slope @ step)
+        return [Start(p, predicted, gain) for p, gain in zip(points, gains, strict=True) if math.isfinite(gain)]
 
 
 def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[CandidateTerm]) -> FloatArray:
@@ -252,7 +256,7 @@ def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[CandidateTerm]
 class OffBounds:
     """As :class:`NominalSizes`, parameters of the first model that ended on a bound put back to their starting values.
 
-    A fit that lacks a term may have led them to where the term shows nothing.
+    A fit that lacks a term may have moved them to where the term has no effect.
     """
 
     def starts(self, fitted: FittedModel, structure: Structure) -> Iterable[Start]:
@@ -269,12 +273,12 @@ class OffBounds:
         )
         behind = base.whitened.log_likelihood - white.log_likelihood
         found = NominalSizes().starts(replace(fitted, optimum=there), structure)
-        return [Start(s.point, s.expected_gain - behind, s.simulated - behind) for s in found]
+        return [Start(s.point, s.expected_gain - behind, s.simulated_gain - behind) for s in found]
 
 
 @dataclass(frozen=True)
 class KnownTerms:
-    """The new terms as they were in other fits.
+    """The values that the new terms have in other fits.
 
     Parameters
     ----------
@@ -290,7 +294,7 @@ class KnownTerms:
             return []
         known = {name: value for id_ in new for name, value in self.values[id_].items()}
         point = fitted.model.at(fitted.values | known, structure.terms)
-        gain = fitted.response.gains([point])[0]
+        gain = fitted.response.simulated_gains([point])[0]
         return [Start(point, gain, gain)] if math.isfinite(gain) else []
 
 

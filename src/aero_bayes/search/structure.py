@@ -16,14 +16,13 @@ class Structure:
         Ids ``law@port``, sorted.
     freed : tuple of str
         Parameters of the first model that are free beside those of the configuration, sorted.
-    other_reading : bool
-        Whether inputs are read the other way between their samples (straight lines in place of steps, or steps in
-        place of lines).
+    other_interpolation : bool
+        Whether inputs have the other interpolation: linear in place of zero-order hold, or the reverse.
     """
 
     terms: tuple[str, ...] = ()
     freed: tuple[str, ...] = ()
-    other_reading: bool = False
+    other_interpolation: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(sorted(set(self.terms))))
@@ -45,15 +44,15 @@ class Structure:
         return tuple(t for t in self.terms if t not in beside.terms)
 
     def same_setting(self, other: Structure) -> bool:
-        """Whether the free parameters of the first model and the reading of the inputs are the same."""
-        return (self.freed, self.other_reading) == (other.freed, other.other_reading)
+        """Whether the freed parameters and the interpolation of the inputs are the same."""
+        return (self.freed, self.other_interpolation) == (other.freed, other.other_interpolation)
 
     def contains(self, other: Structure) -> bool:
         """Whether it has all terms of another structure, and perhaps more."""
         return self.same_setting(other) and set(other.terms) <= set(self.terms)
 
     def contains_terms(self, other: Structure) -> bool:
-        """The same whatever is free and however the inputs are read."""
+        """As :meth:`contains`, for any freed parameters and interpolation."""
         return set(other.terms) <= set(self.terms)
 
 

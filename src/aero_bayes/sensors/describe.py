@@ -1,4 +1,4 @@
-"""What sensors add that is neither white nor slow: ripple locked to the rotor, and the counts of an encoder."""
+"""Ripple and quantisation of outputs, as a fit shows them."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ def describe_sensors(
     *,
     subtracted: bool,
 ) -> dict[str, Json]:
-    """What a fit shows of its sensors, by output, as result.json takes it.
+    """Ripple and quantisation by output, as they go into result.json.
 
     Parameters
     ----------
     outputs : sequence of str, length m
     recordings : sequence of (time (n,), readings (n, m), fitted (n, m))
     ripple : mapping of str to mapping of str to Ripple
-        What was found, by recording and output.
+        Ripple by recording and output.
     subtracted : bool
-        Whether the fit is to readings without it.
+        Whether the ripple was subtracted from the readings before the fit.
 
     Returns
     -------
     dict
-        For each output that shows either: ``ripple`` by recording (amplitude and log-evidence of each order, noise with
-        and without it), and ``encoder`` (quantum, what rounding adds, and whether the exact likelihood of counts would
-        say more than a Gaussian) of the first recording that is read in counts.
+        For each output with one of them: ``ripple`` by recording (amplitude and log-evidence of each order, noise with
+        and without it), and ``encoder`` (step, rounding error, and whether the exact likelihood is better than the
+        Gaussian one) of the first recording that is quantised.
     """
     table: dict[str, Json] = {}
     for column, output in enumerate(outputs):

@@ -1,9 +1,9 @@
-"""Readings of an encoder: what its counts add to the noise, and the exact likelihood where they matter.
+"""Quantised readings, as of an encoder: the noise of rounding, and the exact likelihood.
 
-A reading r on a grid of step q says that the noisy angle lay within q/2 of r. With white noise the probability of that
-is a difference of two normal distributions; for noise much larger than q it is the Gaussian density times q, to which
-q^2/12 of variance may be added (Sheppard). With less noise the Gaussian is wrong in shape, and the error of a slow
-motion is not white: neighbouring readings share it.
+A reading r with step q is interval-censored: the noisy angle was within q/2 of r. With white noise, the probability is
+a difference of two normal distribution functions. If the noise is much larger than q, it is the Gaussian density times
+q, with q^2/12 added to the variance (Sheppard's correction). With less noise, the Gaussian has the wrong shape. The
+rounding error of a slow motion is not white, because neighbouring readings share it.
 """
 
 from __future__ import annotations
@@ -23,22 +23,34 @@ from aero_bayes.sensors.noise_estimation import estimate_noise
 
 FloatArray = NDArray[np.float64]
 
-#: Gain in log-likelihood at which the exact likelihood of counts is preferred over the Gaussian one.
+#: Gain in log-likelihood above which the exact likelihood is preferred to the Gaussian one.
 MIN_LOG_LIKELIHOOD_GAIN = 3.0
 
 
 def quantum(values: FloatArray) -> float:
-    """Step between neighbouring readings that lie on a grid (an encoder's count), else 0."""
+    """Step of quantised readings, such as an encoder's count; 0 for continuous ones."""
     return quantisation_step(values) or 0.0
 
 
 def thin_constant_readings(
     time: FloatArray, values: FloatArray, longest: float = 0.5, keep: int = 3, spacing: float = 2.5
 ) -> NDArray[np.bool_]:
-    """Which readings to keep so that a reading which stands still does not count over and over.
+    """Which readings to keep where a reading is constant for long, because equal readings are not independent.
 
-    Of a stretch of equal readings longer than ``longest`` s one every ``spacing`` s is kept, at least ``keep``, evenly
-    spread.
+    Parameters
+    ----------
+    time, values : ndarray, shape (n,)
+        Times in s; NaN in gaps.
+    longest : float
+        Readings that are equal for less than this, in s, are all kept.
+    keep : int
+        Least number of readings that are kept of a constant stretch.
+    spacing : float
+        Time in s between kept readings, which are evenly spread.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
     """
     use = np.isfinite(values)
     index = np.flatnonzero(use)
@@ -58,11 +70,19 @@ def thin_constant_readings(
 
 @dataclass(frozen=True)
 class Quantisation:
-    """An encoder as the residual shows it.
+    """Quantisation of an output, as its residual shows it.
 
-    ``step`` is its quantum; ``error`` the error that rounding alone makes of the fitted signal (its size, and how long
-    it lasts); ``share`` that error's part of the residual's variance; ``sd`` the noise before rounding, by the exact
-    likelihood; ``gain`` that likelihood's gain over the Gaussian one.
+    Parameters
+    ----------
+    step : float
+    error : OutputNoise
+        Rounding error of the fitted signal.
+    share : float
+        Share of the rounding error in the variance of the residual.
+    sd : float
+        Standard deviation of the noise before rounding, by the exact likelihood.
+    gain : float
+        Log-likelihood ratio of the exact likelihood to the Gaussian one.
     """
 
     step: float
@@ -73,7 +93,7 @@ class Quantisation:
 
     @property
     def exact(self) -> bool:
-        """Whether the exact likelihood describes the readings noticeably better than the Gaussian one."""
+        """Whether the exact likelihood describes the readings clearly better than the Gaussian one."""
         return self.gain > MIN_LOG_LIKELIHOOD_GAIN
 
     def to_dict(self) -> dict[str, float | bool]:
@@ -89,19 +109,19 @@ class Quantisation:
 
 
 def rounding_error(time: FloatArray, fitted: FloatArray, step: float, zero: float = 0.0) -> OutputNoise:
-    """Size and correlation of the error that rounding makes of a signal (n,): the least noise an encoder has.
+    """Rounding error of a signal (n,), as noise: the least noise that an encoder has.
 
-    A signal that crosses many counts between samples has white error of ``step / sqrt(12)``; a slow one has error that
-    lasts as long as a count does.
+    The error of a signal that crosses many steps between samples is white, with standard deviation ``step / sqrt(12)``.
+    That of a slow signal is correlated for as long as the signal takes for a step.
     """
     error = zero + step * np.round((fitted - zero) / step) - fitted
     return estimate_noise([time], [error], "auto")
 
 
 def interval_log_density(reading: FloatArray, predicted: FloatArray, sd: FloatArray | float, step: float) -> FloatArray:
-    """Log of the probability that noise of ``sd`` rounds ``predicted`` to ``reading``, over ``step``; any shape.
+    """Log-density of a quantised reading: log of its probability over ``step``. Arrays of any shape.
 
-    Comparable with a Gaussian log-density, to which it tends where ``step`` is small against ``sd``. Zero for NaN.
+    It tends to the Gaussian log-density of ``reading - predicted`` if ``step`` is much less than ``sd``. Zero for NaN.
     """
     centre, half = np.abs(np.asarray(reading - predicted)) / sd, 0.5 * step / np.asarray(sd)
     upper, lower = log_ndtr(half - centre), log_ndtr(-half - centre)
@@ -111,7 +131,7 @@ def interval_log_density(reading: FloatArray, predicted: FloatArray, sd: FloatAr
 
 
 def describe_quantisation(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quantisation | None:
-    """What an encoder does to readings (n,) of a signal (n,); None where they are continuous."""
+    """Quantisation of readings (n,) of a fitted signal (n,); None if they are continuous."""
     step = quantisation_step(readings)
     if step is None:
         return None
@@ -125,9 +145,9 @@ def describe_quantisation(time: FloatArray, readings: FloatArray, fitted: FloatA
 
 
 def _gaussian_on_grid(residual: FloatArray, sd: float, step: float) -> float:
-    """Gaussian log-likelihood of residuals that can only lie ``step`` apart, normalised over where they can lie.
+    """Gaussian log-likelihood of residuals on a grid of ``step``, normalised to a sum of one over the grid.
 
-    A density taken at the counts alone would not sum to one, and a signal at rest on a count would seem too likely.
+    Without normalisation, a constant signal would seem too likely.
     """
     reach = math.ceil(6.0 * sd / step) + 1
     ladder = step * np.arange(-reach, reach + 1)
@@ -136,12 +156,12 @@ def _gaussian_on_grid(residual: FloatArray, sd: float, step: float) -> float:
 
 
 def _zero(readings: FloatArray, step: float) -> float:
-    """Where the grid of counts lies: a reading, as good as any."""
+    """Offset of the grid of readings."""
     return float(readings[np.flatnonzero(np.isfinite(readings))[0]]) % step
 
 
 def _noise_before_rounding(reading: FloatArray, fitted: FloatArray, step: float) -> tuple[float, float]:
-    """Most likely standard deviation under the exact likelihood, and that log-likelihood."""
+    """Maximum likelihood estimate of the standard deviation before rounding, and the log-likelihood."""
 
     def loss(log_sd: float) -> float:
         return -float(np.sum(interval_log_density(reading, fitted, math.exp(log_sd), step)))

@@ -1,9 +1,9 @@
-"""Ripple locked to the rotor: recognised by its evidence and kept out of the noise.
+"""Ripple that is locked to the angle of a rotor: detected by its evidence, and kept out of the noise.
 
-Within a short piece of a recording the ripple of order k is ``a cos(k phi) + b sin(k phi)`` with the rotor's angle phi
-integrated from the fitted speed; a and b drift from piece to piece with that integral's error. They get one zero-mean
-Gaussian prior an order, whose size is found by maximising the evidence in closed form (MacKay, 1992, Neural
-Computation 4, 415). Noise alone makes that size zero; a real ripple is subtracted as its shrunken mean.
+Within a short segment of a recording, the ripple of order k is ``a cos(k phi) + b sin(k phi)``. The angle phi of the
+rotor is the integral of its speed; a and b differ between segments, because that integral drifts. For each order, a and
+b have a Gaussian prior with zero mean. Its variance maximises the evidence, which has a closed form (MacKay, 1992,
+Neural Computation 4, 415). For noise alone the variance is zero. The posterior mean of the ripple is subtracted.
 """
 
 from __future__ import annotations
@@ -23,21 +23,22 @@ from aero_bayes.sensors.whitening import whiten
 
 FloatArray = NDArray[np.float64]
 
-#: Length of a piece in s, and smallest number of ripple periods in a piece: slower ripple may be slow physics.
+#: Length of a segment in s, and least number of ripple periods in it: slower ripple may be slow physics.
 SEGMENT_LENGTH, MIN_PERIODS = 0.5, 3.0
-#: Log-evidence, less half the logarithm of the number of pieces, at which an order counts.
+#: Log-evidence, less half the logarithm of the number of segments, above which an order is accepted.
 MIN_LOG_EVIDENCE = 5.0
-#: Smallest top speed of a rotor whose ripple is examined, in rad/s.
+#: Least maximum speed of a rotor whose ripple is examined, in rad/s.
 MIN_ROTOR_SPEED = 20.0
-#: Rounds in which noise and ripple are estimated in turn.
+#: Number of alternating estimates of noise and ripple.
 ALTERNATIONS = 3
 
 
 @dataclass(frozen=True)
 class RippleOrder:
-    """Ripple of one order (periods a turn): root mean square ``amplitude`` of its peaks, and its log-evidence.
+    """Ripple of one order (periods a turn).
 
-    ``law`` says if its size is even or goes with the speed.
+    ``amplitude`` is the root mean square of its amplitudes. ``law`` says whether the amplitude is constant (``even``)
+    or proportional to the speed (``with speed``).
     """
 
     order: int
@@ -50,8 +51,8 @@ class RippleOrder:
 class Ripple:
     """Ripple of one output of one recording.
 
-    ``orders`` are those that earned their place, ``values`` (n,) their sum at the sample times, ``noise`` what is left,
-    ``noise_with`` the noise that would have been estimated had the ripple been left in.
+    ``orders`` are those that were accepted, ``values`` (n,) is their sum at the sample times. ``noise`` is the noise
+    without the ripple, ``noise_with`` the estimate if the ripple is not subtracted.
     """
 
     orders: tuple[RippleOrder, ...]
@@ -60,7 +61,7 @@ class Ripple:
     noise_with: OutputNoise
 
     def to_dict(self) -> dict[str, object]:
-        """As a report shows it."""
+        """As it goes into result.json."""
         return {
             "orders": {
                 str(o.order): {"amplitude": o.amplitude, "law": o.law, "log_evidence": o.log_evidence}
@@ -73,7 +74,9 @@ class Ripple:
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """One piece: where it is, and its columns (n, 2) by order and law (orders that fold too low are left out)."""
+    """One segment, with its cosine and sine columns (n, 2) by order and law; without orders that alias to low
+    frequencies.
+    """
 
     part: slice
     seen: NDArray[np.bool_]
@@ -95,7 +98,7 @@ def find_ripple(
         Sample times in s, residual of one output (NaN in gaps), and the rotor's speed in rad/s (finite).
     orders : sequence of int
     kind : {"white", "ou", "auto"}
-        Which noise the rest may be.
+        Which noise the residual may have.
     """
     with_ripple = noise = estimate_noise([time], [residual], kind)
     segments = _segments(time, residual, speed, orders)
@@ -114,7 +117,7 @@ def find_ripple(
 def find_ripples(
     time: FloatArray, readings: FloatArray, fitted: FloatArray, outputs: Sequence[str], units: Sequence[str]
 ) -> dict[str, Ripple]:
-    """Ripple of every output of one recording, by output; empty where no rotor's speed was recorded.
+    """Ripple of every output of one recording, by output; empty if no speed of a rotor was recorded.
 
     Parameters
     ----------
@@ -122,14 +125,14 @@ def find_ripples(
     readings, fitted : ndarray, shape (n, m)
         NaN in gaps of the readings.
     outputs, units : sequence of str, length m
-        The fastest output in rad/s is taken for the rotor's speed.
+        The fastest output in rad/s is regarded as the speed of the rotor.
     """
     speeds = [k for k, unit in enumerate(units) if is_rotor_speed(readings[:, k], unit)]
     if not speeds:
         return {}
     fastest = max(speeds, key=lambda k: float(np.nanmax(np.abs(readings[:, k]))))
     seen = np.isfinite(readings[:, fastest])
-    # The measured speed, not the fitted one: its noise averages out of the angle, a misfit would not.
+    # The measured speed: its noise averages out in the angle, the error of a fitted speed would not.
     speed = np.interp(time, time[seen], readings[seen, fastest])
     found = {}
     for k, output in enumerate(outputs):
@@ -143,7 +146,7 @@ def find_ripples(
 
 
 def is_rotor_speed(readings: FloatArray, unit: str) -> bool:
-    """Whether readings (n,) are those of a speed at which a rotor's ripple could be told from other motion."""
+    """Whether readings (n,) are the speed of a rotor, fast enough to separate its ripple from other motion."""
     seen = readings[np.isfinite(readings)]
     return unit == "rad/s" and seen.size > 100 and float(np.max(np.abs(seen))) >= MIN_ROTOR_SPEED
 
@@ -179,7 +182,7 @@ def _segments(time: FloatArray, residual: FloatArray, speed: FloatArray, orders:
 def _estimate(
     segments: list[_Segment], time: FloatArray, residual: FloatArray, noise: OutputNoise, orders: Sequence[int]
 ) -> tuple[tuple[RippleOrder, ...], FloatArray]:
-    """Orders whose evidence is high enough, and the shrunken mean of their sum, (n,)."""
+    """Orders whose evidence is high enough, and the posterior mean of their sum, (n,)."""
     values = np.zeros(time.size)
     found = []
     for order in orders:
@@ -194,7 +197,7 @@ def _estimate(
 def _form(
     segments: list[_Segment], key: tuple[int, str], time: FloatArray, residual: FloatArray, noise: OutputNoise
 ) -> tuple[RippleOrder, FloatArray] | None:
-    """Evidence and shrunken mean of one order under one law of its size."""
+    """Evidence and posterior mean of one order under one law of its amplitude."""
     own = [p for p in segments if key in p.columns]
     if not own:
         return None
@@ -215,7 +218,7 @@ def _form(
 
 
 def _best_variance(terms: list[tuple[FloatArray, FloatArray]]) -> tuple[float, float]:
-    """Prior variance of a and b with the most evidence, and its gain over none."""
+    """Prior variance of a and b that maximises the evidence, and the log-evidence over that of no ripple."""
     grams, scores = np.array([g for g, _ in terms]), np.array([s for _, s in terms])
     eigenvalues, vectors = np.linalg.eigh(grams)
     squares = np.einsum("kij,ki->kj", vectors, scores) ** 2

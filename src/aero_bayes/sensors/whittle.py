@@ -1,4 +1,4 @@
-"""Whittle's likelihood of white plus Ornstein-Uhlenbeck noise: a quick estimate from a binned periodogram."""
+"""Whittle's likelihood of white plus Ornstein-Uhlenbeck noise, on a binned periodogram."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ MULTIPLICATIVE_UPDATES = 40
 
 @dataclass(frozen=True, eq=False)
 class BinnedPeriodogram:
-    """Periodogram of a residual in bins that grow with frequency: what Whittle's likelihood needs of it."""
+    """Periodogram of a residual, in bins whose width grows with frequency.
+
+    ``angular`` (k,) are mean frequencies in rad a sample, ``count`` (k,) the number of lines, ``power`` (k,) their mean
+    power, and ``interval`` is the time step in s.
+    """
 
     angular: FloatArray
     count: FloatArray
@@ -29,7 +33,9 @@ class BinnedPeriodogram:
     def of(
         cls, residual: FloatArray, time: FloatArray, interval: float, even: bool, bins: int = 80
     ) -> BinnedPeriodogram:
-        """From readings (n,) at times (n,) in s of median step ``interval``; gaps are bridged by straight lines."""
+        """The periodogram of a residual (n,) at times (n,) in s with median step ``interval``. Gaps are
+        interpolated.
+        """
         values = residual
         if not even:
             values = np.interp(np.arange(time[0], time[-1] + 0.5 * interval, interval), time, residual)
@@ -37,7 +43,7 @@ class BinnedPeriodogram:
         power = np.abs(np.fft.rfft(values)) ** 2 / n
         if n % 2 == 0:
             power = power[:-1]
-        # The mean carries half the freedom of the other lines.
+        # The line at zero frequency has half the degrees of freedom of the others.
         weight = np.ones(power.size)
         weight[0] = 0.5
         weight *= residual.size / n
@@ -54,7 +60,7 @@ class BinnedPeriodogram:
 def maximise_whittle(
     powers: Sequence[BinnedPeriodogram], *, floor: float, longest: float, near: float | None = None
 ) -> tuple[float, float, float]:
-    """White standard deviation, that of the process, and its correlation time in s (zero for white noise alone).
+    """Maximise Whittle's likelihood: ``sd_white``, ``sd_ou`` and ``tau`` in s (zero for white noise alone).
 
     Parameters
     ----------
@@ -65,7 +71,7 @@ def maximise_whittle(
     longest : float
         Greatest correlation time in s.
     near : float, optional
-        A correlation time to try beside a few standard ones.
+        A further correlation time to start from.
     """
     angular = np.concatenate([power.angular for power in powers])
     count = np.concatenate([power.count for power in powers])
@@ -118,7 +124,7 @@ def maximise_whittle(
     for step in range(MULTIPLICATIVE_UPDATES):
         inverse = 1.0 / (whites + drifts * shapes)
         push, pull = power * inverse * inverse, count * inverse
-        # In turn: a step of both at once goes too far.
+        # Multiplicative updates of both variances at once would overshoot.
         if step % 2:
             push, pull = push * shapes, pull * shapes
             drifts = np.maximum(drifts * ((push @ one) / (pull @ one)), 1e-7 * total)

@@ -156,7 +156,7 @@ def _description(path: Path, root: Element, exchange: Element | None) -> ModelDe
 
 
 def _position(number: str | None, variables: Sequence[object], what: str) -> int:
-    """Where a variable stands in the list, by its number in the description, which counts from 1."""
+    """Index of a variable in the list, by its number in the description, which counts from 1."""
     if number is None or not 1 <= int(number) <= len(variables):
         raise ValueError(f"{what} is said to be variable {number} of {len(variables)}")
     return int(number) - 1

@@ -1,6 +1,6 @@
 """Likelihood of residuals under white plus Ornstein-Uhlenbeck noise, from the banded precision of the process.
 
-The reference for the engine's innovations filter, on purpose by another route: with Q the tridiagonal precision of the
+The reference for the engine's innovations filter, by an independent method: with Q the tridiagonal precision of the
 Ornstein-Uhlenbeck process at the sample times (Rue, 2001, J. R. Stat. Soc. B 63, 325) and s2 the variance of the white
 noise, K = Q^-1 + s2 I, so K^-1 = Q (I + s2 Q)^-1 and det K = det(I + s2 Q) / det Q.
 """

@@ -17,10 +17,11 @@ from aero_bayes.data import read_recording, summarise
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
 from aero_bayes.files import whole_file
-from aero_bayes.report import write_report
+from aero_bayes.report import write_run_page
 from aero_bayes.sample.posterior import Posterior
 from aero_bayes.sample.sample import sample
 from aero_bayes.scratch import ScratchFolder
@@ -35,7 +36,7 @@ from aero_bayes.workflow.curves import (
     ripple_series,
     state_series,
 )
-from aero_bayes.workflow.describe import preamble, residual_table, verdict
+from aero_bayes.workflow.describe import fit_verdict, preamble, residual_table
 from aero_bayes.workflow.job import (
     Job,
     RunOptions,
@@ -61,26 +62,26 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes fit``: PSO, then bounded local search."""
     began = time.perf_counter()
     job = open_job(files, options)
-    with resumable(job, "fit") as kept:
+    with resumable(job, "fit") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            found = fit_job(job, progress, kept)
-            doubts = _doubts(job, found, progress)
+            found = fit_job(job, progress, checkpoint)
+            checks = _checks(job, found, progress)
         result, series = fit_part(job, found)
-        _finish(job, "fit", began, [result, doubts, _closing(result)], series, _calibrated(job, found))
+        _finish(job, "fit", began, [result, checks, _closing(result)], series, _calibrated(job, found))
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes posterior``: fit, then MCMC."""
     began = time.perf_counter()
     job = open_job(files, options)
-    with resumable(job, "posterior") as kept:
+    with resumable(job, "posterior") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            found = fit_job(job, progress, kept)
-            doubts = _doubts(job, found, progress)
-            posterior = _sample(job, found, progress, kept)
+            found = fit_job(job, progress, checkpoint)
+            checks = _checks(job, found, progress)
+            posterior = _sample(job, found, progress, checkpoint)
         result, series = fit_part(job, found)
         sampled, bands = _posterior_part(posterior)
-        result = merge(result, sampled, doubts)
+        result = merge(result, sampled, checks)
         _finish(job, "posterior", began, [result, _closing(result)], series | bands, _calibrated(job, found))
 
 
@@ -88,16 +89,16 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
     """``aero-bayes close-loop``: the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
     job = open_job(train, options, tests=test)
-    with resumable(job, "close-loop") as kept:
+    with resumable(job, "close-loop") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            loop = run_loop(job, progress, kept)
+            loop = run_loop(job, progress, checkpoint)
         series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
         parts = [preamble(job, "close-loop"), loop_part(job, loop)]
         _finish(job, "close-loop", began, parts, series, loop.calibrated)
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
-    """What plain ``make`` runs: fit, closed loop, posterior of the model that came out; one page.
+    """Run all stages on one page, as plain ``make`` does: fit, closed loop, posterior of the final model.
 
     Without recordings it runs on those of the simulated bench, and the page says so.
     """
@@ -107,17 +108,17 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     job = open_job(files, options, tests=tests)
     if job.modelica:
         loop_settings(job)
-    with resumable(job, "all") as kept:
+    with resumable(job, "all") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            base = fit_job(job, progress, kept)
-            loop = run_loop(job, progress, kept) if job.modelica else None
+            base = fit_job(job, progress, checkpoint)
+            loop = run_loop(job, progress, checkpoint) if job.modelica else None
             final = extended_job(job, loop) if loop is not None else job
-            found = base if final is job else fit_job(final, progress, kept, again=True)
-            doubts = _doubts(final, found, progress)
-            posterior = _sample(final, found, progress, kept)
+            found = base if final is job else fit_job(final, progress, checkpoint, again=True)
+            checks = _checks(final, found, progress)
+            posterior = _sample(final, found, progress, checkpoint)
         result, series = fit_part(final, found)
         sampled, bands = _posterior_part(posterior)
-        result = merge(result, sampled, doubts)
+        result = merge(result, sampled, checks)
         series = series | bands
         if loop is None:
             _finish(final, "all", began, [result, _closing(result)], series, _calibrated(final, found))
@@ -146,20 +147,19 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     config = load_config(config_path)
     name, fmu = which_model(config, RunOptions(Path()))
     declared = declaration_of(name, config.model.sources)
-    section = config.data
-    named = section.inputs is not None and section.outputs is not None
-    # without a unit the file is in the model's units, whatever they are
-    known = declared.systems or (named and not any(c.unit for c in section.columns.values()))
-    model = None if known else built_model(config, name, fmu)
+    model = None if declared.systems else built_model(config, name, fmu)
     layout, columns = layout_of(config, model.declared if model is not None else declared, model), columns_of(config)
     if config_path is None:
         check_default(files, layout)
-    summaries = [summarise(read_recording(path, columns, layout=layout)) for path in files]
+    recordings = [read_recording(path, columns, layout=layout) for path in files]
+    if model is not None:
+        check_plausible(recordings, model)
+    summaries = [summarise(recording) for recording in recordings]
     click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
 
 
-def fit_job(job: Job, progress: ProgressBar, kept: Checkpoint | None = None, *, again: bool = False) -> Fit:
-    """Fit a job; ``again`` goes on from where its parameters start, without another swarm."""
+def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None, *, again: bool = False) -> Fit:
+    """Fit a job; ``again`` starts a local fit from the start values, without a swarm."""
     settings = fit_settings(job)
     return fit(
         job.recordings,
@@ -169,24 +169,24 @@ def fit_job(job: Job, progress: ProgressBar, kept: Checkpoint | None = None, *, 
         seed=job.options.seed,
         workers=job.options.workers,
         progress=progress,
-        checkpoint=kept,
+        checkpoint=checkpoint,
     )
 
 
-def _sample(job: Job, found: Fit, progress: ProgressBar, kept: Checkpoint) -> Posterior:
+def _sample(job: Job, found: Fit, progress: ProgressBar, checkpoint: Checkpoint) -> Posterior:
     posterior = sample(
         found,
         settings=sample_settings(job),
         seed=job.options.seed,
         workers=job.options.workers,
-        checkpoint=kept,
+        checkpoint=checkpoint,
         progress=progress,
     )
     posterior.save(job.options.out / "posterior.nc")
     return posterior
 
 
-def _doubts(job: Job, found: Fit, progress: ProgressBar) -> Json:
+def _checks(job: Job, found: Fit, progress: ProgressBar) -> Json:
     """Profiles of doubtful parameters, and how well the recordings predict each other."""
     return merge(profile_part(job, found, progress), prediction_part(job, found, progress))
 
@@ -213,7 +213,7 @@ def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
 
 
 def _closing(result: Json) -> Json:
-    return {"verdict": verdict(result["residual"], result.get("mcmc"), result["identifiability"]["flat"])}
+    return {"verdict": fit_verdict(result["residual"], result.get("mcmc"), result["identifiability"]["flat"])}
 
 
 def _finish(
@@ -224,7 +224,7 @@ def _finish(
     series: Series,
     calibrated: CalibratedModel | None,
 ) -> None:
-    """Write everything and say where."""
+    """Write the run directory and print its place."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
     page = _page(job, result, series)
@@ -245,7 +245,7 @@ def _page(job: Job, result: Json, series: Series) -> Path:
     out = job.options.out
     write_series(out, only_measured(series))
     write_result(out, result | context_part(job, result))
-    return write_report(out)
+    return write_run_page(out)
 
 
 def write_page(found: Fit | Posterior, path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""What a result says of the model as such: its structure, its signals, and the settings of the run."""
+"""Describe the model in a result: its diagrams, its signals, and the settings of the run."""
 
 from __future__ import annotations
 

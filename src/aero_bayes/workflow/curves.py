@@ -52,7 +52,7 @@ def state_series(fit: Fit) -> Series:
 
 
 def ripple_series(recordings: Sequence[Recording], fit: Fit) -> Series:
-    """``ripple/<rec>/<output>``: what the fit took out of the readings, where it took anything out."""
+    """``ripple/<rec>/<output>``: the ripple that the fit subtracted from the readings, if any."""
     series: Series = {}
     calibration = fit.calibration
     fitted = dict(zip(calibration.names, zip(calibration.experiments, calibration.readings, strict=True), strict=True))

@@ -1,4 +1,4 @@
-"""What a reader wants around the numbers: the data, the model, how large the residual is, and a verdict."""
+"""Describe a run: the data, the model, the residuals, and a verdict."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def is_simulated(recording: Recording) -> bool:
 
 
 def recording_row(recording: Recording, role: str) -> Json:
-    """What result.json says of a recording; noise floors of the outputs whose floor is known."""
+    """The entry of a recording in result.json, with the noise floors that are known."""
     floor = {output: sd for (_, output), sd in noise_floors([recording], list(recording.outputs)).items()}
     return {
         "name": recording.name,
@@ -66,15 +66,15 @@ def recording_row(recording: Recording, role: str) -> Json:
 
 
 def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
-    """What a fit leaves, by recording and output; the floors are those of ``recordings``."""
+    """Residual reports of a fit by recording and output, with the noise floors of ``recordings``."""
     floors = {(r["name"], output): floor for r in recordings for output, floor in r["noise_floor"].items()}
     return reports_by_recording(check_residuals(fit.calibration, fit.series, fit.optimum, floors))
 
 
-def verdict(
+def fit_verdict(
     residual: Mapping[str, Mapping[str, Mapping[str, Any]]], mcmc: Mapping[str, Any] | None, flat: Sequence[str] = ()
 ) -> Json:
-    """What a reader may rely on, in words; ``flat`` says which parameters are known up to a common change only."""
+    """Verdict on a fit; ``flat`` has sentences on parameters that are determined only in combination."""
     structured = sorted(
         {o for outputs in residual.values() for o, entry in outputs.items() if entry["verdict"] == "structured"}
     )
@@ -84,9 +84,9 @@ def verdict(
         names = ", ".join(f"`{name}`" for name in structured)
         return {
             "level": "warning",
-            "text": f"The fit is not good yet: the residual of {names} has structure that the sensors do not explain, "
-            "so the model lacks something there.",
+            "text": f"The residual of {names} is structured. Sensor noise does not explain it: the model lacks an "
+            "effect.",
         }
     sampled = ", and the posterior has converged" if mcmc is not None else ""
-    text = " ".join([f"The model explains the recordings down to their noise{sampled}.", *flat])
+    text = " ".join([f"The model explains the recordings down to the noise{sampled}.", *flat])
     return {"level": "warning" if flat else "good", "text": text}

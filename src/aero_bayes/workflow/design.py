@@ -35,7 +35,7 @@ from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.laws.modelica_family import ModelicaFamily
-from aero_bayes.report import write_report
+from aero_bayes.report import write_run_page
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.workflow.commands import fit_job, fit_part
 from aero_bayes.workflow.context import context_part
@@ -89,9 +89,9 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
     rivals = _rivals(wanted, options)
     job = open_job(files, options)
     _check_request(job, wanted, rivals)
-    with resumable(job, "design") as kept:
+    with resumable(job, "design") as checkpoint:
         with ProgressBar(options.quiet) as progress:
-            base = fit_job(job, progress, kept)
+            base = fit_job(job, progress, checkpoint)
             limits = _limits(base, wanted)
             part, plan, signal = (
                 _narrow(job, base, limits, wanted, progress)
@@ -105,7 +105,7 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
         result = merge(result, part, closing)
         result |= context_part(job, result)
         write_result(options.out, result)
-        page = write_report(options.out)
+        page = write_run_page(options.out)
         click.echo(result["verdict"]["text"].replace("`", ""))
         click.echo(f"wrote {options.out / SIGNAL_FILE}, {options.out / 'result.json'} and {page}")
 
@@ -203,7 +203,7 @@ def _with_effect(
 
 
 def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) -> Series:
-    """``plan/...``: the signal and what each model expects of it."""
+    """``plan/...``: the signal and the prediction of each model."""
     series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
     for label, found in models.items():
         seen = expected_outputs(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
@@ -223,7 +223,7 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
         For effects that do not exist, or a run without equivalent ones.
     """
     if sum((bool(wanted.aim), wanted.separate is not None, wanted.loop is not None)) > 1:
-        raise InputError("--aim, --separate and --loop exclude each other: an experiment has one purpose")
+        raise InputError("--aim, --separate and --loop exclude each other: give one of them")
     if wanted.separate is None and wanted.loop is None:
         return None
     config = load_config(options.config)
@@ -247,7 +247,7 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
 
 
 def _rivals_of_loop(path: Path, known: Sequence[str]) -> Rivals:
-    """The first two of the first class of effects that a finished loop could not tell apart."""
+    """The first two equivalent effects of a finished loop."""
     try:
         found = json.loads(path.read_text("utf-8"))["loop"]
         classes = [[str(id_) for id_ in group if id_ in known] for group in found["equivalent"]]
@@ -255,15 +255,15 @@ def _rivals_of_loop(path: Path, known: Sequence[str]) -> Rivals:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a finished close-loop run") from None
     except (KeyError, TypeError, ValueError):
-        raise InputError(f"{path}: no findings of a closed loop there; expected a finished close-loop run") from None
+        raise InputError(f"{path}: holds no result of a closed loop; expected a finished close-loop run") from None
     same = next((group for group in classes if len(group) > 1), None)
     if same is None:
-        raise InputError(f"{path}: the loop names no effects that it could not tell apart; use --separate or --aim")
+        raise InputError(f"{path}: the loop has no effects that it could not tell apart; use --separate or --aim")
     return Rivals(same[0], same[1], tuple(id_ for id_ in added if id_ not in same))
 
 
 def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> None:
-    """What can be wrong with the request, seen before the first simulation."""
+    """Check the request before the first simulation."""
     known = {v.name for v in job.model.outputs}
     for name in wanted.travel or ():
         if name not in known:
@@ -272,9 +272,7 @@ def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> No
         if name not in job.parameters:
             raise InputError(f"--aim {name}: no parameter of the fit; it has {', '.join(job.parameters.names)}")
     if rivals is not None and not job.modelica:
-        raise InputError(
-            f"{job.model.path}: effects are written into Modelica source; expected --model to name a class"
-        )
+        raise InputError(f"{job.model.path}: effects are written into Modelica source; --model must name a class")
     rate = wanted.rate_hz or job.recordings[0].rate_hz
     if not wanted.duration * rate >= 10.0:
         raise InputError(f"an experiment of {wanted.duration:g} s at {rate:g} Hz has fewer than ten samples")
@@ -292,7 +290,7 @@ def _narrow_verdict(design: Design, check: GainCheck) -> Json:
     repeats = check.repeats - check.failures
     text = (
         f"{design.in_words} would make the intervals of {names} {design.gain:.1f} times "
-        f"narrower; in {repeats} simulated repetitions they became {achieved:.1f} times narrower."
+        f"narrower. In {repeats} simulated repetitions they became {achieved:.1f} times narrower."
     )
     return {"level": "good" if check.agrees and design.gain > 1.1 else "warning", "text": text}
 
@@ -300,10 +298,13 @@ def _narrow_verdict(design: Design, check: GainCheck) -> Json:
 def _separate_verdict(rivals: Rivals, apart: Separation, check: SeparationCheck) -> Json:
     pair = f"`{rivals.first}` and `{rivals.second}`"
     if apart.log_evidence < 1.0:
-        return {"level": "warning", "text": f"No experiment tried within these limits would tell {pair} apart."}
+        return {
+            "level": "warning",
+            "text": f"No experiment within these limits that was tried would tell {pair} apart.",
+        }
     text = (
-        f"{apart.in_words} would tell {pair} apart: expected difference in log-evidence "
-        f"{apart.log_evidence:.3g}, {check.achieved:.3g} in simulated repetitions, of which {check.told_apart:.0%} "
-        "named the true one."
+        f"{apart.in_words} would tell {pair} apart. The expected difference in log-evidence is "
+        f"{apart.log_evidence:.3g}; in simulated repetitions it was {check.achieved:.3g}, and {check.told_apart:.0%} "
+        "of them found the true effect."
     )
     return {"level": "good" if check.told_apart > 0.8 else "warning", "text": text.replace("%", " %")}

@@ -1,4 +1,4 @@
-"""From a model's structure to a diagram: what its authors drew, and a tidy layout of what they did not."""
+"""Make the diagram of a model: the authors' graphics, and an automatic layout where there are none."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Literal
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.classes import ComponentDeclaration as Part
-from aero_bayes.language.classes import annotation_arguments
+from aero_bayes.language.classes import ComponentDeclaration, annotation_arguments
 from aero_bayes.language.component_tree import ComponentTree, build_tree, read_library
 from aero_bayes.language.syntax import Array, Call, Expression, arguments_of, short_text
 from aero_bayes.language.values import evaluate_expression
-from aero_bayes.schema import Component, Connection, Diagram, Shape
+from aero_bayes.schema import ComponentJson, ConnectionJson, DiagramJson, ShapeJson
 from aero_bayes.simulation import Model, Variable
 
 _HALF = 10.0
 _STEP_ACROSS, _STEP_DOWN = 55.0, 34.0
-_BOX = Shape(kind="rectangle", points=[(-100.0, -100.0), (100.0, 100.0)])
-_STATE = Shape(kind="rectangle", points=[(-60.0, -40.0), (60.0, 40.0)], filled=True)
+_BOX = ShapeJson(kind="rectangle", points=[(-100.0, -100.0), (100.0, 100.0)])
+_STATE = ShapeJson(kind="rectangle", points=[(-60.0, -40.0), (60.0, 40.0)], filled=True)
 _SCALARS = {"Real", "Integer", "Boolean", "String"}
 
 #: First and second part, points of the line, and whether only a value is handed on.
@@ -29,7 +28,7 @@ _Terminal = Literal["", "input", "output", "connector"]
 
 def model_diagrams(
     model: Model, name: str, files: Iterable[Path] = (), extended: str = "", ports: Sequence[str] = ()
-) -> list[Diagram]:
+) -> list[DiagramJson]:
     """The model's diagram, then one for each component within which an effect was added.
 
     Parameters
@@ -48,7 +47,7 @@ def model_diagrams(
 
     Returns
     -------
-    list of Diagram
+    list of DiagramJson
         At least one.
     """
     library = read_library(files)
@@ -61,7 +60,7 @@ def model_diagrams(
     return _of_tree(shown, base, name.rpartition(".")[2], ports)
 
 
-def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports: Sequence[str]) -> list[Diagram]:
+def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports: Sequence[str]) -> list[DiagramJson]:
     changed = [
         part for part, tree in shown.inside.items() if base is not None and not tree.same_as(base.inside.get(part))
     ]
@@ -77,7 +76,7 @@ def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports
         name: (drawn and places[name]) or (laid.get(name, (-_HALF, -_HALF, _HALF, _HALF)), 0.0) for name in visible
     }
     components = [
-        Component(
+        ComponentJson(
             name=name, type=tree.name if (tree := shown.inside.get(name)) else part.type,
             description=part.description or (tree.description if tree else ""), extent=extents[name][0],
             rotation=extents[name][1], shapes=_shapes(tree.icon if tree else []), marked=name in marked,
@@ -86,9 +85,10 @@ def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports
         for name, part in visible.items()
     ]  # fmt: skip
     connections = [
-        Connection(first=a, second=b, points=points if drawn else [], signal=signal) for a, b, points, signal in links
+        ConnectionJson(first=a, second=b, points=points if drawn else [], signal=signal)
+        for a, b, points, signal in links
     ]
-    found = [Diagram(title=title, drawn=drawn, components=components, connections=connections)]
+    found = [DiagramJson(title=title, drawn=drawn, components=components, connections=connections)]
     within: dict[str, ComponentTree] = {}
     for name in changed:
         before = base.inside.get(name) if base is not None else None
@@ -98,18 +98,18 @@ def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports
     return found
 
 
-def _is_visible(part: Part, known: bool) -> bool:
+def _is_visible(part: ComponentDeclaration, known: bool) -> bool:
     """Components, inputs and outputs; not parameters, and not variables of the equations."""
     if part.prefixes & {"parameter", "constant"}:
         return False
     return known or bool(_terminal(part)) or (part.type not in _SCALARS and _placement(part) is not None)
 
 
-def _terminal(part: Part) -> _Terminal:
+def _terminal(part: ComponentDeclaration) -> _Terminal:
     return "input" if "input" in part.prefixes else "output" if "output" in part.prefixes else ""
 
 
-def _placement(part: Part) -> tuple[tuple[float, float, float, float], float] | None:
+def _placement(part: ComponentDeclaration) -> tuple[tuple[float, float, float, float], float] | None:
     where = annotation_arguments(part.annotation, "Placement").get("transformation")
     if where is None:
         return None
@@ -122,7 +122,7 @@ def _placement(part: Part) -> tuple[tuple[float, float, float, float], float] | 
     return (x1, y1, x2, y2), turned[0] if turned else 0.0
 
 
-def _links(shown: ComponentTree, visible: Mapping[str, Part]) -> list[_Link]:
+def _links(shown: ComponentTree, visible: Mapping[str, ComponentDeclaration]) -> list[_Link]:
     """Connections, then where a value is handed over by an equation or a modifier between parts not yet connected."""
     found: list[_Link] = []
     values = []
@@ -142,7 +142,7 @@ def _links(shown: ComponentTree, visible: Mapping[str, Part]) -> list[_Link]:
     return found
 
 
-def _joins(link: Sequence[object], visible: Mapping[str, Part]) -> bool:
+def _joins(link: Sequence[object], visible: Mapping[str, ComponentDeclaration]) -> bool:
     return link[0] != link[1] and {link[0], link[1]} <= visible.keys()
 
 
@@ -150,7 +150,7 @@ def _head(reference: str) -> str:
     return re.split(r"[.\[]", reference, maxsplit=1)[0]
 
 
-def _used(part: Part) -> list[str]:
+def _used(part: ComponentDeclaration) -> list[str]:
     """Names that its modifiers and its value use."""
     tokens = [*part.arguments, *part.binding]
     words = ["", *(t.word for t in tokens), ""]
@@ -158,7 +158,9 @@ def _used(part: Part) -> list[str]:
     return list(dict.fromkeys(t.word for dot, t, after in around if t.kind == "name" and after != "=" and dot != "."))
 
 
-def _layers(visible: Mapping[str, Part], links: Sequence[_Link]) -> dict[str, tuple[float, float, float, float]]:
+def _layers(
+    visible: Mapping[str, ComponentDeclaration], links: Sequence[_Link]
+) -> dict[str, tuple[float, float, float, float]]:
     """Columns by distance from the inputs, outputs last; each column centred."""
     near: dict[str, set[str]] = {name: set() for name in visible}
     for first, second, _, _ in links:
@@ -191,7 +193,7 @@ def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, flo
     }
 
 
-def _of_variables(model: Model, name: str, ports: Sequence[str]) -> Diagram:
+def _of_variables(model: Model, name: str, ports: Sequence[str]) -> DiagramJson:
     """A model that is all equations: a box with its states between inputs and outputs."""
     groups: list[tuple[_Terminal, Sequence[Variable]]] = [
         ("input", model.inputs), ("", model.states), ("output", model.outputs)
@@ -199,23 +201,23 @@ def _of_variables(model: Model, name: str, ports: Sequence[str]) -> Diagram:
     places = _grid([[f"{kind} {v.name}" for v in variables] for kind, variables in groups])
     title = name.rpartition(".")[2]
     high = 0.5 * _STEP_DOWN * max(1, len(model.states)) + 0.3 * _HALF
-    box = Component(name=title, type="model", extent=(-2.6 * _HALF, -high, 2.6 * _HALF, high), shapes=[_BOX])
+    box = ComponentJson(name=title, type="model", extent=(-2.6 * _HALF, -high, 2.6 * _HALF, high), shapes=[_BOX])
     marks = {port.removeprefix("der(").rstrip(")") for port in ports}
     states = {v.name for v in model.states}
     parts = [
-        Component(
+        ComponentJson(
             name=v.name, type=v.unit, description=v.description, extent=places[f"{kind} {v.name}"], terminal=kind,
             marked=(f"output_{v.name}" in marks and kind == "output") or v.name in marks - (states if kind else set()),
             shapes=[] if kind else [_STATE],
         )
         for kind, variables in groups for v in variables
     ]  # fmt: skip
-    lines = [Connection(first=v.name, second=title, signal=True) for v in model.inputs]
-    lines += [Connection(first=title, second=v.name, signal=True) for v in model.outputs]
-    return Diagram(title=title, components=[box, *parts], connections=lines)
+    lines = [ConnectionJson(first=v.name, second=title, signal=True) for v in model.inputs]
+    lines += [ConnectionJson(first=title, second=v.name, signal=True) for v in model.outputs]
+    return DiagramJson(title=title, components=[box, *parts], connections=lines)
 
 
-def _shapes(graphics: Sequence[Expression]) -> list[Shape]:
+def _shapes(graphics: Sequence[Expression]) -> list[ShapeJson]:
     """Icons without their colours, text and gradients."""
     found = []
     for item in graphics:
@@ -226,7 +228,7 @@ def _shapes(graphics: Sequence[Expression]) -> list[Shape]:
             continue
         pattern = short_text(given["fillPattern"]) if "fillPattern" in given else ""
         filled = kind != "line" and not pattern.endswith("None") and bool(pattern)
-        found.append(Shape.model_validate({"kind": kind, "points": points, "filled": filled}))
+        found.append(ShapeJson.model_validate({"kind": kind, "points": points, "filled": filled}))
     return found
 
 

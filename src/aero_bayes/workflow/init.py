@@ -36,18 +36,18 @@ TIME_NAMES = {"time", "t", "timestamp", "zeit"}
 #: Number of sample times at which sensitivities are computed.
 SAMPLE_COUNT = 2000
 #: Change of an output, as a share of its range, by a relative change of one of a parameter, below which it has none.
-MIN_RELATIVE_EFFECT = 1e-4
+MIN_OUTPUT_CHANGE = 1e-4
 #: Share of a parameter's effect outside the span of the others' effects below which it cannot be told from them.
 MIN_UNIQUE_SHARE = 1e-3
 #: A temperature in K where nothing is known.
 ROOM_TEMPERATURE = 293.15
 #: Why a parameter is left to what the data tell.
-CONFOUNDED = "the outputs cannot tell it from those above"
+CONFOUNDED = "the outputs cannot distinguish it from the parameters above"
 
 
 @dataclass(frozen=True)
-class Matched:
-    """Columns of a file by the model's signal, and what is left on both sides."""
+class ColumnMatch:
+    """Matched columns by signal, and the unmatched signals and columns."""
 
     columns: dict[str, str]
     signals_left: tuple[str, ...]
@@ -76,7 +76,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
         If ``out`` exists, or the model or the recording cannot be read; nothing is written then.
     """
     if out.exists():
-        raise InputError(f"{out}: exists already, and is not overwritten: remove it or give another --out")
+        raise InputError(f"{out}: exists already; remove it or give another --out")
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out}: its folder does not exist")
     for path in (source, data):
@@ -92,17 +92,19 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     head = _head(name, [source, *libraries], out, built, data, matched)
     own = OwnClasses(read_classes_of(source), name)
     # the user's own first: of two that the outputs cannot tell apart, the first is free
-    listed = sorted(built.parameters, key=lambda v: (not own.sets(v.name), "." in v.name))
-    text = head + _parameter_lines(listed, _reasons(built, listed, own, head, data))
+    ordered = sorted(built.parameters, key=lambda v: (not own.sets(v.name), "." in v.name))
+    text = head + _parameter_lines(ordered, _reasons(built, ordered, own, head, data))
     Config.model_validate(tomllib.loads(text))
     with whole_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")
     click.echo(f"wrote {out}")
     for signal in matched.signals_left:
-        click.echo(f"no column of {data.name} was matched to {signal}: see the comment in {out}")
+        click.echo(f"no column of {data.name} matches {signal}; name one in {out}")
 
 
-def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping[str, str] | None = None) -> Matched:
+def match_columns(
+    signals: Sequence[str], columns: Sequence[str], units: Mapping[str, str] | None = None
+) -> ColumnMatch:
     """Match a file's columns, the surest first, and only where there is no second one.
 
     By exact name; without case, unit and punctuation, or by a word for time; where a signal's name is a word of a
@@ -143,7 +145,7 @@ def match_columns(signals: Sequence[str], columns: Sequence[str], units: Mapping
     columns_left = [c for c in columns if c not in found.values()]
     if len(signals_left) == len(columns_left) == 1 and possible(signals_left[0], columns_left[0]):
         found[signals_left.pop()] = columns_left.pop()
-    return Matched(found, tuple(signals_left), tuple(columns_left))
+    return ColumnMatch(found, tuple(signals_left), tuple(columns_left))
 
 
 def _bare(name: str) -> str:
@@ -166,11 +168,11 @@ def split_unit(column: str) -> tuple[str, str]:
     return column, ""
 
 
-def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path, matched: Matched) -> str:
+def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path, matched: ColumnMatch) -> str:
     """Everything before the parameters."""
     source, *libraries = (Path(os.path.relpath(f, out.absolute().parent)).as_posix() for f in files)
     lines = [
-        f"# How {name} is fitted to {data.name}: aero-bayes fit --config {out.name} --data {data.name} --out DIR",
+        f"# To fit {name} to {data.name}: aero-bayes fit --config {out.name} --data {data.name} --out DIR",
         "",
         "[model]",
         f"sources = [{_text(source)}]",
@@ -183,7 +185,7 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
         *_signal_lines("outputs", model.outputs, matched),
     ]
     units = {"time": "s"} | {v.name: v.unit for v in (*model.inputs, *model.outputs)}
-    lines += ["", "# Where a signal has another name or unit in the file; scale and offset can be given too.",
+    lines += ["", "# Columns with another name or unit than the signal; scale and offset are possible, too.",
               "[data.columns]"]  # fmt: skip
     for signal, column in matched.columns.items():
         plain, unit = split_unit(column)
@@ -193,22 +195,22 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
             continue
         given = f", unit = {_text(unit)}" if known not in (None, (1.0, 0.0)) or unit == "%" else ""
         alike = _bare(plain) == _bare(signal) or (signal == "time" and plain.casefold() in TIME_NAMES)
-        doubts = [] if alike else ["is it this?"]
-        doubts += [] if known else [f"in {unit}, and the model in {units[signal]}: see scale"]
+        doubts = [] if alike else ["is this the right column?"]
+        doubts += [] if known else [f"in {unit}, but the model has {units[signal]}: give scale"]
         doubt = f"  # {'; '.join(doubts)}" if doubts else ""
         lines.append(f"{_key(signal)} = {{source = {_text(column)}{given}}}{doubt}")
-    left = f"columns left: {', '.join(matched.columns_left)}" if matched.columns_left else "no column is left"
+    left = f"unused columns: {', '.join(matched.columns_left)}" if matched.columns_left else "no unused column"
     lines += [f'# {_key(s)} = {{source = "?"}}  # not matched, {left}' for s in matched.signals_left]
-    lines += ["", "[fit]", "# reading, estimated, or auto: whether states start at the first reading or anywhere",
+    lines += ["", "[fit]", '# "reading": states start at the first reading; "estimated": fitted; "auto": by the model',
               'initial_states = "estimated"', "", ""]  # fmt: skip
     return "\n".join(lines)
 
 
-def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) -> list[str]:
+def _signal_lines(role: str, variables: Sequence[Variable], matched: ColumnMatch) -> list[str]:
     known = [v for v in variables if v.name in matched.columns]
     lines = [f"# {v.name}: {_about(v)}" for v in known]
     lines += [
-        f"# {v.name}: {_about(v)}; no column was matched: see [data.columns], and add it here"
+        f"# {v.name}: {_about(v)}; no matching column; name one in [data.columns], and add the signal here"
         for v in variables
         if v.name not in matched.columns
     ]
@@ -217,7 +219,7 @@ def _signal_lines(role: str, variables: Sequence[Variable], matched: Matched) ->
     left = [v for v in variables if v.name not in matched.columns]
     if role == "inputs" and left:
         values = ", ".join(f"{_key(v.name)} = {_usual(v)!r}" for v in left)
-        lines.append(f"# constants = {{{values}}}  # an input without a column needs a value, in the unit above")
+        lines.append(f"# constants = {{{values}}}  # values of inputs without a column, in the units above")
     return lines
 
 
@@ -226,28 +228,28 @@ def _usual(v: Variable) -> float:
     return v.start or (ROOM_TEMPERATURE if v.unit == "K" else 0.0)
 
 
-def _reasons(model: Model, listed: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
+def _reasons(model: Model, ordered: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
     """Why a parameter is not free, by name; empty for those that are."""
     tunable, reasons = [], {}
-    some = any(own.sets(v.name) for v in listed)
-    for v in listed:
+    some = any(own.sets(v.name) for v in ordered)
+    for v in ordered:
         if some and not own.sets(v.name):
-            reasons[v.name] = "a default of the library, which the model leaves as it is"
+            reasons[v.name] = "a library default that the model does not change"
             continue
         try:
             tunable += list(parameters_from_model(model, free=[v.name]))
         except InputError:
-            reasons[v.name] = "has no value to start from within its bounds"
+            reasons[v.name] = "no start value within its bounds"
     slopes = _slopes(model, head, data, ParameterSet(tuple(tunable))) if tunable else None
     if slopes is None:
-        return reasons | {p.name: "not tried: see [data]" for p in tunable}
+        return reasons | {p.name: "not tested: complete [data] first" for p in tunable}
     kept = np.empty((0, slopes.shape[1]))
     for p, row in zip(tunable, slopes, strict=True):
         size = float(np.linalg.norm(row))
         left = row - (row @ kept.T) @ kept
         rest = float(np.linalg.norm(left))
-        if size < MIN_RELATIVE_EFFECT * np.sqrt(row.size):
-            reasons[p.name] = "the outputs do not react to it"
+        if size < MIN_OUTPUT_CHANGE * np.sqrt(row.size):
+            reasons[p.name] = "the outputs do not respond to it"
         elif rest < MIN_UNIQUE_SHARE * size:
             reasons[p.name] = CONFOUNDED
         else:
@@ -280,14 +282,14 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     return np.concatenate([by * own[:, None] / size for by, size in zip(run.slopes, ranges, strict=True)], axis=1)
 
 
-def _parameter_lines(listed: Sequence[Variable], reasons: dict[str, str]) -> str:
+def _parameter_lines(ordered: Sequence[Variable], reasons: dict[str, str]) -> str:
     lines = [
         "# All parameters of the model. Parameters that the outputs respond to are free, if the model's own classes",
         '# declare or set them. free = false fixes a parameter; free = "later" fixes it until an effect is added with',
         "# which the data determine it.",
         "[parameters]",
     ]
-    for v in listed:
+    for v in ordered:
         value = [] if v.start is None else [f"value = {float(v.start)!r}"]
         why = reasons[v.name]
         free = 'free = "later"' if why == CONFOUNDED else "free = true"

@@ -1,4 +1,4 @@
-"""What a command was asked to work on: configuration, recordings and model, read and checked before any work."""
+"""Read and check what a command works on: configuration, recordings and model."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
                 model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
     assert model is not None
     check_plausible((*recordings, *held_out), model)
-    parameters = parameters_of(model, config)
+    parameters = fit_parameters(model, config)
     fixed = _fixed(model, config, parameters)
     if model.declared.parameters:
         check_duration(recordings, model, fixed)
@@ -139,7 +139,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
 
 
 def check_default(files: Sequence[Path], layout: Layout) -> None:
-    """Say that no model was named, where a recording is none of the model that is worked on then."""
+    """Refuse a recording that does not fit the default model, if no model was named."""
     for path in files:
         there = column_names(path) if path.is_file() else []
         lacking = [q.name for q in layout.inputs if q.name not in there]
@@ -153,7 +153,7 @@ def check_default(files: Sequence[Path], layout: Layout) -> None:
 
 
 def _different(files: Sequence[Path]) -> None:
-    """Parameters of a recording are told by its name."""
+    """Refuse recordings of the same name, since parameters of a recording are identified by it."""
     for k, path in enumerate(files):
         for other in files[:k]:
             if path.stem == other.stem:
@@ -206,7 +206,7 @@ def columns_of(config: Config) -> dict[str, ColumnMap]:
     }
 
 
-def parameters_of(model: Model, config: Config) -> ParameterSet:
+def fit_parameters(model: Model, config: Config) -> ParameterSet:
     """Free parameters: those that the package declares, changed by what the configuration says."""
     overrides = declared_overrides(model)
     known = {variable.name for variable in model.parameters}
@@ -234,7 +234,7 @@ def parameters_of(model: Model, config: Config) -> ParameterSet:
 
 
 def later_of(job: Job) -> ParameterSet:
-    """Parameters that are held until the loop has found an effect beside which the data tell them."""
+    """Parameters that are fixed until the loop has found an effect with which the data determine them."""
     sections = {name: section for name, section in job.config.parameters.items() if section.free == "later"}
     overrides = {name: _override(name, section, Override()) for name, section in sections.items()}
     return parameters_from_model(job.model, overrides=overrides)

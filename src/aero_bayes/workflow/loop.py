@@ -23,7 +23,7 @@ from aero_bayes.workflow.settings import fit_settings
 Json = dict[str, Any]
 
 #: Residual over noise floor of a local fit from the starting values up to which the loop skips the swarm.
-MAX_FLOOR_RATIO = 1.2
+MAX_START_FLOOR_RATIO = 1.2
 
 
 def run_loop(job: Job, progress: ProgressBar, checkpoint: Checkpoint) -> LoopResult:
@@ -57,8 +57,8 @@ def loop_settings(job: Job) -> LoopSettings:
         to compare.
     """
     _check(job)
-    section, asked, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
-    given = asked.model_fields_set
+    section, fit_section, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
+    given = fit_section.model_fields_set
     fitting, defaults = fit_settings(job), LoopSettings()
     calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
     # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
@@ -66,17 +66,17 @@ def loop_settings(job: Job) -> LoopSettings:
     if known:
         wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
         calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
-        swarm = swarm if {"method", "pso"} & given or "starts" in asked.local.model_fields_set else None
-    ascent = replace(
-        defaults.ascent, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
-        starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_FLOOR_RATIO,
+        swarm = swarm if {"method", "pso"} & given or "starts" in fit_section.local.model_fields_set else None
+    global_search = replace(
+        defaults.global_search, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
+        starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_START_FLOOR_RATIO,
     )  # fmt: skip
     searched = [p for p in job.parameters if not p.auto]
-    undecided = later_of(job)
+    free_later = later_of(job)
     return LoopSettings(
         structures=replace(defaults.structures, max_effects=section.max_effects, require=section.require),
         leave_out=section.leave_out,
-        ascent=ascent,
+        global_search=global_search,
         calibration=calibration,
         seed=job.options.seed,
         effects=section.effects,
@@ -91,25 +91,25 @@ def loop_settings(job: Job) -> LoopSettings:
         libraries=job.config.model.libraries,
         fixed={
             **{p.name: p.start for p in job.parameters if p.auto},
-            **{name: value for name, value in job.fixed.items() if name not in undecided},
+            **{name: value for name, value in job.fixed.items() if name not in free_later},
         },
-        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in (*searched, *undecided)},
+        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in (*searched, *free_later)},
         free=tuple(p.name for p in searched),
-        undecided=undecided.names,
+        free_later=free_later.names,
     )
 
 
 def _check(job: Job) -> None:
-    asked = job.config.fit
+    fit_section = job.config.fit
     if job.engine != "native":
-        raise InputError(f"the loop runs on the native engine only, not on {job.engine}")
-    if asked.cost != "posterior":
-        raise InputError(f'the loop compares log-evidences: [fit] cost is "{asked.cost}", expected "posterior"')
+        raise InputError(f"the loop needs the native engine, not {job.engine}")
+    if fit_section.cost != "posterior":
+        raise InputError(f'the loop compares log-evidences: [fit] cost is "{fit_section.cost}", expected "posterior"')
     if job.config.noise.process:
         raise InputError("the loop looks for what process noise would hide: it takes no [noise.process]")
-    if asked.method == "pso":
+    if fit_section.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
-    if asked.ripple == "describe":
+    if fit_section.ripple == "describe":
         raise InputError(
             'the loop does not describe ripple: [fit] ripple is "describe", expected "subtract" or "ignore"'
         )
@@ -169,7 +169,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
 
 
 def loop_parameters(job: Job, loop: LoopResult) -> Json:
-    """Every parameter of the model that came out: estimates with their status, and what was held with the reason."""
+    """Table of all parameters of the final model: estimates with their status, and why others were fixed."""
     new = {item.name: item for item in (*loop.added, *later_of(job))}
     table: Json = {}
     for name, estimate in loop.parameters.items():
@@ -189,7 +189,7 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
         value = job.fixed.get(name, variable.start)
         reason = reasons.get(name, "")
         if name in job.parameters and not reason:
-            reason = "not searched by the loop, left at its start"
+            reason = "not fitted by the loop; kept at its start value"
             value = job.parameters[name].start
         if name not in table and reason and value is not None:
             table[name] = {

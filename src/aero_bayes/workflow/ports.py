@@ -1,4 +1,4 @@
-"""``aero-bayes ports``: where a term may be missing in a model, which laws fit, and whether a recording sees it."""
+"""``aero-bayes ports``: where an effect may be missing in a model, which laws fit, and whether the data show it."""
 
 from __future__ import annotations
 
@@ -41,18 +41,23 @@ FloatArray = NDArray[np.float64]
 PortRow = dict[str, Any]
 
 #: What a probe has the size of, by the name that laws know it by.
-ACTS: Mapping[PortKind, str] = {
+PROBE_SIZES: Mapping[PortKind, str] = {
     "input": "u_n", "output": "u_n", "reading": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n",
 }  # fmt: skip
 #: The response of a port is the change of the outputs, in standard deviations of noise, to a probe as large as all else
 #: at the port. Responses from which a term counts as barely visible, and as visible.
 MIN_BARELY_VISIBLE_RESPONSE, MIN_VISIBLE_RESPONSE = 3.0, 30.0
+RESPONSE_NOTE = (
+    "response: change of the outputs, in standard deviations of their noise, by a term as large as all else at "
+    "the port, less what the free parameters imitate.\n"
+    f"visible in these data: yes from {MIN_VISIBLE_RESPONSE:g}, barely from {MIN_BARELY_VISIBLE_RESPONSE:g}."
+)
 #: Share of a signal's size over which what changes with its direction changes.
 TRANSITION_SHARE = 0.1
 
 
 def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
-    """Print the ports of a model; with recordings, whether these can see them.
+    """Print the ports of a model; with recordings, whether an effect there would be visible.
 
     Raises
     ------
@@ -62,6 +67,8 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
     with ScratchFolder() as scratch:
         rows = _rows(RunOptions(Path(scratch), model, config, quiet=True), data)
     click.echo(json.dumps(rows, indent=2) if as_json else as_table(rows))
+    if data and not as_json:
+        click.echo(RESPONSE_NOTE)
 
 
 def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
@@ -69,7 +76,7 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     name, fmu = which_model(config, options)
     if fmu is not None:
         if data:
-            raise InputError(f"{fmu}: --data needs the source; the ports of an FMU are its inputs and outputs")
+            raise InputError(f"{fmu}: --data needs the Modelica source of the model, not an FMU")
         around = FmuFamily(fmu.stem, config.model.sources, options.out, config.model.libraries, fmu=fmu)
         around.check()
         return port_table(around.ports)
@@ -77,13 +84,13 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     if not family.declared.effects:
         return model_ports(family, options, data)
     if data:
-        raise InputError(f"{name}: --data is for ports that are found; those of {family.declared.package} are a list")
+        raise InputError(f"{name}: --data is not possible, because {family.declared.package} declares its ports")
     named = [c for c in family.candidates if c.alias]
     return [{"id": c.id, "port": family.port_name(c.port), "summary": describe_law(c.law, c.port)} for c in named]
 
 
 def model_ports(family: ModelicaFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
-    """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, ``response`` and ``seen`` beside them.
+    """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, also ``response`` and ``visible``.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
     """
@@ -95,17 +102,17 @@ def model_ports(family: ModelicaFamily, options: RunOptions, data: Sequence[Path
         responses = port_responses(family, found, options.out)
         for row in rows:
             row["response"] = responses.get(row["id"])
-            row["seen"] = visibility(row["response"])
+            row["visible"] = visibility(row["response"])
     return rows
 
 
 def visibility(response: float | None) -> str:
-    """``seen``, ``barely`` or ``not seen`` in these data, by a port's response; ``unknown`` without a response."""
+    """Whether the data show a term at a port: ``yes``, ``barely`` or ``no`` by its response; ``unknown`` without."""
     if response is None:
         return "unknown"
     if response >= MIN_VISIBLE_RESPONSE:
-        return "seen"
-    return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "not seen"
+        return "yes"
+    return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "no"
 
 
 def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str, float]:
@@ -125,10 +132,10 @@ def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str
     """
     ports = [p for p in family.ports if p.attachment in ("input", "output", "signal") or p.balance is not None]
     sizes = port_nominals(family.flat, ports, found.calibration, found.optimum, open_simulator)
-    flat, names = _probed(family.flat, ports, sizes)
+    flat, names = _with_probes(family.flat, ports, sizes)
     model = Model.load(export_flat(flat, folder / "probed.fmu"))
     own = len(found.calibration.parameters)
-    probes = [_probe(name, p, sizes[p.id][ACTS[p.kind]]) for p in ports for name in names[p.id]]
+    probes = [_probe(name, p, sizes[p.id][PROBE_SIZES[p.kind]]) for p in ports for name in names[p.id]]
     calibration = family.transfer(found.calibration, model)
     calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
     free = found.free
@@ -139,15 +146,15 @@ def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str
         if run is None:
             raise InputError(f"{family.base}: cannot be simulated with probes at its ports")
         assert run.slopes is not None
-        late, whose = _late(objective, run.predicted, ports, sizes)
+        late, whose = _delay_responses(objective, run.predicted, ports, sizes)
         slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, late, strict=True))
         rows = objective.whiten(replace(run, slopes=slopes), found.optimum.noise).slopes
-    left = np.linalg.norm(_apart(rows[len(free) :], rows[: len(free)]), axis=1)
+    left = np.linalg.norm(_orthogonal_part(rows[len(free) :], rows[: len(free)]), axis=1)
     probed_ids = [p.id for p in ports for _ in names[p.id]] + whose
     return {p.id: max(float(size) for id_, size in zip(probed_ids, left, strict=True) if id_ == p.id) for p in ports}
 
 
-def _late(
+def _delay_responses(
     objective: Objective,
     predicted: Sequence[FloatArray],
     ports: Sequence[Port],
@@ -165,11 +172,11 @@ def _late(
         own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"]]
         fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), NOMINAL_QUANTILE) if own else 0.0
         for k in own if fastest > 0.0 else ():
-            rows[k][q] = -sizes[port.id][ACTS[port.kind]] / fastest * rates[k]
+            rows[k][q] = -sizes[port.id][PROBE_SIZES[port.kind]] / fastest * rates[k]
     return rows, [port.id for port in outputs]
 
 
-def _probed(
+def _with_probes(
     flat: FlatModel, ports: Sequence[Port], sizes: Mapping[str, Mapping[str, float]]
 ) -> tuple[FlatModel, dict[str, list[str]]]:
     """The model with parameters at every port whose exact sensitivities are the responses to its probes."""
@@ -190,7 +197,7 @@ def _probed(
 
 
 def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Expression]:
-    """What probes follow, of size one: nothing, and each signal of a port."""
+    """Shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
     found: list[Expression] = [Number(1.0)]
     for signal, variable in port.signals.items():
         if signal in SIGNAL_DEFAULTS:
@@ -222,8 +229,8 @@ def _probe(name: str, port: Port, size: float) -> Parameter:
     return Parameter(name, port.unit, 0.0, -half, half, Uniform(-half, half), "linear", about, target)
 
 
-def _apart(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
-    """Rows (q, N) without what rows (k, N) can imitate."""
+def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
+    """Rows (q, N) less their projection onto the span of rows (k, N)."""
     if not nuisance.size:
         return rows
     _, values, basis = np.linalg.svd(nuisance, full_matrices=False)

@@ -1,4 +1,4 @@
-"""How well what was learned predicts: later stretches of each recording, and whole recordings from the others."""
+"""Cross-validation of a fit: later blocks of each recording, and whole recordings from the others."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_REFIT_ROWS = 10_000
 
 
 def prediction_settings(job: Job) -> PredictionSection | None:
-    """What is asked for, with ``refits`` decided; None for a single recording, or where it is switched off."""
+    """The settings with ``refits`` decided; None for a single recording, or if switched off."""
     section = job.config.prediction
     if len(job.recordings) < 2 or section.max_seconds == 0.0:
         return None
@@ -57,5 +57,5 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
         entry["note"] = f"not completed: {error}"
     missing = [r.name for r in job.recordings if r.name not in entry.get("recordings", {})]
     if missing and "note" not in entry:
-        entry["note"] = f"{', '.join(missing)} not left out: the time limit of {section.max_seconds:g} s was reached"
+        entry["note"] = f"{', '.join(missing)} not predicted: the time limit of {section.max_seconds:g} s was reached"
     return {"prediction": entry}

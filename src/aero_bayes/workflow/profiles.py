@@ -22,12 +22,12 @@ from aero_bayes.workflow.progress import ProgressBar
 Json = dict[str, Any]
 
 #: Points of a profile, iterations of its search, and seconds after which no further one is begun.
-PROFILE_POINTS, MAX_ITERATIONS, TIME_LIMIT = 15, 15, 4.0
+PROFILE_POINTS, MAX_PROFILE_ITERATIONS, PROFILE_TIME_LIMIT = 15, 15, 4.0
 #: Distance from a bound, in standard deviations, below which a parameter gets a profile.
 MIN_BOUND_DEVIATIONS = 2.0
 
 
-def doubtful(found: Fit) -> list[str]:
+def parameters_to_profile(found: Fit) -> list[str]:
     """Fitted physical parameters that are weak or not identified, or that lie at a bound; the weakest first."""
     low, high = found.calibration.parameters.box
     point = found.calibration.parameters.to_search(found.values)
@@ -44,7 +44,7 @@ def doubtful(found: Fit) -> list[str]:
 
 def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     """The ``profiles`` of result.json's ``identifiability``: nothing where no parameter is doubtful."""
-    names = doubtful(found)
+    names = parameters_to_profile(found)
     if not names:
         return {}
     began = time.perf_counter()
@@ -55,14 +55,14 @@ def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
         open_simulator(found.calibration.problem(), job.engine, job.options.workers) as simulator,
     ):
         for k, name in enumerate(names):
-            if profiles and (time.perf_counter() - began) * (k + 1) / k > TIME_LIMIT:
+            if profiles and (time.perf_counter() - began) * (k + 1) / k > PROFILE_TIME_LIMIT:
                 skipped = names[k:]
                 break
             progress("profiles", k / len(names), name)
             try:
                 curve = profile_likelihood(
                     found, name, simulator, points=PROFILE_POINTS,
-                    settings=LocalSettings(max_iterations=MAX_ITERATIONS, tolerance=1e-3),
+                    settings=LocalSettings(max_iterations=MAX_PROFILE_ITERATIONS, tolerance=1e-3),
                 )  # fmt: skip
             except CannotFinishError:
                 skipped.append(name)

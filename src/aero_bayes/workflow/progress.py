@@ -79,7 +79,7 @@ class ProgressBar:
         self._bar.update(max(0, round(share * RESOLUTION) - self._bar.n))
 
     def close(self) -> None:
-        """End the bar that is open, where it stands."""
+        """End the open bar at its present state."""
         if self._bar is not None:
             self._bar.close()
             self._bar = None

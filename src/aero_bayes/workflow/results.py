@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.files import whole_file
-from aero_bayes.schema import SCHEMA, RunResult
+from aero_bayes.schema import SCHEMA, RunJson
 
 FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
@@ -32,9 +32,9 @@ def write_result(directory: Path, result: Mapping[str, Any]) -> Path:
     Raises
     ------
     pydantic.ValidationError
-        The result is not what :class:`aero_bayes.schema.RunResult` promises its readers.
+        The result is not what :class:`aero_bayes.schema.RunJson` promises its readers.
     """
-    checked = RunResult.model_validate(plain(result)).model_dump(by_alias=True, exclude_unset=True)
+    checked = RunJson.model_validate(plain(result)).model_dump(by_alias=True, exclude_unset=True)
     path = directory / "result.json"
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(checked, indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
@@ -50,7 +50,7 @@ def write_series(directory: Path, series: Mapping[str, FloatArray]) -> Path:
 
 
 def plain(value: Any) -> Any:
-    """The same value in what JSON knows."""
+    """Convert a value to types that JSON has."""
     if isinstance(value, Enum):
         return plain(value.value)
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""What a command has found so far, kept in its folder until it is done, for ``--resume``."""
+"""Keep the checkpoint of a command in its folder until it is done, for ``--resume``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from aero_bayes.workflow.results import versions
 
 @contextmanager
 def resumable(job: Job, command: str) -> Iterator[Checkpoint]:
-    """The checkpoint of a command: taken up where that was asked for, gone once the command is done.
+    """The checkpoint of a command: read with ``--resume``, removed once the command is done.
 
     Raises
     ------

@@ -48,8 +48,8 @@ def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping
         )
         if recording.duration < needed:
             raise InputError(
-                f"{recording.name}: lasts {recording.duration:.3g} s, but the slowest motion of {model.name} that "
-                f"{', '.join(seen)} show takes {needed:.3g} s; expected a recording at least that long"
+                f"{recording.name}: lasts {recording.duration:.3g} s, but the slowest motion of {model.name} visible "
+                f"in {', '.join(seen)} takes {needed:.3g} s; expected a recording at least that long"
             )
 
 
@@ -72,7 +72,7 @@ def check_sampling(recordings: Sequence[Recording], model: Model, fixed: Mapping
     if slowest and recording.interval > slowest:
         raise InputError(
             f"{recording.path or recording.name}, column time: a sample every {recording.interval:.3g} s, but the "
-            f"slowest motion of {model.name} takes {slowest:.3g} s: looks like ms; say so by [data.columns.time] "
+            f"slowest motion of {model.name} takes {slowest:.3g} s: looks like ms; give [data.columns.time] "
             'unit = "ms", or unit = "s" if it is right'
         )
 

@@ -2,7 +2,7 @@
  * file too (laws/native/coupler.c). */
 #include <stdio.h>
 
-#include "fmu.h"
+#include "fmu_library.h"
 
 void fmu_quiet(fmi_environment e, const char *name, int status, const char *category, const char *message, ...)
 {

@@ -13,10 +13,10 @@ int depends_on_time(Run *r, double until, int times)
     return 0;
 }
 
-/* Do the states still bear the values of their own variables? Not where the model has selected others. */
-static int selected_anew(Run *r, const double *x)
+/* Has the model chosen other state variables (dynamic state selection)? Then a state differs from its own variable. */
+static int states_reselected(Run *r, const double *x)
 {
-    double *value = r->settled;
+    double *value = r->derivatives_unused;
     if (is_error(r->fmu->get_real(r->fmu->instance, r->problem->state_reference, (size_t)r->n, value))) return 0;
     for (int i = 0; i < r->n; i++)
         if (fabs(value[i] - x[i]) > 1e-9 * fmax(fabs(x[i]), r->nominal[i])) return 1;
@@ -45,7 +45,7 @@ static int enter_event(Run *r, int inputs_too)
     r->events_seen = 1;
     if (filters(r) && !r->nominals_changed) return AB_STATES_JUMP;
     if (r->nominals_changed && (outcome = outcome_of(r->fmu, read_nominals(r)))) return outcome;
-    return selected_anew(r, r->x) ? AB_STATES_ANEW : AB_OK;
+    return states_reselected(r, r->x) ? AB_STATES_ANEW : AB_OK;
 }
 
 static int delay_column(const Run *r)
@@ -98,7 +98,7 @@ int cross_segment_end(Run *r, Segment *g)
         if (is_error(status = inputs_apply(r, r->t))) return outcome_of(r->fmu, status);
         g->have_node = 0;
     }
-    if (r->sensitive && (jump || kink)) sensitivity_enter(r, r->t);
+    if (r->sensitive && (jump || kink)) sensitivity_activate(r, r->t);
     if (shifts || watch || look) {
         if (is_error(status = rhs(r, r->t, r->x, r->f))) return outcome_of(r->fmu, status);
         g->have_f = 1;
@@ -123,7 +123,7 @@ int cross_segment_end(Run *r, Segment *g)
 }
 
 /* With process noise: samples at r->t move the states, and indicators that change their sign by that are an event. */
-int read_samples(Run *r, Segment *g)
+int filter_samples(Run *r, Segment *g)
 {
     int outcome, status, finite;
     while (kalman_next(r) <= r->t + r->resolution) {

@@ -35,7 +35,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "fmu.h"
+#include "fmu_library.h"
 
 /* The numbers of interface.Outcome. */
 enum {
@@ -102,7 +102,7 @@ typedef struct {
     const char *library, *resources, *guid, *name;
     int version; /* of FMI */
     int has_directional, step_callback;
-    int once; /* it can be instantiated only once in a process */
+    int single_instance; /* it can be instantiated only once in a process */
     int n, nz; /* states, event indicators */
     fmi_reference *state_reference, *derivative_reference;
     int *state_settable; /* its start value may be set before initialisation */
@@ -110,7 +110,7 @@ typedef struct {
     int *color;                  /* of each state */
     int *column_start, *row;     /* sparsity of df/dx by columns */
     int parameter_directional;   /* -1 not tried, 0 refused, 1 accepted */
-    int probed, settle; /* settle: nothing may be read before the derivatives */
+    int probed, derivatives_first; /* nothing may be read before the derivatives */
     int64_t n_fixed;
     fmi_reference *fixed_reference;
     const double *fixed_value;
@@ -185,14 +185,14 @@ typedef struct Run {
     Problem *problem;
     Experiment *e;
     Fmu *fmu;
-    uint64_t task; /* a mark of its last parameter vector, 0 for none */
+    uint64_t values_hash; /* of its last parameter vector, 0 for none */
     const double *values; /* a parameter vector, or NULL for the model's own */
     int n, nz, status, mode;
     double rtol, atol;
     Kalman *kalman; /* of modes with process noise */
     /* the step */
     double t, t_end, resolution;
-    double *x, *x1, *f, *f1, *ft, *u, *r, *settled, *nominal, *seen, *jac, *lu, *k, *dense;
+    double *x, *x1, *f, *f1, *ft, *u, *r, *derivatives_unused, *nominal, *largest, *jac, *lu, *k, *dense;
     int *pivot;
     Sparse factors;
     double *seed, *column, *start_value;
@@ -210,14 +210,14 @@ typedef struct Run {
     Break *breaks;
     int64_t n_breaks, next_break;
     /* sensitivities: columns sorted by the time from which they matter, rows of ld */
-    int q, ld, alive, sensitive;
+    int q, ld, acting, sensitive; /* acting: columns that matter already */
     const int64_t *active;
     Target *column_target;
     int *order;
     double *column_from;
     double *s, *s1, *sv, *su, *sdense, *s0;
     double *a_node, *b_node, *b_now, *g_dot, *a_packed;
-    double *s_seen; /* the largest that each column has been */
+    double *s_largest; /* the largest that each column has been */
     Sparse a_now;
     /* samples */
     int64_t sample;
@@ -225,7 +225,7 @@ typedef struct Run {
     double *other, *fraction;
     int64_t piece; /* samples that are tried at once with a polynomial */
     double *piece_y, *piece_s;
-    int64_t others; /* real outputs that are no states */
+    int64_t n_other; /* real outputs that are no states */
     fmi_reference *other_reference;
     /* recorded steps, for internal numerical differentiation */
     int record, replay;
@@ -277,7 +277,7 @@ int sensitivity_begin(Run *);
 int delay_jump(Run *, int *);
 int sensitivity_node(Run *, int node, double t, const double *x, const double *jac);
 double sensitivity_step(Run *, double h, double root);
-void sensitivity_enter(Run *, double t);
+void sensitivity_activate(Run *, double t);
 
 /* events.c */
 int event_iterate(Run *);
@@ -287,8 +287,8 @@ double find_event(Run *, double h);
 
 /* outputs.c */
 enum { PIECE_POINTS = 11 };
-int ask_samples(Run *, const double *time, int64_t count);
-int ask_values(Run *, double t, const double *x, double *y, int64_t stride);
+int read_samples(Run *, const double *time, int64_t count);
+int read_values(Run *, double t, const double *x, double *y, int64_t stride);
 
 /* sink.c */
 void sink_begin(Run *, int mode, const double *noise);
@@ -330,7 +330,7 @@ int integrate_segment(Run *, Segment *);
 enum { NEED_DIFFERENCES = -1 };
 int depends_on_time(Run *, double until, int times);
 int cross_segment_end(Run *, Segment *);
-int read_samples(Run *, Segment *);
+int filter_samples(Run *, Segment *);
 
 /* run.c */
 int run_once(Run *);

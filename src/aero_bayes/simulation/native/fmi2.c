@@ -1,5 +1,5 @@
 /* The functions of FMI 2.0 Model Exchange, as the engine calls them. */
-#include "fmu.h"
+#include "fmu_library.h"
 
 /* Fills f with them; not 0 where the library lacks a function. */
 int fmi2_bind(Fmu *f)

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "fmu.h"
+#include "fmu_library.h"
 
 typedef void *Instance;
 typedef void (*Log)(void *, int, const char *, const char *);

@@ -39,7 +39,7 @@ int fmu_ready(Problem *p)
 {
     if (fmu_load(p)) return AB_MODEL_ERROR;
     Fmu *f = p->fmu;
-    const int anew = f->begin == BEGIN_NEW || (f->begin == BEGIN_UNKNOWN && !p->once);
+    const int anew = f->begin == BEGIN_NEW || (f->begin == BEGIN_UNKNOWN && !p->single_instance);
     if (p->has_directional && !f->directional) p->has_directional = p->parameter_directional = 0;
     if (f->instance && f->used) {
         const int status = anew ? FMI_ERROR : f->reset(f->instance);
@@ -74,8 +74,8 @@ static int move_to(Run *r, double t, const double *x)
 int set_point(Run *r, double t, const double *x)
 {
     const int status = move_to(r, t, x);
-    if (is_error(status) || !r->problem->settle) return status;
-    return r->fmu->get_derivatives(r->fmu->instance, r->settled, (size_t)r->n);
+    if (is_error(status) || !r->problem->derivatives_first) return status;
+    return r->fmu->get_derivatives(r->fmu->instance, r->derivatives_unused, (size_t)r->n);
 }
 
 int rhs(Run *r, double t, const double *x, double *out)

@@ -228,19 +228,19 @@ static int outputs(Run *r)
             k->h[o * n + e->output_state[o]] = 1.0;
         }
     if (!e->n_other) return FMI_OK;
-    if (is_error(status = ask_values(r, r->t, r->x, k->y, 1))) return status;
+    if (is_error(status = read_values(r, r->t, r->x, k->y, 1))) return status;
     memcpy(k->x, r->x, sizeof *k->x * (size_t)n);
-    for (int j = 0; r->others && j < n; j++) {
+    for (int j = 0; r->n_other && j < n; j++) {
         double base = 0.0, one = 1.0;
         if (p->has_directional)
-            status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)r->others,
+            status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)r->n_other,
                                          &p->state_reference[j], 1, &one, r->other);
         else {
             k->x[j] += 1.5e-8 * larger(fabs(r->x[j]), r->nominal[j]);
             one = 1.0 / (k->x[j] - r->x[j]);
             status = set_point(r, r->t, k->x);
             if (!is_error(status))
-                status = r->fmu->get_real(r->fmu->instance, r->other_reference, (size_t)r->others, r->other);
+                status = r->fmu->get_real(r->fmu->instance, r->other_reference, (size_t)r->n_other, r->other);
             k->x[j] = r->x[j];
         }
         if (is_error(status)) return status;

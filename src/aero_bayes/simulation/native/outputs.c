@@ -28,13 +28,13 @@ static void lagrange(double x, double *w)
 }
 
 /* Values at (t, x): that of output o to y[o * stride]. */
-int ask_values(Run *r, double t, const double *x, double *y, int64_t stride)
+int read_values(Run *r, double t, const double *x, double *y, int64_t stride)
 {
     Fmu *f = r->fmu;
     const Experiment *e = r->e;
     int status = set_point(r, t, x);
-    if (!is_error(status) && r->others)
-        status = f->get_real(f->instance, r->other_reference, (size_t)r->others, r->other);
+    if (!is_error(status) && r->n_other)
+        status = f->get_real(f->instance, r->other_reference, (size_t)r->n_other, r->other);
     if (is_error(status)) return status;
     for (int64_t o = 0, next = 0; o < e->m; o++) {
         if (e->output_state[o] >= 0) continue;
@@ -51,7 +51,7 @@ int ask_values(Run *r, double t, const double *x, double *y, int64_t stride)
 }
 
 /* dy/dp where the FMU stands: y_x S + y_p + y_u u_p, one call a column; the row of output o to to[o * stride]. */
-static int ask_sensitivities(Run *r, double t, const double *s, double *to, int64_t stride)
+static int read_sensitivities(Run *r, double t, const double *s, double *to, int64_t stride)
 {
     const Experiment *e = r->e;
     const int n = r->n;
@@ -60,13 +60,13 @@ static int ask_sensitivities(Run *r, double t, const double *s, double *to, int6
         int known = n;
         for (int i = 0; i < n; i++) {
             r->seed_reference[i] = r->problem->state_reference[i];
-            r->seed[i] = k < r->alive ? s[i * r->ld + k] : 0.0;
+            r->seed[i] = k < r->acting ? s[i * r->ld + k] : 0.0;
         }
         if (target->kind == TARGET_PARAMETER) {
             r->seed_reference[known] = (fmi_reference)target->a;
             r->seed[known++] = 1.0;
         }
-        for (int i = 0; i < e->n_signals && k < r->alive; i++) {
+        for (int i = 0; i < e->n_signals && k < r->acting; i++) {
             double w = 0.0;
             if (delays(target, i)) w = -r->slope[i];
             if (target->kind == TARGET_INPUT && target->a == i) w = input_weight(r, target, t);
@@ -76,9 +76,9 @@ static int ask_sensitivities(Run *r, double t, const double *s, double *to, int6
         }
         int moves = 0;
         for (int i = 0; i < known; i++) moves |= r->seed[i] != 0.0;
-        if (!moves) memset(r->other, 0, sizeof *r->other * (size_t)r->others);
-        if (r->others && moves) {
-            const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)r->others,
+        if (!moves) memset(r->other, 0, sizeof *r->other * (size_t)r->n_other);
+        if (r->n_other && moves) {
+            const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)r->n_other,
                                                    r->seed_reference, (size_t)known, r->seed, r->other);
             if (is_error(status)) return status;
         }
@@ -89,20 +89,20 @@ static int ask_sensitivities(Run *r, double t, const double *s, double *to, int6
 }
 
 /* Both at a fraction of the step. */
-static int ask(Run *r, double t, double fraction, double *y, int64_t y_stride, double *s, int64_t s_stride)
+static int read_outputs(Run *r, double t, double fraction, double *y, int64_t y_stride, double *s, int64_t s_stride)
 {
     const int n = r->n, degree = method->dense;
     const int64_t size = (int64_t)n * r->ld;
     for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, degree, &fraction, 1, r->u + i);
-    const int status = ask_values(r, t, r->u, y, y_stride);
+    const int status = read_values(r, t, r->u, y, y_stride);
     if (is_error(status) || !r->q) return status;
     kernels->dense_rows(r->su, r->sdense, size, degree, &fraction, 1, size, size);
-    return ask_sensitivities(r, t, r->su, s, s_stride);
+    return read_sensitivities(r, t, r->su, s, s_stride);
 }
 
 /* Whether the polynomial meets the odd points of `columns` series side by side, each to a tolerance times its size;
  * `w` has its weights there, a row a point. */
-static int met(const double *w, const double *v, int64_t columns, int64_t stride, double tolerance)
+static int polynomial_fits(const double *w, const double *v, int64_t columns, int64_t stride, double tolerance)
 {
     for (int64_t j = 0; j < columns; j++) {
         double size = 0.0;
@@ -126,14 +126,14 @@ static int interpolate(Run *r, const double *time, int64_t from, int64_t count, 
     const double half = middle - first, t0 = time[from], t1 = time[from + count - 1];
     for (int k = 0; k < POINTS; k++) {
         const double t = 0.5 * (t0 + t1) + 0.5 * (t1 - t0) * point[k];
-        *status = ask(r, t, middle + half * point[k], r->piece_y + k * e->m, 1, r->piece_s + k * wide, ld);
+        *status = read_outputs(r, t, middle + half * point[k], r->piece_y + k * e->m, 1, r->piece_s + k * wide, ld);
         if (is_error(*status)) return 0;
     }
     double check[POINTS / 2 * NODES];
     for (int k = 1; k < POINTS; k += 2) lagrange(point[k], check + k / 2 * NODES);
     for (int64_t o = 0; o < e->m; o++)
-        if (e->output_state[o] < 0 && (!met(check, r->piece_y + o, 1, e->m, r->rtol) ||
-                                       !met(check, r->piece_s + o * ld, r->q, wide, 100.0 * r->rtol)))
+        if (e->output_state[o] < 0 && (!polynomial_fits(check, r->piece_y + o, 1, e->m, r->rtol) ||
+                                       !polynomial_fits(check, r->piece_s + o * ld, r->q, wide, 100.0 * r->rtol)))
             return 0;
     for (int64_t i = 0; i < count; i++) {
         double w[NODES], x = (r->fraction[from + i] - middle) / half;
@@ -153,7 +153,7 @@ static int interpolate(Run *r, const double *time, int64_t from, int64_t count, 
 }
 
 /* The next `count` samples of the sink's block, at r->fraction of the step. */
-int ask_samples(Run *r, const double *time, int64_t count)
+int read_samples(Run *r, const double *time, int64_t count)
 {
     const Experiment *e = r->e;
     Sink *sink = &r->sink;
@@ -175,7 +175,7 @@ int ask_samples(Run *r, const double *time, int64_t count)
         }
         for (const int64_t end = k + piece; k < end; k++) {
             const int64_t at = sink->filled + k;
-            status = ask(r, time[k], r->fraction[k], sink->y + at, BLOCK, sink->s + at * r->ld, BLOCK * r->ld);
+            status = read_outputs(r, time[k], r->fraction[k], sink->y + at, BLOCK, sink->s + at * r->ld, BLOCK * r->ld);
             if (is_error(status)) return status;
         }
     }

@@ -8,7 +8,7 @@
 enum { POINTS = 2 };
 
 /* A little away from the start, in time too; no further, where the model's code may not stand it. */
-static double point(const Run *r, int k, const double *x0, double *x)
+static double probe_point(const Run *r, int k, const double *x0, double *x)
 {
     for (int i = 0; i < r->n; i++) {
         const double away = 0.1 + 0.8 * fmod(0.6180339887498949 * (double)(k * r->n + i + 1), 1.0);
@@ -17,39 +17,39 @@ static double point(const Run *r, int k, const double *x0, double *x)
     return r->t + 1e-4 * (k + 1) * (fmin(r->t_end, r->next_event) - r->t);
 }
 
-static int same(double a, double b, double size) { return !(fabs(a - b) > 1e-9 * fmax(fmax(fabs(a), fabs(b)), size)); }
+static int agrees(double a, double b, double size) { return !(fabs(a - b) > 1e-9 * fmax(fmax(fabs(a), fabs(b)), size)); }
 
-static int ask(Run *r, double *out)
+static int read_all(Run *r, double *out)
 {
     Fmu *f = r->fmu;
     int status = FMI_OK;
-    if (r->others) status = f->get_real(f->instance, r->other_reference, (size_t)r->others, out);
-    if (!is_error(status) && r->nz) status = f->get_indicators(f->instance, out + r->others, (size_t)r->nz);
+    if (r->n_other) status = f->get_real(f->instance, r->other_reference, (size_t)r->n_other, out);
+    if (!is_error(status) && r->nz) status = f->get_indicators(f->instance, out + r->n_other, (size_t)r->nz);
     if (!is_error(status) && r->problem->has_directional)
-        status = directional_column(r, r->problem->state_reference[0], out + r->others + r->nz);
+        status = directional_column(r, r->problem->state_reference[0], out + r->n_other + r->nz);
     return status;
 }
 
 /* Is anything else once the derivatives have been asked for? */
 static int needs_derivatives_first(Run *r, const double *x0, double *x)
 {
-    const int64_t size = r->others + r->nz + (r->problem->has_directional ? r->n : 0);
+    const int64_t size = r->n_other + r->nz + (r->problem->has_directional ? r->n : 0);
     if (!size) return 0;
     double *before = malloc(sizeof *before * (size_t)(2 * size)), *after = before + size;
     int differs = 0;
     for (int k = 0; before && k < POINTS; k++) {
-        const double t = point(r, k, x0, x);
+        const double t = probe_point(r, k, x0, x);
         int status = set_point(r, t, x);
-        if (!is_error(status)) status = ask(r, before);
-        if (!is_error(status)) status = r->fmu->get_derivatives(r->fmu->instance, r->settled, (size_t)r->n);
-        if (!is_error(status)) status = ask(r, after);
-        for (int64_t i = 0; i < size && !is_error(status); i++) differs |= !same(before[i], after[i], 0.0);
+        if (!is_error(status)) status = read_all(r, before);
+        if (!is_error(status)) status = r->fmu->get_derivatives(r->fmu->instance, r->derivatives_unused, (size_t)r->n);
+        if (!is_error(status)) status = read_all(r, after);
+        for (int64_t i = 0; i < size && !is_error(status); i++) differs |= !agrees(before[i], after[i], 0.0);
     }
     free(before);
     return differs;
 }
 
-static void every_column_alone(Problem *p)
+static void use_dense_pattern(Problem *p)
 {
     const int n = p->n;
     p->row = realloc(p->row, sizeof *p->row * (size_t)(n * n));
@@ -71,12 +71,12 @@ static int pattern_is_right(Run *r, const double *x0, double *x)
     plain.color = malloc(sizeof *plain.color * (size_t)n);
     plain.column_start = calloc((size_t)n + 1, sizeof *plain.column_start);
     plain.row = NULL;
-    every_column_alone(&plain);
+    use_dense_pattern(&plain);
     double *all = malloc(sizeof *all * (size_t)(n * n));
     const double fine = p->has_directional ? 1e-9 : 1e-4;
     int right = 1;
     for (int k = 0; k < POINTS && right; k++) {
-        const double t = point(r, k, x0, x);
+        const double t = probe_point(r, k, x0, x);
         if (is_error(rhs(r, t, x, r->f)) || is_error(jacobian(r, t, x, r->f, r->jac))) continue;
         r->problem = &plain;
         const int status = jacobian(r, t, x, r->f, all);
@@ -108,7 +108,7 @@ void probe(Run *r)
     double *x0 = malloc(sizeof *x0 * (size_t)(2 * r->n)), *x = x0 + r->n;
     if (!x0) return;
     memcpy(x0, r->x, sizeof *x0 * (size_t)r->n);
-    p->settle = needs_derivatives_first(r, x0, x);
-    if (!pattern_is_right(r, x0, x)) every_column_alone(p);
+    p->derivatives_first = needs_derivatives_first(r, x0, x);
+    if (!pattern_is_right(r, x0, x)) use_dense_pattern(p);
     free(x0);
 }

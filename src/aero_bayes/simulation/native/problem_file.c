@@ -1,4 +1,4 @@
-/* Reads the problem that spec.py wrote: a stream of 8-byte words, mapped and used in place. */
+/* Reads the problem that problem_file.py wrote: a stream of 8-byte words, mapped and used in place. */
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -215,7 +215,7 @@ Problem *problem_open(const char *path, char *error, size_t size)
     p->version = (int)integer(&r);
     p->has_directional = (int)integer(&r);
     p->step_callback = (int)integer(&r);
-    p->once = (int)integer(&r);
+    p->single_instance = (int)integer(&r);
     p->parameter_directional = p->has_directional ? -1 : 0;
     p->nz = (int)integer(&r);
     p->state_reference = references(&r, &count);

@@ -5,7 +5,7 @@
 #include "engine.h"
 
 /* FNV-1a of the parameter vector; never 0. */
-static uint64_t mark(const Run *r)
+static uint64_t hash_values(const Run *r)
 {
     uint64_t hash = 14695981039346656037ull;
     const unsigned char *byte = (const unsigned char *)r->values;
@@ -41,7 +41,7 @@ static int agree(const Run *r, const double *a, const double *b)
 static int compare(Run *r, int mode, const double *noise)
 {
     Fmu *f = r->problem->fmu;
-    const int once = r->problem->once;
+    const int once = r->problem->single_instance;
     double *after = calloc((size_t)(2 * r->e->n * r->e->m + 1), sizeof *after), *anew = after + r->e->n * r->e->m;
     if (!after) return AB_SOLVER_FAILED;
     const int reset = attempt(r, mode, noise, BEGIN_RESET, after);
@@ -63,9 +63,9 @@ int run_repeatable(Run *r, int mode, const double *noise)
     if (fmu_load(p)) return AB_MODEL_ERROR;
     if (p->fmu->begin == BEGIN_NOTHING) return AB_NOT_REPEATABLE;
     if (p->fmu->begin != BEGIN_UNKNOWN) return simulate(r, mode, noise);
-    const uint64_t task = mark(r);
-    if (r->task && r->task != task) return compare(r, mode, noise);
+    const uint64_t hash = hash_values(r);
+    if (r->values_hash && r->values_hash != hash) return compare(r, mode, noise);
     const int outcome = simulate(r, mode, noise);
-    if (outcome == AB_OK) r->task = task;
+    if (outcome == AB_OK) r->values_hash = hash;
     return outcome;
 }

@@ -113,7 +113,7 @@ double scaled_norm(const Run *r, const double *v, const double *x, const double 
     for (int i = 0; i < r->n; i++) {
         const double now = larger(fabs(x[i]), fabs(x1[i]));
         const double known = r->nominal[i];
-        const double size = known == 1.0 ? fmin(known, larger(larger(r->seen[i], now), LEAST_SIZE)) : known;
+        const double size = known == 1.0 ? fmin(known, larger(larger(r->largest[i], now), LEAST_SIZE)) : known;
         const double e = v[i] / (r->atol * size + r->rtol * now);
         sum += e * e;
     }

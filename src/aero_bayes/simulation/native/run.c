@@ -13,7 +13,7 @@ int run_once(Run *r)
     r->at_step = 0;
     if (r->record) r->n_steps = 0;
     if ((outcome = initialise(r))) return outcome;
-    memset(r->seen, 0, sizeof *r->seen * (size_t)n);
+    memset(r->largest, 0, sizeof *r->largest * (size_t)n);
     note_sizes(r);
     r->sensitive = r->q > 0;
     if (r->sensitive) {
@@ -31,7 +31,7 @@ int run_once(Run *r)
     }
     if (filters(r)) {
         kalman_begin(r);
-        if ((outcome = read_samples(r, &g))) return outcome;
+        if ((outcome = filter_samples(r, &g))) return outcome;
     }
     while (r->t_end - r->t > r->resolution) {
         if (!g.idle) g.begin = r->t;
@@ -43,7 +43,7 @@ int run_once(Run *r)
         if (r->t_end - g.end <= r->resolution) g.end = r->t_end;
         if ((outcome = integrate_segment(r, &g))) return outcome;
         if ((outcome = cross_segment_end(r, &g))) return outcome;
-        if (filters(r) && (outcome = read_samples(r, &g))) return outcome;
+        if (filters(r) && (outcome = filter_samples(r, &g))) return outcome;
         if (!g.idle) {
             remember_step(r, -1.0);
             if (r->replay && r->at_step < r->n_steps && r->steps[r->at_step] < 0.0) r->at_step++;

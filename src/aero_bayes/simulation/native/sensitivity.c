@@ -19,12 +19,12 @@ static void cubic_weights(double x, double *w)
 static const double slope_at_0[4] = {-5.5, 9.0, -4.5, 1.0};
 
 /* Columns whose signal value or delay cannot act before time t stay exactly zero: they are left out. */
-void sensitivity_enter(Run *r, double t)
+void sensitivity_activate(Run *r, double t)
 {
-    while (r->alive < r->q && r->column_from[r->alive] <= t + r->resolution) r->alive++;
+    while (r->acting < r->q && r->column_from[r->acting] <= t + r->resolution) r->acting++;
 }
 
-static double from_time(const Run *r, const Target *t)
+static double acts_from(const Run *r, const Target *t)
 {
     if (t->kind != TARGET_INPUT) return -INFINITY;
     const Signal *s = &r->e->signals[t->a];
@@ -109,7 +109,7 @@ int sensitivity_begin(Run *r)
     const Experiment *e = r->e;
     for (int j = 0; j < r->q; j++) {
         const Target t = e->targets[r->active[j]];
-        const double from = from_time(r, &t);
+        const double from = acts_from(r, &t);
         int k = j;
         for (; k > 0 && r->column_from[k - 1] > from; k--) {
             r->column_from[k] = r->column_from[k - 1];
@@ -120,9 +120,9 @@ int sensitivity_begin(Run *r)
         r->column_target[k] = t;
         r->order[k] = j;
     }
-    r->alive = 0;
-    memset(r->s_seen, 0, sizeof *r->s_seen * (size_t)r->ld);
-    sensitivity_enter(r, r->t);
+    r->acting = 0;
+    memset(r->s_largest, 0, sizeof *r->s_largest * (size_t)r->ld);
+    sensitivity_activate(r, r->t);
     for (int i = 0; i < r->n; i++)
         for (int k = 0; k < r->ld; k++)
             r->s[i * r->ld + k] = k < r->q ? r->s0[i * r->q + r->order[k]] : 0.0;
@@ -132,7 +132,7 @@ int sensitivity_begin(Run *r)
 static int needs_signal(const Run *r, int signal)
 {
     const Target *t = r->column_target;
-    for (int k = 0; k < r->alive; k++) {
+    for (int k = 0; k < r->acting; k++) {
         if (delays(&t[k], signal) && r->slope[signal] != 0.0) return 1;
         if (t[k].kind == TARGET_INPUT && t[k].a == signal) return 1;
     }
@@ -151,7 +151,7 @@ int sensitivity_node(Run *r, int index, double t, const double *x, const double 
         if (is_error(status)) return status;
     }
     memset(b, 0, sizeof *b * (size_t)(n * ld));
-    for (int k = 0; k < r->alive; k++)
+    for (int k = 0; k < r->acting; k++)
         if (r->column_target[k].kind == TARGET_PARAMETER) {
             const int status = directional_column(r, (fmi_reference)r->column_target[k].a, r->column);
             if (is_error(status)) return status;
@@ -161,7 +161,7 @@ int sensitivity_node(Run *r, int index, double t, const double *x, const double 
         if (!needs_signal(r, signal)) continue;
         const int status = directional_column(r, r->u_reference[signal], r->column);
         if (is_error(status)) return status;
-        for (int k = 0; k < r->alive; k++) {
+        for (int k = 0; k < r->acting; k++) {
             const Target *target = &r->column_target[k];
             double w = 0.0;
             if (delays(target, signal))
@@ -185,14 +185,14 @@ static double column_error(Run *r, const double *v)
     const int n = r->n, ld = r->ld;
     const double rtol = 100.0 * r->rtol;
     double worst = 0.0;
-    for (int k = 0; k < r->alive; k++) {
+    for (int k = 0; k < r->acting; k++) {
         double before = 0.0, after = 0.0, sum = 0.0;
         for (int i = 0; i < n; i++) {
             before = larger(before, fabs(r->s[i * ld + k]) / r->nominal[i]);
             after = larger(after, fabs(r->s1[i * ld + k]) / r->nominal[i]);
         }
-        r->s_seen[k] = larger(r->s_seen[k], before);
-        const double size = larger(larger(before, after), LEAST_SHARE * r->s_seen[k]);
+        r->s_largest[k] = larger(r->s_largest[k], before);
+        const double size = larger(larger(before, after), LEAST_SHARE * r->s_largest[k]);
         /* A column that has died away (that of a start, long ago) is about to leave the range of numbers. */
         if (size < 1e-200) continue;
         for (int i = 0; i < n; i++) {
@@ -207,7 +207,7 @@ static double column_error(Run *r, const double *v)
 }
 
 /* The entries of A that are not zero at all four points, row by row, with their four values. */
-static int pack(Run *r)
+static int pack_jacobians(Run *r)
 {
     const int n = r->n;
     const double *a = r->a_node;
@@ -229,7 +229,7 @@ static int pack(Run *r)
     return filled;
 }
 
-static void weigh(Run *r, int entries, const double *w)
+static void interpolate_jacobian(Run *r, int entries, const double *w)
 {
     for (int k = 0; k < entries; k++) {
         const double *a = r->a_packed + 4 * k;
@@ -278,10 +278,10 @@ double sensitivity_step(Run *r, double h, double root)
 {
     const Method *m = method;
     const int n = r->n, ld = r->ld;
-    const int64_t size = (int64_t)n * ld, alive = (r->alive + 3) / 4 * 4;
+    const int64_t size = (int64_t)n * ld, alive = (r->acting + 3) / 4 * 4;
     static const double first[4] = {1.0, 0.0, 0.0, 0.0}, last[4] = {0.0, 0.0, 0.0, 1.0};
     r->status = FMI_OK;
-    if (!r->alive) return 0.0;
+    if (!r->acting) return 0.0;
     for (int k = 1; k < 3; k++) {
         for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, m->dense, &node[k], 1, r->u + i);
         r->status = set_point(r, r->t + node[k] * h, r->u);
@@ -290,24 +290,24 @@ double sensitivity_step(Run *r, double h, double root)
         if (is_error(r->status)) return NAN;
     }
     double w[8];
-    const int entries = pack(r);
+    const int entries = pack_jacobians(r);
     /* g_dot = A'(t_n) S + B'(t_n), per unit of fraction */
     combine_nodes(r, r->g_dot, slope_at_0, size);
-    weigh(r, entries, slope_at_0);
+    interpolate_jacobian(r, entries, slope_at_0);
     kernels->multiply(r->g_dot, &r->a_now, r->s, alive, ld);
     const double *u = r->s;
     for (int stage = 0; stage < m->stages; stage++) {
         double *v = r->sv + stage * size;
         const double *b = r->b_now;
         if (stage == 0) {
-            weigh(r, entries, first);
+            interpolate_jacobian(r, entries, first);
             b = r->b_node;
         } else if (m->alpha[stage] == 1.0) {
-            if (m->alpha[stage - 1] != 1.0) weigh(r, entries, last);
+            if (m->alpha[stage - 1] != 1.0) interpolate_jacobian(r, entries, last);
             b = r->b_node + 3 * size;
         } else {
             cubic_weights(m->alpha[stage], w);
-            weigh(r, entries, w);
+            interpolate_jacobian(r, entries, w);
             combine_nodes(r, r->b_now, w, size);
         }
         if (stage) {

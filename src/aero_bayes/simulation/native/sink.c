@@ -112,7 +112,7 @@ int emit_until(Run *r, double h, double limit, int inclusive)
                                     r->fraction, count, r->q, ld);
         }
         if (e->n_other) {
-            const int status = ask_samples(r, time, count);
+            const int status = read_samples(r, time, count);
             if (is_error(status)) return status;
         }
         sink->filled += count;

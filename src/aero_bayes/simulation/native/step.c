@@ -6,7 +6,7 @@
 /* The largest that each state has been so far. */
 void note_sizes(Run *r)
 {
-    for (int i = 0; i < r->n; i++) r->seen[i] = larger(r->seen[i], fabs(r->x[i]));
+    for (int i = 0; i < r->n; i++) r->largest[i] = larger(r->largest[i], fabs(r->x[i]));
 }
 
 void remember_step(Run *r, double fraction)
@@ -39,7 +39,7 @@ static int evaluate_start(Run *r, Segment *g)
         if (is_error(status = jacobian(r, r->t, r->x, r->f, r->jac))) return status;
         g->have_jac = 1;
     }
-    if (r->q && r->alive && !g->have_node) {
+    if (r->q && r->acting && !g->have_node) {
         if (is_error(status = set_point(r, r->t, r->x))) return status;
         if (is_error(status = sensitivity_node(r, 0, r->t, r->x, r->jac))) return status;
         g->have_node = 1;
@@ -122,7 +122,7 @@ int integrate_segment(Run *r, Segment *g)
             }
         }
         int have_f1 = 0;
-        if (r->q && r->alive && n) {
+        if (r->q && r->acting && n) {
             if (is_error(status = rhs(r, t1, r->x1, r->f1))) return outcome_of(r->fmu, status);
             double *jac = r->a_node + 3 * n * n;
             if (is_error(status = jacobian(r, t1, r->x1, r->f1, jac))) return outcome_of(r->fmu, status);

@@ -43,7 +43,7 @@ static int contradicted(const Probe *b, double step)
 }
 
 /* What the FMU tells at every point; not OK where it refuses. The model stands at its own values. */
-static int ask(Run *r, const Probe *b, fmi_reference known)
+static int read_directional(Run *r, const Probe *b, fmi_reference known)
 {
     const double one = 1.0;
     for (int k = 0; k < POINTS; k++) {
@@ -59,7 +59,7 @@ static int ask(Run *r, const Probe *b, fmi_reference known)
 static int parameter_is_right(Run *r, const Probe *b, double *trial, int64_t j)
 {
     const Target *t = &r->e->targets[j];
-    if (initialise(r) != AB_OK || is_error(ask(r, b, (fmi_reference)t->a))) return 0;
+    if (initialise(r) != AB_OK || is_error(read_directional(r, b, (fmi_reference)t->a))) return 0;
     const double kept = trial[j], step = 1e-5 * (kept != 0.0 ? fabs(kept) : t->scale);
     int failed = 0;
     for (int side = 1; side >= -1 && !failed; side -= 2) {
@@ -73,7 +73,7 @@ static int parameter_is_right(Run *r, const Probe *b, double *trial, int64_t j)
 static int input_is_right(Run *r, const Probe *b, const Target *t)
 {
     const fmi_reference known = r->u_reference[t->a];
-    if (initialise(r) != AB_OK || is_error(ask(r, b, known))) return 0;
+    if (initialise(r) != AB_OK || is_error(read_directional(r, b, known))) return 0;
     const double kept = r->u_now[t->a], step = 1e-5 * larger(fabs(kept), t->scale);
     int failed = 0;
     for (int side = 1; side >= -1 && !failed; side -= 2) {

@@ -26,7 +26,7 @@ static void lay_out(Run *r, Block *p)
     size_t grid = 0;
     for (size_t i = 0; i < inputs; i++) grid += (size_t)e->signals[i].count;
     r->x = REALS(n), r->x1 = REALS(n), r->f = REALS(n), r->f1 = REALS(n), r->ft = REALS(n), r->u = REALS(n);
-    r->r = REALS(n), r->settled = REALS(n), r->nominal = REALS(n), r->seen = REALS(n), r->column = REALS(n);
+    r->r = REALS(n), r->derivatives_unused = REALS(n), r->nominal = REALS(n), r->largest = REALS(n), r->column = REALS(n);
     r->jac = REALS(n * n), r->lu = REALS(n * n), r->k = REALS(8 * n), r->dense = REALS(5 * n);
     r->pivot = PART(int, n);
     r->factors.start = PART(int, 2 * n + 1), r->factors.col = PART(int, n * n);
@@ -50,7 +50,7 @@ static void lay_out(Run *r, Block *p)
     r->s0 = REALS(n * q);
     if (q) {
         r->s = REALS(n * ld), r->s1 = REALS(n * ld), r->su = REALS(n * ld), r->g_dot = REALS(n * ld);
-        r->s_seen = REALS(ld);
+        r->s_largest = REALS(ld);
         r->sv = REALS(8 * n * ld), r->sdense = REALS(5 * n * ld);
         r->a_node = REALS(4 * n * n), r->b_node = REALS(4 * n * ld), r->b_now = REALS(n * ld);
         r->a_packed = REALS(4 * n * n);
@@ -96,7 +96,7 @@ Run *run_open(Problem *problem, Experiment *e, int q, const int64_t *active)
     block = (Block){memory, 0};
     lay_out(r, &block);
     for (int64_t o = 0; o < e->m; o++)
-        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[r->others++] = e->output_reference[o];
+        if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[r->n_other++] = e->output_reference[o];
     return r;
 }
 

@@ -1,4 +1,4 @@
-"""Equations that are solved in the source, ``x = solve(A, b)``, as what they say: ``A * x = b``."""
+"""Replaces the library call ``x = solve(A, b)`` in an equation by the linear equation ``A * x = b``."""
 
 from __future__ import annotations
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.algebraic_loops import AlgebraicLoop
 from aero_bayes.export.equation_system import EquationSystem
 from aero_bayes.export.expression import Node
-from aero_bayes.export.linear import linear_solve
-from aero_bayes.export.loops import AlgebraicLoop
+from aero_bayes.export.linear_equations import linear_solve
 from aero_bayes.export.matching import components
 
 

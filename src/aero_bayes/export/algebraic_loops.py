@@ -1,4 +1,4 @@
-"""Algebraic loops that are solved with numbers: what can be eliminated is, the rest is left to Newton's method."""
+"""Algebraic loops: unknowns that can be eliminated symbolically are, Newton's method solves the rest (tearing)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from aero_bayes.export.expression import Builder, Node
-from aero_bayes.export.linear import switches
+from aero_bayes.export.linear_equations import switches
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The numbers that an expression can take, where branches alone decide."""
+"""The finite set of values of an expression whose value depends on branches only (constant propagation)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Linear equations between expressions."""
+"""Linear equations between expressions, solved by Gaussian elimination."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def linear_solve(
     b = system.builder
     n = len(right)
     parameters = {b.symbol(p.name) for p in system.parameters}
-    steps = {b.symbol(v.name) for v in system.steps}
+    steps = {b.symbol(v.name) for v in system.discrete_variables}
     matrix = [list(row) for row in matrix]
     right = list(right)
     rows = list(range(n))

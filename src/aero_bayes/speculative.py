@@ -1,4 +1,4 @@
-"""Compute results ahead of a sequential program, in forked helper processes.
+"""Speculative execution: results that a sequential program will need are computed in forked helper processes.
 
 The program keeps its results in a cache (:mod:`aero_bayes.checkpoint`). Helpers run the next tasks and send their
 results; the program then goes on as if it were alone and finds them in the cache. So its numbers do not depend on the
@@ -30,8 +30,8 @@ Task = Callable[[], object]
 HELPER_EXIT_TIMEOUT = 5.0
 
 
-def waves(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
-    """Items in pieces that double in size: what one piece tells the next is the same however many work on it."""
+def doubling_batches(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
+    """Items in batches that double in size, so that what one batch tells the next does not depend on the helpers."""
     begin, size = 0, max(first, 1)
     while begin < len(items):
         yield items[begin : begin + size]
@@ -39,7 +39,7 @@ def waves(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Ahead:
+class SpeculativeExecutor:
     """Helpers that compute results before they are needed; none where there is one core or no safe fork.
 
     Parameters
@@ -58,26 +58,26 @@ class Ahead:
 
     def __call__(self, tasks: Sequence[Task], told: Callable[[float], None] = lambda done: None) -> None:
         """Do tasks, in any order, of which some are about to be done; ``told`` is the share that is done."""
-        helpers = min(self.pool.size, len(tasks))
-        if self.result_cache is None or helpers < 2 or not _may_fork():
+        count = min(self.pool.size, len(tasks))
+        if self.result_cache is None or count < 2 or not _may_fork():
             return
-        crew = dict(self._hire(tasks) for _ in range(helpers))
+        helper_of = dict(self._start_helper(tasks) for _ in range(count))
         try:
-            self._watch(crew, len(tasks), told)
+            self._watch(helper_of, len(tasks), told)
         except BaseException:
-            for helper in crew.values():
+            for helper in helper_of.values():
                 helper.kill()
             raise
         finally:
-            # All first: those hired later have copies of the earlier lines.
-            for line in crew:
-                line.close()
-            for helper in crew.values():
+            # All first: those started later have copies of the earlier connections.
+            for connection in helper_of:
+                connection.close()
+            for helper in helper_of.values():
                 helper.join(HELPER_EXIT_TIMEOUT)
                 helper.kill()
                 helper.join()
 
-    def _hire(self, tasks: Sequence[Task]) -> tuple[Connection, BaseProcess]:
+    def _start_helper(self, tasks: Sequence[Task]) -> tuple[Connection, BaseProcess]:
         ours, theirs = multiprocessing.Pipe()
         helper = multiprocessing.get_context("fork").Process(target=self._help, args=(tasks, ours, theirs), daemon=True)
         with warnings.catch_warnings():
@@ -103,27 +103,27 @@ class Ahead:
                     tasks[task]()
                 theirs.send(self.result_cache.beyond(known))
 
-    def _watch(self, crew: dict[Connection, BaseProcess], count: int, told: Callable[[float], None]) -> None:
+    def _watch(self, helper_of: dict[Connection, BaseProcess], count: int, told: Callable[[float], None]) -> None:
         """Hand out the tasks and keep what comes back, until all are done or nobody is left."""
         assert self.result_cache is not None
         waiting, busy, done = iter(range(count)), set[Connection](), 0
 
-        def hand_out(line: Connection) -> None:
+        def hand_out(connection: Connection) -> None:
             task = None if self.late() else next(waiting, None)
             if task is not None:
-                line.send(task)
-                busy.add(line)
+                connection.send(task)
+                busy.add(connection)
 
-        for line in crew:
-            hand_out(line)
+        for connection in helper_of:
+            hand_out(connection)
         while busy:
             ready = wait(list(busy))
-            for line in [line for line in busy if line in ready]:
-                busy.remove(line)
+            for connection in [connection for connection in busy if connection in ready]:
+                busy.remove(connection)
                 with suppress(EOFError, ConnectionResetError, BrokenPipeError):
-                    for key, arrays in line.recv().items():
+                    for key, arrays in connection.recv().items():
                         self.result_cache.put(key, arrays)
-                    hand_out(line)
+                    hand_out(connection)
                 done += 1
                 told(done / count)
 

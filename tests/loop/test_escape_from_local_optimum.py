@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from closed_form import held
 
-from aero_bayes.data import Recording
-from aero_bayes.data.experiment import to_experiment
+from aero_bayes.data import Recording, to_experiment
 from aero_bayes.estimate.interpolation import with_other_interpolation
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 

@@ -9,11 +9,11 @@ import time
 import numpy as np
 import pytest
 
-from aero_bayes.ahead import Ahead, waves
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.simulation import WorkerPool
+from aero_bayes.speculative import SpeculativeExecutor, doubling_batches
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="helpers are forked")
 
@@ -58,7 +58,7 @@ def asked(numbers, workers=3, late=lambda: False):
     questions, told = Questions(), []
     with WorkerPool(workers) as pool:
         tasks = [lambda number=number: questions.ask(number) for number in numbers]
-        Ahead(questions.result_cache, pool, late)(tasks, told.append)
+        SpeculativeExecutor(questions.result_cache, pool, late)(tasks, told.append)
     return questions, told
 
 
@@ -103,13 +103,15 @@ def test_what_goes_wrong_in_the_asker_ends_the_helpers_at_once():
         raise KeyboardInterrupt
 
     with WorkerPool(2) as pool, pytest.raises(KeyboardInterrupt):
-        Ahead(questions.result_cache, pool)([lambda: questions.ask(1), lambda: time.sleep(600.0)], interrupt)
+        SpeculativeExecutor(questions.result_cache, pool)(
+            [lambda: questions.ask(1), lambda: time.sleep(600.0)], interrupt
+        )
     assert time.monotonic() - began < 60.0
 
 
 def test_waves_double_and_hold_everything_in_order():
-    assert [list(wave) for wave in waves(range(12), 2)] == [[0, 1], [2, 3, 4, 5], [6, 7, 8, 9, 10, 11]]
-    assert list(waves([], 5)) == []
+    assert [list(wave) for wave in doubling_batches(range(12), 2)] == [[0, 1], [2, 3, 4, 5], [6, 7, 8, 9, 10, 11]]
+    assert list(doubling_batches([], 5)) == []
 
 
 def recording(name: str, seed: int) -> Recording:
@@ -132,7 +134,11 @@ def test_the_loop_says_the_same_whoever_helps(tmp_path):
     train, test = recording("train", 31), recording("test", 32)
     results = [close_loop([train], [test], model="Cart", settings=settings, workers=workers) for workers in (1, 2)]
     told = [
-        (r.outcome, r.simulations, [[(rival.id, rival.gain, rival.odds) for rival in step.rivals] for step in r.steps])
+        (
+            r.outcome,
+            r.simulations,
+            [[(rival.id, rival.gain, rival.odds) for rival in step.candidates] for step in r.steps],
+        )
         for r in results
     ]
     assert told[0] == told[1]

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.algebraic_loops import AlgebraicLoop, eliminate
 from aero_bayes.export.discrete import DiscretePart, solve_discrete
 from aero_bayes.export.equation_system import EquationSystem
 from aero_bayes.export.expression import Builder, Node
-from aero_bayes.export.initial import initial_values
-from aero_bayes.export.linear import linear_solve
-from aero_bayes.export.loops import AlgebraicLoop, eliminate
+from aero_bayes.export.initial_values import initial_values
+from aero_bayes.export.linear_equations import linear_solve
 from aero_bayes.export.matching import components, match
 
 _SELECT = ("never", "avoid", "default", "prefer", "always")
@@ -40,7 +40,7 @@ class ExplicitModel:
     discrete: DiscretePart
     initial: AlgebraicLoop | None = None
 
-    def timed(self, difference: Node) -> tuple[Node, Node] | None:
+    def time_of_change(self, difference: Node) -> tuple[Node, Node] | None:
         """When a relation between time and parameters changes, and its slope, where both are known in advance."""
         b, time = self.system.builder, self.system.time
         parameters = {b.symbol(p.name) for p in self.system.parameters}
@@ -52,10 +52,10 @@ class ExplicitModel:
     @property
     def indicators(self) -> int:
         """Number of event indicators."""
-        known = sum(self.timed(r.difference) is not None for r in self.discrete.relations)
+        known = sum(self.time_of_change(r.difference) is not None for r in self.discrete.relations)
         return len(self.discrete.relations) - known + 2 * len(self.discrete.roundings)
 
-    def needs(self, expression: Node) -> frozenset[Node] | None:
+    def dependencies(self, expression: Node) -> frozenset[Node] | None:
         """States, inputs and parameters that an expression depends on; None where it is not known without events."""
         b = self.system.builder
         loop_of = {u: loop for loop in self.loops for u in loop.unknowns}
@@ -72,7 +72,7 @@ class ExplicitModel:
         return frozenset(found - loop_of.keys())
 
     @property
-    def deeper(self) -> tuple[Node, ...]:
+    def loop_and_event_expressions(self) -> tuple[Node, ...]:
         """Expressions of loops and events, which rates and outputs depend on through symbols."""
         d = self.discrete
         return (
@@ -104,7 +104,6 @@ def causalise(system: EquationSystem) -> ExplicitModel:
     for name in system.derivatives:
         if name not in by_name:
             raise InputError(f"model {system.name}: the derivative of the input {name!r} is needed, which is not known")
-    demoted: list[str] = []
     extra: list[Node] = []
     while True:
         states = set(dynamic)
@@ -117,9 +116,8 @@ def causalise(system: EquationSystem) -> ExplicitModel:
         if not singular:
             break
         constraint = _constraint(system, [equations[k] for k in singular], [unknowns[u] for u in reached])
-        name, rate = _demote(system, constraint, dynamic)
+        name, rate = _dummy_derivative(system, constraint, dynamic)
         dynamic.remove(name)
-        demoted.append(name)
         extra.append(rate)
     solved, loops = _solve(system, equations, unknowns, matched)
     states_in_order = tuple(v.name for v in system.variables if v.name in states)
@@ -127,7 +125,7 @@ def causalise(system: EquationSystem) -> ExplicitModel:
     starts, initial = initial_values(system, states_in_order, solved, loops)
     named = {n.name: e for n, e in solved.items()}
     named |= {a.name: b.substitute(e, dict(solved)) for a, e in aliases.items()}
-    named |= {v.name: b.symbol(v.name) for v in whole.steps}
+    named |= {v.name: b.symbol(v.name) for v in whole.discrete_variables}
     everything = {b.symbol(n): e for n, e in named.items()}
     discrete = solve_discrete(whole.name, b, whole.discrete, everything, {b.symbol(n) for n in states_in_order})
     return ExplicitModel(whole, states_in_order, rates, named, starts, loops, discrete, initial)
@@ -198,7 +196,7 @@ def _constraint(system: EquationSystem, equations: Sequence[Node], unknowns: Seq
     return rest.residuals[0]
 
 
-def _demote(system: EquationSystem, equation: Node, dynamic: Sequence[str]) -> tuple[str, Node]:
+def _dummy_derivative(system: EquationSystem, equation: Node, dynamic: Sequence[str]) -> tuple[str, Node]:
     """A state of ``equation`` that need not be one, and the equation of its derivative in terms of the others'."""
     b = system.builder
     by_name = {v.name: v for v in system.variables}

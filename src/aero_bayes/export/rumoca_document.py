@@ -25,7 +25,7 @@ from aero_bayes.export.flat import (
     When,
     WhenAction,
 )
-from aero_bayes.export.trees import Json, TreeReader, message_of
+from aero_bayes.export.rumoca_trees import Json, TreeReader, message_of
 from aero_bayes.language.syntax import Array, Expression, Name, Number
 
 _VARIABILITY: dict[str, Variability] = {"Parameter": "parameter", "Constant": "constant", "Discrete": "discrete"}

@@ -1,4 +1,4 @@
-"""With a law around it that is off an FMU stays what it is, whatever its tool leaves unsaid."""
+"""An FMU with a law around it that is switched off gives the same results as without it, whatever tool it is from."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ def test_a_law_that_is_off_changes_nothing(
     test_fmu, here, gain, tmp_path: Path, name, directional, defines, output, values
 ) -> None:
     inner = test_fmu(name, directional=directional, defines=defines)
-    around, (law, models) = FmuBoundary(inner), gain
-    port = max((p for p in around.ports if p.kind == "reading"), key=lambda p: p.id == output)
-    taken = {*around.names.values(), *(v.name for v in inner.parameters)}
-    seam = around.seam([place_law(law, port, taken)], models)
-    couple(inner, seam, tmp_path / "around.fmu", tmp_path / "laws.fmu")
+    boundary, (law, models) = FmuBoundary(inner), gain
+    port = max((p for p in boundary.ports if p.kind == "reading"), key=lambda p: p.id == output)
+    taken = {*boundary.names.values(), *(v.name for v in inner.parameters)}
+    coupling = boundary.coupling([place_law(law, port, taken)], models)
+    couple(inner, coupling, tmp_path / "coupled.fmu", tmp_path / "laws.fmu")
     drive = (DRIVE,) if any(v.name == "u" for v in inner.inputs) else ()
     states = {s.name for s in inner.states}
     found = []
-    for model in (inner, Model.load(tmp_path / "around.fmu")):
+    for model in (inner, Model.load(tmp_path / "coupled.fmu")):
         there = {s.name for s in model.states}
         targets = tuple(
             ParameterTarget(n) if n not in states else StartTarget(n if n in there else f"{n}_unread") for n in values

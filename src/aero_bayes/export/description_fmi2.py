@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from xml.etree import ElementTree as ET
 
-from aero_bayes.export.causalise import ExplicitModel
+from aero_bayes.errors import InputError
+from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Node, evaluate_nodes
 from aero_bayes.export.layout import VariableLayout
@@ -114,7 +115,7 @@ def write_fmi2_description(
     knowns = {b.symbol(path): index for path, index in zip(model.states, states, strict=True)}
     knowns |= {b.symbol(v.name): index for v, index in zip(layout.inputs, inputs, strict=True)}
     expressions = {**dict(zip(rates, model.rates, strict=True)), **dict(zip(calculated, shown, strict=True))}
-    needs = {index: model.needs(e) for index, e in expressions.items()}
+    needs = {index: model.dependencies(e) for index, e in expressions.items()}
     open_states = [s for s, e in zip(states, model.starts, strict=True) if e.op != "const"]
     for tag, indices in (
         ("Outputs", outputs),
@@ -196,6 +197,8 @@ class _Variables:
         for key in ("min", "max", "nominal"):
             if key in v.attributes:
                 real[key] = repr(_number(v.attributes[key], self.values))
+        if "min" in real and "max" in real and float(real["min"]) > float(real["max"]):
+            raise InputError(f"{v.name}: min = {float(real['min']):g} is above max = {float(real['max']):g}")
         if start is not None:
             real["start"] = repr(start)
         ET.SubElement(element, "Real", real)

@@ -1,4 +1,4 @@
-"""What every stage of the closed loop works with: the recordings, the models, the settings, and where work is done."""
+"""What all stages of the closed loop share: recordings, models, settings, workers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from aero_bayes.ahead import Ahead
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.objective import Objective
@@ -19,13 +18,13 @@ from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator
+from aero_bayes.speculative import SpeculativeExecutor
 
 Progress = Callable[[str, float], None]
 
 
-class Tally:
-    """Seconds spent by stage, how many are left, simulations run and models written so far: the one thing on the bench
-    that changes."""
+class LoopStatistics:
+    """Time spent in each stage, the time limit, and counts of simulations; the only part of a loop that changes."""
 
     def __init__(self) -> None:
         self.written: list[Path] = []
@@ -34,16 +33,16 @@ class Tally:
         self._clock = time.perf_counter()
         self._until = math.inf
 
-    def allow(self, seconds: float) -> None:
-        """Give what follows so many seconds."""
+    def set_time_limit(self, seconds: float) -> None:
+        """Limit the time from now on, in s."""
         self._until = time.perf_counter() + seconds
 
-    def late(self) -> bool:
-        """Whether they are over."""
+    def time_is_up(self) -> bool:
+        """Whether the time limit has passed."""
         return time.perf_counter() > self._until
 
-    def lap(self, stage: str) -> None:
-        """Book the time since the last lap on a stage."""
+    def end_stage(self, stage: str) -> None:
+        """Add the time since the last stage ended to this stage."""
         now = time.perf_counter()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._clock
         self._clock = now
@@ -54,17 +53,17 @@ class Tally:
             for path in name.parent.glob(f"{name.name}.*"):
                 path.unlink()
 
-    def count(self, study: Objective) -> None:
-        """Add a study's simulations."""
-        self.simulations += study.simulations
-        self.failures += study.failures
+    def add_simulations(self, objective: Objective) -> None:
+        """Add the simulations of an objective."""
+        self.simulations += objective.simulations
+        self.failures += objective.failures
 
 
 @dataclass(frozen=True, eq=False)
-class Workbench:
-    """What the stages share.
+class LoopContext:
+    """What all stages of a loop share.
 
-    ``folder`` is where the extended model is written; ``progress`` is told what happens and how far it is (0 to 1);
+    ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1);
     ``result_cache`` keeps the results of searches.
     """
 
@@ -74,7 +73,7 @@ class Workbench:
     pool: WorkerPool
     folder: Path
     progress: Progress
-    tally: Tally
+    statistics: LoopStatistics
     result_cache: ResultCache
 
     @property
@@ -83,13 +82,13 @@ class Workbench:
         return {v.name: v.unit for v in self.family.base_model().outputs}
 
     def calibrate(self, model: Model, shared: ParameterSet, fixed: Mapping[str, float] | None = None) -> Calibration:
-        """The fitted recordings held against a model; ``fixed`` goes before what the settings hold fixed."""
-        held = {**self.settings.fixed, **(fixed or {})}
+        """The fitted recordings held against a model; ``fixed`` overrides the fixed values of the settings."""
+        values = {**self.settings.fixed, **(fixed or {})}
         settings = replace(self.settings.calibration, outputs=self.recordings.outputs)
-        return calibrate(self.recordings.fitted, model, shared, fixed=held, settings=settings)
+        return calibrate(self.recordings.fitted, model, shared, fixed=values, settings=settings)
 
     def open(self, problem: Problem) -> Simulator:
-        """A simulator on the bench's workers."""
+        """A simulator on the loop's workers."""
         return open_simulator(problem, pool=self.pool)
 
     def open_objective(self, calibration: Calibration) -> Objective:
@@ -101,9 +100,9 @@ class Workbench:
         return Objective(calibration, simulator, result_cache=self.result_cache)
 
     @property
-    def ahead(self) -> Ahead:
+    def ahead(self) -> SpeculativeExecutor:
         """Helpers, one a worker, that compute results before they are needed."""
-        return Ahead(self.result_cache, self.pool, self.tally.late)
+        return SpeculativeExecutor(self.result_cache, self.pool, self.statistics.time_is_up)
 
     @property
     def unseen(self) -> Unseen:
