@@ -13,12 +13,18 @@ from aero_bayes.data import Recording
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.predictive import Predictive, edges, recording_log_density, summarise
-from aero_bayes.estimate.simulate import as_recording, run_problem
+from aero_bayes.estimate.predictive import (
+    Predictive,
+    edges,
+    predict_from_filter,
+    predict_from_outputs,
+    recording_log_density,
+)
+from aero_bayes.estimate.simulate import as_recording, run_filter, run_problem
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.interface import Filtered, Outcome
 from aero_bayes.simulation.model import Model
 
 if TYPE_CHECKING:
@@ -185,18 +191,21 @@ class FittedPredictor:
         recording = as_recording(inputs, calibration)
         values = np.tile(self.values, (len(points), 1))
         values[:, list(self.free)] = points[:, : len(self.free)]
-        found = run_problem(calibration, recording, values, workers=workers, engine=self.engine)
+        run = run_filter if calibration.process is not None else run_problem
+        found = run(calibration, recording, values, workers=workers, engine=self.engine)
         good = found.outcomes[:, 0] == Outcome.OK
         if not good.any():
             raise CannotFinishError(f"no draw of the posterior could be simulated over {recording.name}")
-        noise = NoiseLayout.of(calibration, self.noise).unpack(np.log(points[:, len(self.free) :]))[good, 0]
-        simulated = found.outputs[0][good]
         unread = np.full(recording.rows, np.nan)
         measured = np.column_stack([recording.outputs.get(o, unread) for o in outputs])
-        density = recording_log_density(recording.time, measured - simulated, noise)
-        density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
-        part = summarise(
-            recording.time, simulated.astype(np.float32), noise, density, self.band_factors,
-            np.random.default_rng(seed), _STORED, _BLOCKS,
-        )  # fmt: skip
+        rng, time = np.random.default_rng(seed), recording.time
+        if isinstance(found, Filtered):
+            y, variance = found.predicted[0][good], found.variance[0][good]
+            part = predict_from_filter(time, measured, y, variance, self.band_factors, rng, _STORED, _BLOCKS)
+        else:
+            noise = NoiseLayout.of(calibration, self.noise).unpack(np.log(points[:, len(self.free) :]))[good, 0]
+            density = recording_log_density(time, measured - found.outputs[0][good], noise)
+            density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
+            y32 = found.outputs[0][good].astype(np.float32)
+            part = predict_from_outputs(time, y32, noise, density, self.band_factors, rng, _STORED, _BLOCKS)
         return RecordingPrediction(calibration.model, recording, outputs, part)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,7 @@ def edges(n: int, blocks: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, n, min(blocks, n) + 1).astype(np.int64))
 
 
-def _noise(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
+def noise_draws(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
     """Draws of the noise, shape (k, n, m), for noise triples (k, m, 3)."""
     k, m = noise.shape[:2]
     white, ou, tau = np.moveaxis(noise, 2, 0)
@@ -73,33 +74,73 @@ def _noise(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> Flo
     return np.asarray(out + white[:, None] * rng.standard_normal(out.shape))
 
 
-def summarise(
+def predict_from_outputs(
+    time: FloatArray, outputs: NDArray[np.float32], noise: FloatArray, density: FloatArray, factors: FloatArray,
+    rng: np.random.Generator, stored: int, blocks: int,
+) -> Predictive:  # fmt: skip
+    """Readings from simulated outputs (k, n, m), noise triples (k, m, 3) and the density of each block (k, b)."""
+    sd = np.hypot(noise[:, np.newaxis, :, 0], noise[:, np.newaxis, :, 1])
+    return _summarise(
+        time, outputs, sd, lambda rows: noise_draws(rng, time[rows], noise), density, factors, stored, blocks
+    )
+
+
+def predict_from_filter(
+    time: FloatArray, measured: FloatArray, predicted: FloatArray, variance: FloatArray, factors: FloatArray,
+    rng: np.random.Generator, stored: int, blocks: int,
+) -> Predictive:  # fmt: skip
+    """Readings from a filter's predictions (k, n, m) of independent readings, and their variances."""
+    density = np.nansum(-0.5 * ((measured - predicted) ** 2 / variance + np.log(2.0 * np.pi * variance)), axis=2)
+    bounds = edges(time.size, blocks)
+    sd = np.sqrt(variance)
+    return _summarise(
+        time, predicted.astype(np.float32), sd, lambda rows: sd[:, rows] * rng.standard_normal(sd[:, rows].shape),
+        np.add.reduceat(density, bounds[:-1], axis=1), factors, stored, blocks,
+    )  # fmt: skip
+
+
+def _summarise(
     time: FloatArray,
     outputs: NDArray[np.float32],
-    noise: FloatArray,
+    sd: FloatArray,
+    noise: Callable[[NDArray[np.int64]], FloatArray],
     density: FloatArray,
     factors: FloatArray,
-    rng: np.random.Generator,
     stored: int,
     blocks: int,
 ) -> Predictive:
-    """Centre and bands of simulated draws (draws, n, m) with their noise (draws, m, 3).
+    """Bands and draws of readings.
 
-    The band of each output is ``factors`` (m,) standard deviations of noise and draws to both sides of the mean.
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+    outputs : ndarray, shape (k, n, m)
+        Of k draws, without noise.
+    sd : ndarray, shape (k, 1, m) or (k, n, m)
+        Of the readings about them.
+    noise : callable
+        Draws of the noise, shape (k, r, m), at some r rows.
+    density : ndarray, shape (k, b)
+        Log-density of each block's readings.
+    factors : ndarray, shape (m,)
+        Half-width of the band in standard deviations of noise and draws.
+    stored : int
+        Rows of which whole draws are kept.
+    blocks : int
     """
     _, n, m = outputs.shape
     lower, median, upper = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
     fit_lower, fit_upper = np.empty((n, m)), np.empty((n, m))
-    total = np.hypot(noise[:, :, 0], noise[:, :, 1])
+    variance = np.broadcast_to(np.mean(sd**2, axis=0), (n, m))
     for first in range(0, n, 4000):
         part = outputs[:, first : first + 4000].astype(np.float64)
         fit_lower[first : first + 4000], fit_upper[first : first + 4000] = np.quantile(part, [0.05, 0.95], axis=0)
-        spread = factors * np.sqrt(np.mean(total**2, axis=0) + part.var(axis=0))
+        spread = factors * np.sqrt(variance[first : first + 4000] + part.var(axis=0))
         centre = part.mean(axis=0)
         median[first : first + 4000] = centre
         lower[first : first + 4000], upper[first : first + 4000] = centre - spread, centre + spread
     chosen = np.unique(np.linspace(0, n - 1, min(stored, n)).astype(np.int64))
-    draws = outputs[:, chosen].astype(np.float64) + _noise(rng, time[chosen], noise)
+    draws = outputs[:, chosen].astype(np.float64) + noise(chosen)
     bounds = edges(n, blocks)
     return Predictive(
         time, lower, median, upper, fit_lower, fit_upper, time[chosen], draws,

@@ -18,7 +18,7 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_mod
 from aero_bayes.estimate.fit_statistics import FitStatistics
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.laplace_estimates import laplace_estimates
-from aero_bayes.estimate.noise_report import noise_table
+from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameter_estimates import Estimate, EstimateTable, estimates_html
 from aero_bayes.estimate.prediction import FittedPredictor, RecordingPrediction
@@ -28,6 +28,7 @@ from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.simulation.interface import Simulator
+from aero_bayes.simulation.smoothing import SmoothedStates
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,6 +77,8 @@ class Fit(FitStatistics, EstimateTable):
         Simulation engine.
     sensors : mapping of str to dict
         Ripple and encoder counts, by output, as result.json takes them.
+    states : tuple of SmoothedStates
+        With process noise, the states of each recording given all its readings, in the order of the model's states.
 
     Examples
     --------
@@ -118,6 +121,7 @@ class Fit(FitStatistics, EstimateTable):
     seconds: float
     engine: str = "native"
     sensors: Mapping[str, Json] = field(default_factory=dict)
+    states: tuple[SmoothedStates, ...] = ()
 
     def target(self, simulator: Simulator) -> Target:
         """The log-posterior over the free parameters, through a simulator of the calibration's problem."""
@@ -156,6 +160,7 @@ class Fit(FitStatistics, EstimateTable):
         return {
             "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
             "noise": self.noise_table(),
+            "process_noise": process_noise_table(self.calibration.process, self.parameters),
             "sensors": dict(self.sensors),
             "fit": {
                 "cost_eq6": self.cost_eq6,

@@ -182,6 +182,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "recordings": [_recording(run, name, scene) for name in run.recordings()],
         "curve_words": curves.MEANING,
         "residuals": findings.residual_floor_table(run), "noise": findings.noise_model_table(run),
+        "process_noise": findings.process_noise_table(run),
         "sensors": sensor_table(run), "rms": findings.fit_error_table(run), "fit_facts": findings.fit_facts(run),
         "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),

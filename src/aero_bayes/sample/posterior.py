@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate.noise_report import noise_table
+from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.parameter_estimates import EstimateTable, estimates_html
 from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.plot_backend import plot_backend
@@ -90,6 +90,7 @@ class Posterior(PosteriorDraws, EstimateTable):
         return base | {
             "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
             "noise": noise_table(self.calibration, self.noise),
+            "process_noise": process_noise_table(self.calibration.process, self.parameters),
             "mcmc": {
                 "ensembles": self.draws.shape[0],
                 "draws": self.steps,

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.predictive import Predictive, edges, recording_log_density, summarise
+from aero_bayes.estimate.predictive import (
+    Predictive,
+    edges,
+    predict_from_filter,
+    predict_from_outputs,
+    recording_log_density,
+)
 from aero_bayes.estimate.target import JointTarget
-from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.interface import Filter, Outcome
 
 FloatArray = NDArray[np.float64]
 
@@ -43,6 +50,8 @@ def posterior_predictive(
     CannotFinishError
         If no draw can be simulated.
     """
+    if joint.target.objective.filtered:
+        return _filtered(joint, points[:, : len(joint.target.free)], band_factors, rng, stored, blocks)
     free = len(joint.target.free)
     noise = joint.layout.unpack(points[:, free:])[:, 0]
     experiments = joint.target.calibration.experiments
@@ -61,18 +70,25 @@ def posterior_predictive(
         raise CannotFinishError("no draw of the posterior could be simulated over the recordings")
     sd = np.concatenate(kept_noise)
     return tuple(
-        summarise(
-            experiment.time,
-            np.concatenate(collected[e]),
-            sd,
-            np.concatenate(densities[e]),
-            band_factors,
-            rng,
-            stored,
-            blocks,
-        )
-        for e, experiment in enumerate(experiments)
+        predict_from_outputs(e.time, np.concatenate(y), sd, np.concatenate(density), band_factors, rng, stored, blocks)
+        for e, y, density in zip(experiments, collected, densities, strict=True)
     )
+
+
+def _filtered(
+    joint: JointTarget, coordinates: FloatArray, factors: FloatArray, rng: np.random.Generator, stored: int, blocks: int
+) -> tuple[Predictive, ...]:
+    """With process noise each reading is predicted from all before it, by the filter of each draw."""
+    found = cast(Filter, joint.target.simulator).filter(joint.target.values(coordinates))
+    good = np.all(found.outcomes == Outcome.OK, axis=1)
+    if not good.any():
+        raise CannotFinishError("no draw of the posterior could be filtered over the recordings")
+    return tuple(
+        predict_from_filter(e.time, np.asarray(e.measured), y[good], variance[good], factors, rng, stored, blocks)
+        for e, y, variance in zip(
+            joint.target.calibration.experiments, found.predicted, found.variance, strict=True
+        )
+    )  # fmt: skip
 
 
 def _simulated(

@@ -34,6 +34,7 @@ from aero_bayes.workflow.curves import (
     measured_series,
     only_measured,
     ripple_series,
+    state_series,
 )
 from aero_bayes.workflow.describe import fit_verdict, preamble, residual_table
 from aero_bayes.workflow.job import (
@@ -196,7 +197,8 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
     for entry in result["recordings"]:
         entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
-    return result, measured_series(job.recordings) | fitted_series(found) | ripple_series(job.recordings, found)
+    series = measured_series(job.recordings) | fitted_series(found) | ripple_series(job.recordings, found)
+    return result, series | state_series(found)
 
 
 def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:

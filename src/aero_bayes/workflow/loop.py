@@ -106,6 +106,8 @@ def _check(job: Job) -> None:
         raise InputError(f"the loop needs the native engine, not {job.engine}")
     if fit_section.cost != "posterior":
         raise InputError(f'the loop compares log-evidences: [fit] cost is "{fit_section.cost}", expected "posterior"')
+    if job.config.noise.process:
+        raise InputError("the loop looks for what process noise would hide: it takes no [noise.process]")
     if fit_section.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
     if fit_section.ripple == "describe":
