@@ -19,6 +19,12 @@ GOALS = (
     Goal("sensitivities_over_plain", "eight sensitivities, cost over the plain run", 5.0, at_most=True),
     Goal("ess_per_s_over_stretch", "effective samples/s over emcee's stretch move, same engine", 10.0),
     Goal("ess_per_s_over_fmpy", "effective samples/s over emcee on FMPy (projected)", 500.0),
+    Goal(
+        "simulations_an_effective_sample_with_a_delay",
+        "simulations per effective sample on a recording with a delay",
+        5.0,
+        at_most=True,
+    ),
     Goal("time_over_linear_in_samples", "time for 10 times the samples, over linear", 1.1, at_most=True),
     Goal("time_over_linear_in_recordings", "time for 16 times the recordings, over linear", 1.1, at_most=True),
     Goal("memory_growth_mib", "memory, batch of 100,000 over one of 20,000 (MiB)", 1.0, at_most=True),

@@ -90,9 +90,10 @@ def with_law(path: Path, out: Path) -> Path:
     """Write the same FMU with a law around it that is off."""
     inner = Model.load(path)
     law = next(law for law in shipped_laws() if (law.kind, law.id) == ("output", "gain"))
-    around, models = FmuBoundary(inner), law_models([law])
-    port = next(p for p in around.ports if p.kind == "reading")
-    couple(inner, around.seam([place_law(law, port, around.names.values())], models), out, out.with_suffix(".laws.fmu"))
+    boundary, models = FmuBoundary(inner), law_models([law])
+    port = next(p for p in boundary.ports if p.kind == "reading")
+    coupling = boundary.coupling([place_law(law, port, boundary.names.values())], models)
+    couple(inner, coupling, out, out.with_suffix(".laws.fmu"))
     return out
 
 

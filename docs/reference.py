@@ -84,6 +84,10 @@ KEYS: Mapping[str, str] = {
     "fit.local.iterations": "most iterations of the local search",
     "fit.local.tolerance": "predicted decrease of the cost at which it has converged (log-posterior: nats)",
     "fit.local.starts": "points of the swarm that it starts from",
+    "noise.process": "diffusion by state, in the state's unit over the square root of a second, or `estimated`; the "
+    "noise of the readings is then white, and estimated beside it",
+    "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard "
+    "deviation)",
     "posterior.ensembles": "independent ensembles of walkers",
     "posterior.walkers": "walkers of an ensemble; left out: twice the dimension and two",
     "posterior.max_steps": "most steps of the kept chain",

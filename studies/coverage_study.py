@@ -47,9 +47,9 @@ from aero_bayes.estimate import (
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.export import export_fmu
 from aero_bayes.fleet import open_executor
+from aero_bayes.sample import SampleSettings, run_chain
 from aero_bayes.sample.evidence import importance_posterior
 from aero_bayes.sample.importance import WeightedSample
-from aero_bayes.sample.mcmc import SampleSettings, run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import (
     DelayTarget,
@@ -283,7 +283,7 @@ def sampled(fit: Fit, simulator: Simulator, found: WeightedSample, rng: np.rando
     if found.ess > 50.0:
         proposal = WarpedStudentT.of(found.mean, found.covariance)
     settings = SampleSettings(ess=800.0, max_steps=1500, time_limit=45.0)
-    chain = run(fit.joint_target(simulator), proposal, settings, int(rng.integers(2**31)))
+    chain = run_chain(fit.joint_target(simulator), proposal, settings, int(rng.integers(2**31)))
     return chain.points.reshape(-1, chain.points.shape[-1]) if chain.converged or chain.r_hat < 1.05 else None
 
 

@@ -99,7 +99,7 @@ def run(task: AeroTrialTask) -> dict[str, Any]:
         "outcome": result.outcome,
         "found": [{"id": e.id, "port": e.port, "kind": e.kind, "gain": e.gain} for e in result.effects],
         "equivalent": [list(ids) for ids in result.equivalent],
-        "best": [(rival.id, round(rival.gain, 2)) for rival in (result.steps[0].rivals[:3] if result.steps else ())],
+        "best": [(c.id, round(c.gain, 2)) for c in (result.steps[0].candidates[:3] if result.steps else ())],
         "after_over_noise": over,
         "sentence": result.sentence,
         "simulations": result.simulations,

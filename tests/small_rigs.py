@@ -8,11 +8,7 @@ from pathlib import Path
 
 from numpy.random import Generator
 
-from aero_bayes.export.causalisation import ExplicitModel, causalise
-from aero_bayes.export.equation_system import translate
-from aero_bayes.export.expression import Node, evaluate_nodes
-from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import ExplicitModel, FlatModel, Node, causalise, evaluate_nodes, load_flat, translate
 
 RIGS = Path(__file__).parent / "models"
 

@@ -6,10 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from aero_bayes.laws.model_sources import reserved_names
-from aero_bayes.laws.modelica_family import ModelicaFamily
-from aero_bayes.laws.placed_law import place_laws
-from aero_bayes.laws.write_model import WrittenModel, write_laws
+from aero_bayes.laws import ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws
 
 
 def write_effects(base: str, effects: Mapping[str, Mapping[str, float]], folder: Path, name: str = "") -> WrittenModel:

@@ -9,8 +9,7 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import FlatModel, load_flat
 from aero_bayes.laws import (
     Law,
     LawModels,

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
     from aero_bayes.plot_backend import PlotBackend
     from aero_bayes.report.run_directory import RunDirectory
-    from aero_bayes.sample import Posterior, RecordingPrediction, SampleSettings, sample
+    from aero_bayes.sample import Posterior, SampleSettings, sample
     from aero_bayes.simulation import Model
     from aero_bayes.simulation.load_model import load_model
 
@@ -67,7 +67,7 @@ _HOME = {
     "sample": "sample",
     "load_model": "simulation.load_model",
     "open_run": "library",
-    "RecordingPrediction": "sample",
+    "RecordingPrediction": "estimate",
     "RunDirectory": "report.run_directory",
     "write_report": "library",
     "Model": "simulation",

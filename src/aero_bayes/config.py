@@ -13,6 +13,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.unknown_names import closest_name
 
 Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(gt=0)]
 Sections = TypeVar("Sections", bound=BaseModel)
 
@@ -114,6 +115,17 @@ class FitSection(Section):
     local: LocalSection = LocalSection()
 
 
+class NoiseSection(Section):
+    """``[noise]``: process noise of states.
+
+    ``[noise.process]`` gives each of them its diffusion, in the state's unit over the square root of a second, or has
+    it estimated; ``[noise.initial_sd]`` says how far its initial value may be off.
+    """
+
+    process: dict[str, NotNegative | Literal["estimated"]] = Field(default_factory=dict)
+    initial_sd: dict[str, NotNegative] = Field(default_factory=dict)
+
+
 class PosteriorSection(Section):
     """``[posterior]``: when the sampler may stop."""
 
@@ -166,6 +178,7 @@ class Config(Section):
     data: DataSection = DataSection()
     parameters: dict[str, ParameterSection] = Field(default_factory=dict)
     fit: FitSection = FitSection()
+    noise: NoiseSection = NoiseSection()
     posterior: PosteriorSection = PosteriorSection()
     prediction: PredictionSection = PredictionSection()
     loop: LoopSection = LoopSection()

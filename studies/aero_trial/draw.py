@@ -10,9 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.random import Generator
 
-from aero_bayes.bench import effects
+from aero_bayes.bench import EffectKind, effects
 from aero_bayes.bench.defaults import SimulatedSet, write_truth
-from aero_bayes.bench.effects import EffectKind
 from aero_bayes.bench.inputs import InputDesign, random_levels
 from aero_bayes.bench.rig import simulate_recording
 from aero_bayes.bench.sensors import Sensors, clean, real, white

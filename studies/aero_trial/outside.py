@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import copysign, exp, pi, sin, tanh
 
-from aero_bayes.bench.effects import EffectKind
+from aero_bayes.bench import EffectKind
 from aero_bayes.bench.equations import RigEquations
 
 

@@ -10,8 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from aero_bayes.bench import HALF_QUAD, Levels, Parameters, Truth, effect, even_times, paper_step, simulate_truth
-from aero_bayes.bench.effects import KINDS
+from aero_bayes.bench import HALF_QUAD, KINDS, Levels, Parameters, Truth, effect, even_times, paper_step, simulate_truth
 from aero_bayes.bench.exponential import block
 from aero_bayes.bench.integrate import AeroIntegrator
 from aero_bayes.bench.rig import equations_of

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import aero_bayes
-from aero_bayes.bench import default_recordings
-from aero_bayes.bench.effects import KINDS
+from aero_bayes.bench import KINDS, default_recordings
 from aero_bayes.data import read_recording
 
 CATALOGUE = {

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from harness import Goal, Route, TimingRow, missing, ratio, time_routes, update
 
-from aero_bayes.estimate.target import Target
+from aero_bayes.estimate import Target
 from aero_bayes.simulation import open_simulator
 
 

@@ -10,12 +10,10 @@ import pytest
 from scipy.stats import kstest
 
 from aero_bayes.check import check_residuals, portmanteau_test, slow_variation_test, smooth_dependence_test
-from aero_bayes.estimate.local_fit import local_fit
-from aero_bayes.estimate.objective import Objective, Series
-from aero_bayes.estimate.priors import Normal
-from aero_bayes.judge.prediction import rms_error
+from aero_bayes.estimate import Normal, Objective, Series, local_fit
+from aero_bayes.judge import rms_error
 from aero_bayes.sensors import OutputNoise, SampleTimes, autocorrelation, whiten
-from aero_bayes.simulation.interface import InputSignal
+from aero_bayes.simulation import InputSignal
 
 N = 4000
 TIME = np.arange(N) * 0.01

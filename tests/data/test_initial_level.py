@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.data.initial_level import initial_level
+from aero_bayes.data import initial_level
 
 TIME = 2.0 + 0.01 * np.arange(600)
 LAW_INTERFACES = {

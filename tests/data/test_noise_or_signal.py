@@ -134,5 +134,5 @@ def test_an_unknown_floor_has_no_entry_and_is_said() -> None:
     recording = Recording("room", 900.0 * COUNT, dict(zip(("T_amb", "Q"), inputs, strict=True)), readings)
     assert noise_floors([recording], ["T", "slow"]) == {("room", "slow"): pytest.approx(0.03, rel=0.1)}
     said = {output.name: output.text for output in summarise(recording).outputs}
-    assert "noise unknown (at most" in said["T"]
-    assert "noise 0.03" in said["slow"]
+    assert "unknown" in said["T"]
+    assert "0.03" in said["slow"]

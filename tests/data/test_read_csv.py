@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
+from facts import facts
 
-from aero_bayes.data import ColumnMap, Layout, read_recording
-from aero_bayes.data.csv_text import read_header
+from aero_bayes.data import ColumnMap, Layout, read_header, read_recording
 from aero_bayes.errors import InputError
 
 GOOD = "time,V_m,i_m,omega_m,theta\n" + "".join(
@@ -100,7 +101,7 @@ def test_a_line_of_units_is_part_of_the_names(tmp_path: Path) -> None:
     units = GOOD.replace("\n", "\ns,V,A,,deg\n", 1)
     path = write(tmp_path, units)
     assert read_header(path).names == ["time [s]", "V_m [V]", "i_m [A]", "omega_m", "theta [deg]"]
-    assert "no column time, found time [s], V_m [V]" in complaint(path)
+    assert re.search(facts("column time", "time [s]", "V_m [V]"), complaint(path))
     maps = {"time": ColumnMap("time [s]"), "V_m": ColumnMap("V_m [V]"), "theta": ColumnMap("theta [deg]", "deg")}
     recording = read_recording(path, maps)
     assert recording.rows == 20
@@ -170,11 +171,11 @@ def test_complaints(tmp_path: Path, text: str | bytes, parts: list[str]) -> None
 def test_blocks_of_missing_values(tmp_path: Path) -> None:
     lines = GOOD.splitlines()
     blank = [",".join([*line.split(",")[:1], "", *line.split(",")[2:]]) for line in lines]
-    assert "row 6, column V_m: missing or not finite (10 in a row)" in complaint(
-        write(tmp_path, "\n".join(lines[:5] + blank[5:15] + lines[15:]))
-    )
+    said = complaint(write(tmp_path, "\n".join(lines[:5] + blank[5:15] + lines[15:])))
+    assert re.search(facts("row 6", "column V_m", "10"), said)
     hollow = [line.rsplit(",", 1)[0] + "," for line in lines]
-    assert "column theta: 0 readings in 20 rows" in complaint(write(tmp_path, "\n".join(lines[:1] + hollow[1:])))
+    said = complaint(write(tmp_path, "\n".join(lines[:1] + hollow[1:])))
+    assert re.search(facts("column theta", "0", "20"), said)
 
 
 def test_units_wrong_by_a_thousand(tmp_path: Path) -> None:
@@ -249,8 +250,7 @@ def test_another_layout(tmp_path: Path) -> None:
 
 def test_too_little_memory_names_the_size(tmp_path: Path) -> None:
     message = complaint(write(tmp_path, GOOD), memory=1000)
-    assert "20 rows of 5 columns need" in message
-    assert "MiB" in message
+    assert re.search(facts("20", "5", "MiB"), message)
 
 
 def test_blocks_join_without_a_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

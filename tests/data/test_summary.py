@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from facts import facts
 
 from aero_bayes.bench import SensorNoise, Sensors, Truth, clean, equal_steps, real, simulate_recording
 from aero_bayes.data import Recording, ripple_amplitudes, summarise
@@ -32,8 +34,8 @@ def test_sampling_input_and_gaps() -> None:
     assert theta.missing == int(np.isnan(recording.outputs["theta"]).sum()) > 0
     assert theta.noise.sd == pytest.approx(1e-3, rel=0.1)
     json.dumps(summary.to_dict(), allow_nan=False)
-    assert "made: 2,701 rows" in str(summary)
-    assert "<td>V_m: -9 to 18 V, 5 levels" in summary._repr_html_()
+    assert re.search(facts("made", "2,701"), str(summary))
+    assert re.search(facts("V_m", "-9", "18 V", "5 levels"), summary._repr_html_())
 
 
 def test_dropped_samples_and_jitter() -> None:

@@ -71,13 +71,13 @@ def test_commands_of_the_how_to_pages_run(page: str, cart: Path):
 
 def test_the_laws_of_the_how_to_page_are_read(cart: Path):
     """The file of a law as it stands on the page."""
-    from aero_bayes.laws.law import read_laws
+    from aero_bayes.laws import read_laws
 
     (cart / "MyLaws.mo").write_text(blocks("docs/howto/law.md", 'modelica title="MyLaws.mo"')[0], encoding="utf-8")
     assert [law.id for law in read_laws([cart / "MyLaws.mo"])] == ["wind_drag"]
 
 
-@pytest.mark.parametrize("page", ["model", "data", "priors", "loop", "law"])
+@pytest.mark.parametrize("page", ["model", "data", "priors", "loop", "law", "process_noise"])
 def test_tables_of_the_how_to_pages_are_valid(page: str, tmp_path: Path):
     """Each TOML block is one that the program reads."""
     from aero_bayes.config import load_config

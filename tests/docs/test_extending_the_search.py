@@ -15,8 +15,7 @@ from test_documentation import ROOT, blocks
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.data import Layout, read_recording
 from aero_bayes.judge import Choice, Recordings, choose
-from aero_bayes.laws.candidate_filter import CandidateFilter
-from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.laws import CandidateFilter, ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, fit_base_model
 from aero_bayes.search import (
     FitNoise,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from facts import facts
 
 import aero_bayes
 from aero_bayes.data import Recording
@@ -63,5 +64,5 @@ def test_a_dead_time_of_many_samples_is_its_inputs_alone(modelica) -> None:
 
 
 def test_a_delay_of_an_input_that_was_not_recorded_is_refused(modelica) -> None:
-    with pytest.raises(InputError, match="delay of wind: room1 has no such input; it has T_amb, heater"):
+    with pytest.raises(InputError, match=facts("delay", "wind", "room1", "T_amb", "heater")):
         fitted(modelica, room(1), {"wind": 10.0})

@@ -99,7 +99,7 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
         grid = np.geomspace(0.55, 18.0, 400)
         with open_simulator(cheap.problem(), workers=0) as small:
             residuals = Objective(cheap, small).residuals(cheap.parameters.to_search(grid[:, None]))
-        costs = np.array([float(r[0] @ r[0]) for r in residuals])
+        costs = np.array([float(r.residual[0] @ r.residual[0]) for r in residuals])
         valleys = np.flatnonzero((costs[1:-1] < costs[:-2]) & (costs[1:-1] < costs[2:])) + 1
         assert valleys.size > 3
 

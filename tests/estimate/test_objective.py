@@ -87,10 +87,10 @@ def test_engine_and_whitened_residuals_agree(objectives, sampling, kind):
 
     plain = objective.evaluate(x)
     by_recording = objective.log_likelihood(values, objective.noise_rows(noise))[0]
-    assert objective.whiten(plain.residual, None, noise).log_likelihood == pytest.approx(by_recording.sum(), rel=REL)
+    assert objective.whiten(plain, noise).log_likelihood == pytest.approx(by_recording.sum(), rel=REL)
 
     found = objective.evaluate(x, active)
-    white = objective.whiten(found.residual, found.slopes, noise)
+    white = objective.whiten(found, noise)
     reduced = objective.gauss_newton(values, objective.noise_rows(noise), active)
     scale = parameters.jacobian(values[0])
     assert white.log_likelihood == pytest.approx(reduced.log_likelihood[0], rel=REL)
@@ -112,7 +112,7 @@ def test_outputs_that_a_part_leaves_out_do_not_count(objectives):
     noise = {"x": NOISES["slow"], "y": NOISES["brief"]}
     assert part.readings == np.isfinite(np.concatenate(whole.calibration.measured)[:, 1]).sum()
     found = part.evaluate(x, (0, 1, 2))
-    white = part.whiten(found.residual, found.slopes, noise)
+    white = part.whiten(found, noise)
     values = whole.parameters.from_search(x)
     scale = whole.parameters.jacobian(values)
     reduced = part.gauss_newton(values[None], part.noise_rows(noise), (0, 1, 2))

@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from facts import facts
 from scipy.signal import cont2discrete, dlsim
 
 import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, Override, calibrate, moving_inputs, parameters_from_model
-from aero_bayes.simulation.interface import Interpolation
+from aero_bayes.simulation import Interpolation
 
 HOUSE = """model House "A room with a heater"
   parameter Real tau(unit = "h", min = 0.1, max = 100) = 3 "Time constant";
@@ -91,5 +92,5 @@ def test_a_reading_by_name_and_what_may_move(modelica) -> None:
     assert moving_inputs(calibration) == ("T_amb",)
     discrete = replace(model, inputs=tuple(replace(variable, discrete=True) for variable in model.inputs))
     assert moving_inputs(replace(calibration, model=discrete)) == ()
-    with pytest.raises(InputError, match="interpolation of wind: house has no such input; it has T_amb, heater"):
+    with pytest.raises(InputError, match=facts("interpolation", "wind", "house", "T_amb", "heater")):
         calibrate([recording], model, free, settings=CalibrationSettings(interpolation={"wind": "linear"}))

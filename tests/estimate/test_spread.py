@@ -154,3 +154,24 @@ def test_the_loops_intervals_are_those_of_a_fit():
     assert found.noise["y"].model_error
     assert found.spread is not None
     assert found.laplace.covariance == pytest.approx(found.optimum.covariance, rel=1e-6)
+
+
+def test_the_map_only_contracts():
+    """In units of the prior it is symmetric and its eigenvalues are at most one, where the data say little too."""
+    rng = np.random.default_rng(4)
+    prior_sd = np.array([3.0, 1e-3]) / 20.0
+    items = [
+        closed_form.parameter(n, 0.0, -10.0, 10.0, Normal(0.0, 20.0 * sd)) for n, sd in zip("ab", prior_sd, strict=True)
+    ]
+    y = 1.0 - 0.5 * TIME + autoregression(rng, 0.9, N)
+    problem = closed_form.calibration([(TIME, y[:, None])], ["y"], items)
+    objective = Objective(problem, closed_form.FormulaSimulator(problem.problem(), line))
+    found = local_fit(objective, np.zeros(2), (0, 1), noise={"y": HELD}, settings=EXACT)
+    spread = curvature_adjustment(objective, found)
+    assert spread is not None
+    unit = objective.parameters.prior_sd()
+    scaled = spread.map * unit / unit[:, None]
+    np.testing.assert_allclose(scaled, scaled.T, atol=1e-9)
+    values = np.linalg.eigvalsh(scaled)
+    assert np.all((values > 0.0) & (values < 1.0 + 1e-9))
+    assert values[0] < 0.5

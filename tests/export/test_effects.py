@@ -14,7 +14,7 @@ from fmpy.validation import validate_fmu
 from hand_written_aero import NOMINAL, SCALES, STATES
 
 from aero_bayes.export import declaration_of
-from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.laws import ModelicaFamily
 
 #: A magnitude for each switching parameter, and the second parameters.
 ON = {

@@ -11,8 +11,7 @@ from written_effects import write_effects
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
-from aero_bayes.laws.candidates import Candidate
-from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.laws import Candidate, ModelicaFamily
 
 EVERY = ModelicaFamily("Aero.Systems.OneDof", (), Path()).candidates
 POINT = {

@@ -13,7 +13,7 @@ from fmpy import simulate_fmu
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import explicit_model, export_fmu
-from aero_bayes.workflow.init import run_init
+from aero_bayes.workflow import run_init
 
 Write = Callable[[str, str], Path]
 

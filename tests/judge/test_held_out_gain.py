@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate import LocalSettings, Normal, Parameter
-from aero_bayes.estimate.local_fit import LocalFitSettings
-from aero_bayes.estimate.objective import Objective
-from aero_bayes.judge import BLOCK_COUNT, blocks_of, held_out_gain
-from aero_bayes.laws.model_family import CandidateTerm
+from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
+from aero_bayes.estimate.leave_out import BLOCK_COUNT
+from aero_bayes.judge import blocks_of, held_out_gain
+from aero_bayes.laws import CandidateTerm
 from aero_bayes.search import CandidateModel, FitNoise, Structure
-from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.sensors import OutputNoise
 from aero_bayes.simulation import ParameterTarget, open_simulator
 
 EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-10), hold_noise=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aero_bayes.check.residual_tests import ResidualReport
+from aero_bayes.check import ResidualReport
 from aero_bayes.data import Recording
 from aero_bayes.judge import MAX_ERROR_RATIO, Prediction, Recordings, refusal, rms_error
 

@@ -13,11 +13,21 @@ import pytest
 from scipy.optimize import approx_fprime, minimize
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, FitSettings, NoiseModel, Normal, Parameter, ParameterSet, calibrate
-from aero_bayes.estimate.fit import fit_calibration
-from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
+from aero_bayes.estimate import (
+    CalibrationSettings,
+    FitSettings,
+    JointTarget,
+    NoiseLayout,
+    NoiseModel,
+    Normal,
+    Parameter,
+    ParameterSet,
+    Target,
+    calibrate,
+    fit_calibration,
+)
 from aero_bayes.export import export_fmu
-from aero_bayes.sample.mcmc import SampleSettings, run
+from aero_bayes.sample import SampleSettings, run_chain
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, StartTarget, open_simulator
 
@@ -110,7 +120,7 @@ def posterior(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, np.
         layout = replace(NoiseLayout.of(calibration, found.noise), centre=np.full((2, 3), -1.0), sigma=1.0)
         density = JointTarget(Target(calibration, simulator, found.values, found.free), layout)
         proposal = WarpedStudentT.of(found.laplace.mean, found.laplace.covariance, 8.0)
-        chain = run(density, proposal, SampleSettings(ess=2000.0, max_steps=6000, time_limit=900.0), seed=5)
+        chain = run_chain(density, proposal, SampleSettings(ess=2000.0, max_steps=6000, time_limit=900.0), seed=5)
     assert chain.converged, chain.reason
     points = chain.points.reshape(-1, 8)
     values = calibration.parameters.from_search(points[:, :6])

@@ -11,13 +11,21 @@ import pytest
 from scipy.stats import kstest, multivariate_normal
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, FitSettings, NoiseModel, Normal, Parameter, ParameterSet, calibrate
-from aero_bayes.estimate.fit import fit_calibration
-from aero_bayes.estimate.target import NoiseLayout
+from aero_bayes.estimate import (
+    CalibrationSettings,
+    FitSettings,
+    NoiseLayout,
+    NoiseModel,
+    Normal,
+    Parameter,
+    ParameterSet,
+    calibrate,
+    fit_calibration,
+)
 from aero_bayes.export import export_fmu
+from aero_bayes.sample import SampleSettings, run_chain
 from aero_bayes.sample.evidence import importance_posterior, laplace_evidence
 from aero_bayes.sample.importance import adaptive_importance_sample, importance_sample, pareto_smooth
-from aero_bayes.sample.mcmc import SampleSettings, run
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, SolverSettings, open_simulator
 
@@ -108,7 +116,7 @@ def test_importance_sampling_is_the_closed_form(case):
 def test_sampler_is_the_closed_form(case):
     fit, simulator, exact = case
     proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, 8.0)
-    chain = run(fit.joint_target(simulator), proposal, SampleSettings(ess=1500.0, time_limit=900.0), seed=2)
+    chain = run_chain(fit.joint_target(simulator), proposal, SampleSettings(ess=1500.0, time_limit=900.0), seed=2)
     assert chain.converged, chain.reason
     points = natural(chain.points.reshape(-1, 4))
     sd = np.append(np.sqrt(np.diag(exact.covariance)), exact.noise_sd)

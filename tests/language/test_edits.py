@@ -25,8 +25,7 @@ from aero_bayes.language import (
     tokenize,
     unified_diff,
 )
-from aero_bayes.ports.find import is_driver
-from aero_bayes.ports.insertion_point import find_insertion_point
+from aero_bayes.ports import find_insertion_point, is_driver
 
 NOISE = [
     " ",

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from facts import facts
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssd
 from fmpy.validation import validate_fmu
@@ -18,8 +20,7 @@ from small_rigs import RIGS, rig
 
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
-from aero_bayes.export.embedded import export_embedded, export_flat
-from aero_bayes.export.flat import FlatModel
+from aero_bayes.export import FlatModel, export_embedded, export_flat
 from aero_bayes.laws import (
     FmuBoundary,
     Law,
@@ -182,7 +183,7 @@ def test_an_fmu_with_co_simulation_only_is_refused(plant: Model, tmp_path: Path)
             new.writestr(name, data)
     done = CliRunner().invoke(main, ["ports", "--model", str(path)])
     assert done.exit_code == 2
-    assert "the loop needs Model Exchange" in done.output
+    assert re.search(facts("Model Exchange"), done.output)
 
 
 def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -> None:
@@ -199,5 +200,5 @@ def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
     from aero_bayes.laws import CandidateFilter, FmuFamily
 
     family = FmuFamily("Plant", (), tmp_path, (), CandidateFilter(laws=("deadzone",)), fmu=plant.path)
-    with pytest.raises(InputError, match="did you mean 'dead_zone'"):
+    with pytest.raises(InputError, match=facts("deadzone", "dead_zone")):
         family.check()

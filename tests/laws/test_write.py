@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from facts import facts
 from fmpy import simulate_fmu
 from numpy.random import Generator
 from numpy.typing import NDArray
@@ -14,9 +15,7 @@ from small_rigs import RIGS, Numbers, explicit, rig, somewhere
 from written_laws import SIZES, agree, uses_at
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.embedded import export_flat
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import export_flat, export_fmu, load_flat
 from aero_bayes.laws import (
     Law,
     LawModels,
@@ -350,7 +349,7 @@ end Branch;
     )
     flat = rig("Branch", str(path))
     assert {p.id for p in ports_with_laws(flat, laws)} == {"y"}  # a balance in branches is no port
-    with pytest.raises(InputError, match="Nowhere: the class was not found"):
+    with pytest.raises(InputError, match=facts("Nowhere")):
         write_law([path], "Nowhere", flat, [], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -91,7 +91,7 @@ MISTAKES: dict[str, tuple[Callable[[SimpleNamespace], object], str]] = {
         "settings: expected a LoopSettings; got dict",
     ),
     "loop without free parameters": (
-        lambda c: aero_bayes.close_loop(c.recording, model=c.model, workers=0), "say which are free; it has m, k, d",
+        lambda c: aero_bayes.close_loop(c.recording, model=c.model, workers=0), "m, k, d",
     ),
     "sources that are none": (lambda c: LoopSettings(sources=3), "sources: expected paths, got int 3"),
     "no model file": (lambda c: aero_bayes.load_model("none.mo"), "none.mo: no such file"),

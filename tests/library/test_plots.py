@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import matplotlib
 import numpy as np
 import pytest
+from facts import facts
 from matplotlib.figure import Figure
 
 import aero_bayes
@@ -91,6 +92,7 @@ def test_drawing_leaves_other_figures_alone(cart: SimpleNamespace):
     assert dict(matplotlib.rcParams) == before
 
 
+@pytest.mark.slow
 def test_notebooks_show_a_figure_once(cart: SimpleNamespace):
     """By itself, and not a second time through pyplot's list of windows."""
     shown = cart.recording.plot()._repr_png_()
@@ -98,6 +100,7 @@ def test_notebooks_show_a_figure_once(cart: SimpleNamespace):
     assert matplotlib._pylab_helpers.Gcf.get_all_fig_managers() == []
 
 
+@pytest.mark.slow
 def test_the_pair_plot_holds_the_shares_that_it_says(posterior: aero_bayes.Posterior):
     """Half of the draws lie within the dark region, nine tenths within the light one."""
     figure = posterior.plot(["k", "d"])
@@ -115,6 +118,7 @@ def test_the_pair_plot_holds_the_shares_that_it_says(posterior: aero_bayes.Poste
         posterior.plot(["stiffness"])
 
 
+@pytest.mark.slow
 def test_the_band_is_drawn_about_the_curve(posterior: aero_bayes.Posterior):
     band = posterior.plot_bands().axes[1].collections[0].get_paths()[0].vertices
     part = posterior.predictive[0]
@@ -122,6 +126,7 @@ def test_the_band_is_drawn_about_the_curve(posterior: aero_bayes.Posterior):
     assert band[:, 1].max() == pytest.approx(part.upper.max())
 
 
+@pytest.mark.slow
 def test_the_loops_figures_show_both_models_and_the_choice(loop: aero_bayes.LoopResult, cart: SimpleNamespace):
     figure = loop.plot()
     measured, before, after = curves(figure, 0)
@@ -136,15 +141,17 @@ def test_the_loops_figures_show_both_models_and_the_choice(loop: aero_bayes.Loop
     assert rounds.axes[0].get_yticklabels()[0].get_text() == loop.words["coulomb_friction@v"]
 
 
+@pytest.mark.slow
 def test_a_run_is_drawn_from_its_files(run: aero_bayes.RunDirectory):
     factor = 1e3 if run.plot().axes[0].get_ylabel() == "mm" else 1.0
     drawn = curves(run.plot(), 0)
     for mine, group in zip(drawn, ("measured", "before", "fitted"), strict=True):
         assert mine == pytest.approx(factor * run.series[f"{group}/test/position"])
-    with pytest.raises(aero_bayes.InputError, match="no recording 'nowhere' here; there are train, test"):
+    with pytest.raises(aero_bayes.InputError, match=facts("nowhere", "train", "test")):
         run.plot("nowhere")
 
 
+@pytest.mark.slow
 def test_everything_shows_itself_in_a_line_and_a_table(
     cart: SimpleNamespace, posterior: aero_bayes.Posterior, loop: aero_bayes.LoopResult, run: aero_bayes.RunDirectory
 ):

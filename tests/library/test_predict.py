@@ -97,6 +97,22 @@ def test_a_fitted_recording_is_predicted_as_it_was_sampled(cart: SimpleNamespace
     assert again.upper - again.lower == pytest.approx(kept.upper - kept.lower, rel=0.1)
 
 
+def test_a_fit_predicts_as_its_posterior_does(cart: SimpleNamespace, posterior: aero_bayes.Posterior):
+    one, other = (source.predict(cart.test).predictive for source in (cart.fit, posterior))
+    spread = (other.upper - other.lower).mean()
+    assert np.abs(one.median - other.median).max() < 0.1 * spread
+    assert one.upper - one.lower == pytest.approx(other.upper - other.lower, rel=0.15)
+
+
+def test_the_band_of_a_wrong_model_is_as_wide_as_what_is_left_on_the_fitted_recording(cart: SimpleNamespace):
+    found = cart.fit.predict(cart.recording)
+    left = np.quantile(np.abs(cart.fit.residuals[0][:, 0]), 0.9)
+    half = 0.5 * (found.predictive.upper - found.predictive.lower)
+    assert found.coverage["position"] >= 0.88  # the draws' variance stands for the exact one
+    assert half.mean() >= 0.95 * left
+    assert cart.fit.predictor.band_factors[0] >= 1.6448
+
+
 def test_tables_are_data_frames(cart: SimpleNamespace, loop: aero_bayes.LoopResult, run: aero_bayes.RunDirectory):
     frame = cart.recording.to_frame()
     assert np.array_equal(frame["position"], cart.recording.outputs["position"])

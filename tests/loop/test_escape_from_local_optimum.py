@@ -10,7 +10,7 @@ import pytest
 from closed_form import held
 
 from aero_bayes.data import Recording, to_experiment
-from aero_bayes.estimate.interpolation import with_other_interpolation
+from aero_bayes.estimate import with_other_interpolation
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 SOURCE = """model Spring "A mass on a spring"

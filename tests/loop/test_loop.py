@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from facts import facts
 
 from aero_bayes.bench import Parameters, Truth, effect, random_levels, real, simulate_recording, white
 from aero_bayes.checkpoint import ResultCache
 from aero_bayes.errors import InputError
 from aero_bayes.judge import Recordings
-from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.laws import ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, StructureSettings, close_loop, fit_base_model
 from aero_bayes.simulation import WorkerPool
 
@@ -82,6 +83,16 @@ def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
     (line,) = found.separate
     assert "pitch_delay" in line
     assert "thrust_lag" in line
+    average = found.averaged
+    assert {terms for (terms,) in average.structures} == {"pitch_delay", "thrust_lag"}
+    assert sum(average.odds) == pytest.approx(1.0)
+    for name in average.draws:
+        mixture, stated = average.mixture(name), found.parameters[name]
+        assert (stated.q05, stated.q95) == (mixture.q05, mixture.q95)
+        alone = average.chosen(name)
+        assert alone.q95 - alone.q05 == pytest.approx(2 * 1.645 * alone.sd, rel=0.05)
+    assert {"R_a", "K_sp"} <= set(average.draws)
+    assert set(found.to_dict()["averaged"]["parameters"]) == set(average.draws)
 
 
 def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_path):
@@ -113,7 +124,7 @@ def test_bad_requests_are_refused(fmus):
     with pytest.raises(InputError, match="at least one"):
         close_loop([])
     train, _ = recordings(14, white(1.0), 0.0, duration=6.0)
-    with pytest.raises(InputError, match="held_out is 0; expected"):
+    with pytest.raises(InputError, match=facts("held_out", "0")):
         close_loop([train], settings=LoopSettings(held_out=0.0, cache=fmus))
     with pytest.raises(InputError, match="unknown effect 'magic'"):
         close_loop([train], settings=LoopSettings(effects=("magic",), cache=fmus))

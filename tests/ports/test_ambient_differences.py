@@ -12,7 +12,7 @@ from test_relative_motions import CAR, found
 from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import load_flat
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 OVEN = """model Oven "An oven in a hall whose temperature is recorded"

@@ -10,11 +10,8 @@ import pytest
 from fmpy import simulate_fmu
 from numpy.typing import NDArray
 
-from aero_bayes.export.compose import add_output
-from aero_bayes.export.embedded import export_flat
-from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.language.syntax import Call, Name, Number
+from aero_bayes.export import FlatModel, add_output, export_flat, load_flat
+from aero_bayes.language import Call, Name, Number
 from aero_bayes.laws import (
     Law,
     LawModels,

@@ -10,7 +10,7 @@ from closed_form import held
 from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import load_flat
 from aero_bayes.laws import ports_with_laws, shipped_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import load_flat
 from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, write_law
 
 LIBRARY = """package Lib

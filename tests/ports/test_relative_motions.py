@@ -13,7 +13,7 @@ from small_rigs import Numbers, explicit
 from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import load_flat
 from aero_bayes.laws import compose_laws, find_candidates, ports_with_laws, shipped_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 from aero_bayes.ports import Port

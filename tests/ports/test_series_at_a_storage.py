@@ -8,8 +8,7 @@ import numpy as np
 from fmpy import simulate_fmu
 from small_rigs import RIGS
 
-from aero_bayes.export.embedded import export_flat
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import export_flat, load_flat
 from aero_bayes.laws import Law, LawModels, compose_law, find_candidates, place_law, ports_with_laws, write_law
 
 FILTER = """within ;

@@ -10,8 +10,7 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.export.flat import FlatModel
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export import FlatModel, load_flat
 from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, reserved_names, write_law
 from aero_bayes.ports import Port
 

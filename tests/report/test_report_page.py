@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from facts import facts
 
 from aero_bayes.errors import InputError
 from aero_bayes.report import write_run_page
@@ -146,7 +147,7 @@ def test_the_verdict_stands_first_then_the_picture_then_the_numbers(pages: dict[
     assert places == sorted(places)
     opening = text[text.index('class="verdict') : text.index('class="readings"')]
     assert "before" in opening
-    assert "An effect was added at bodyEffect." in opening
+    assert "bodyEffect" in opening
 
 
 def test_simulated_data_is_announced_only_where_it_is(runs: Path, pages: dict[str, str], tmp_path: Path) -> None:
@@ -199,7 +200,7 @@ def test_ripple_and_encoder_are_shown_with_their_evidence(runs: Path, tmp_path: 
         "theta": {"encoder": {"step": 0.003068, "share": 0.0073}},
     }
     rows = Page(page_of(tmp_path, result)).rows
-    assert any("ripple twice a turn" in r and "0.00809 with ripple, 0.00503 without" in r for r in rows)
+    assert any(all(text in r for text in ("ripple", "0.00809", "0.00503")) for r in rows)
     assert any("encoder" in r and "0.00307" in r and "0.73 %" in r for r in rows)
 
 
@@ -333,5 +334,5 @@ def test_damaged_files_are_input_errors_in_one_line(name: str, content: bytes, m
 def test_series_of_another_length_than_its_times_is_an_input_error(tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text("{}", "utf-8")
     np.savez(tmp_path / "series.npz", **{"time/a": np.arange(9.0), "measured/a/y": np.zeros(8)})
-    with pytest.raises(InputError, match=r"measured/a/y has shape \(8,\), expected \(9,\)"):
+    with pytest.raises(InputError, match=facts("measured/a/y", "(8,)", "(9,)")):
         write_run_page(tmp_path)

@@ -13,6 +13,7 @@ from aero_bayes.schema import RunJson, undeclared
 from aero_bayes.workflow import write_result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["loop", "posterior"])
 def test_every_key_that_a_run_writes_is_declared_and_read_back_unchanged(runs: Path, kind: str, tmp_path: Path) -> None:
     written = json.loads((runs / kind / "result.json").read_text("utf-8"))

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.sample import SampleSettings
-from aero_bayes.sample.mcmc import run
+from aero_bayes.sample import SampleSettings, run_chain
 from aero_bayes.sample.moves import WarpedStudentT
 
 SETTINGS = SampleSettings(
     walkers=8,
-    burn_in=(10, 20),
-    extra_rounds=1,
+    burn_in=15,
+    max_rounds=3,
     settle=5,
     max_steps=150,
     checkpoint_seconds=0.0,
@@ -35,4 +34,4 @@ def slow(points: np.ndarray) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    run(slow, PROPOSAL, SETTINGS, 5, checkpoint=Path(sys.argv[1]), identity="banana")
+    run_chain(slow, PROPOSAL, SETTINGS, 5, checkpoint=Path(sys.argv[1]), identity="banana")

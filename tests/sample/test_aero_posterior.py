@@ -95,7 +95,7 @@ def test_a_missing_effect_is_no_noise_and_leaves_the_motor_alone(models: dict[st
     truth = Truth("one_dof", TRUTH, (effect("pivot_coulomb_friction", tau_c=1.5e-3),), 0.006)
     wrong = fit(recording(truth), models["OneDof"], settings=SETTINGS, workers=1)
     assert wrong.noise["theta"].model_error
-    assert any("does not explain theta" in w for w in wrong.warnings)
+    assert any("theta" in w for w in wrong.warnings)
     for name in ("R_a", "c_m", "J_r", "k_d"):
         assert abs(wrong.value(name) - getattr(TRUTH, name)) < 5.5 * wrong.parameters[name].sd, name
 
@@ -111,6 +111,8 @@ def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> 
 @pytest.mark.skipif(not REAL.exists(), reason="the measured recordings are not here")
 def test_real_step_recording(models: dict[str, Model]) -> None:
     found = fit(read_recording(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)
+    # The motor's current has ripple that is taken out of the fitted readings: new readings have it.
+    assert all(share >= 0.88 for share in found.predict(read_recording(REAL), draws=30).coverage.values())
     assert found.rms["theta"] < 0.0108
     assert found.noise["theta"].model_error
     assert 9.0 < found.value("R_a") < 10.5

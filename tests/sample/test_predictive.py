@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from facts import facts
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.sample import posterior_predictive
@@ -18,6 +19,7 @@ def test_draws_that_all_fail_are_one_line() -> None:
         return SimpleNamespace(outcomes=np.full((len(values), 1), Outcome.SOLVER_FAILED), outputs=())
 
     target = SimpleNamespace(
+        objective=SimpleNamespace(filtered=False),
         free=(0,),
         calibration=SimpleNamespace(experiments=()),
         simulator=SimpleNamespace(simulate=simulate),
@@ -25,5 +27,5 @@ def test_draws_that_all_fail_are_one_line() -> None:
         spread=None,
     )
     joint: Any = SimpleNamespace(target=target, layout=SimpleNamespace(unpack=lambda noise: noise[:, None]))
-    with pytest.raises(CannotFinishError, match="no draw of the posterior could be simulated"):
-        posterior_predictive(joint, np.zeros((30, 4)), np.random.default_rng(1))
+    with pytest.raises(CannotFinishError, match=facts("no draw")):
+        posterior_predictive(joint, np.zeros((30, 4)), np.ones(1), np.random.default_rng(1))

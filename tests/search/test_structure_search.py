@@ -10,10 +10,17 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate import LocalSettings, NoiseModel, Normal, Parameter, Stop
-from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
-from aero_bayes.estimate.objective import Objective
-from aero_bayes.laws.model_family import CandidateTerm
+from aero_bayes.estimate import (
+    LocalFitSettings,
+    LocalSettings,
+    NoiseModel,
+    Normal,
+    Objective,
+    Parameter,
+    Stop,
+    local_fit,
+)
+from aero_bayes.laws import CandidateTerm
 from aero_bayes.search import (
     START_RULES,
     CandidateModel,
@@ -28,11 +35,11 @@ from aero_bayes.search import (
     common_noise,
     likely_pairs,
     odds,
-    residual_correlation_time,
     starting_points,
     term_directions,
 )
-from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.sensors import OutputNoise
+from aero_bayes.sensors.whiteness import residual_correlation_time
 from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
 TIME = np.arange(600) * 0.05

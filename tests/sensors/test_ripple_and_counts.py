@@ -10,12 +10,11 @@ from scipy.stats import norm
 
 from aero_bayes import bench
 from aero_bayes.data import read_recording
-from aero_bayes.estimate import FitSettings, NoiseModel, fit
-from aero_bayes.estimate.fit import without_ripple
+from aero_bayes.estimate import FitSettings, NoiseModel, fit, without_ripple
 from aero_bayes.export import export_fmu
 from aero_bayes.sensors import describe_quantisation, find_ripple, interval_log_density, rounding_error
 from aero_bayes.simulation import Model
-from aero_bayes.workflow.curves import ripple_series
+from aero_bayes.workflow import ripple_series
 
 STEP_RECORDING = Path(__file__).resolve().parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
 

@@ -7,11 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.laws.compose import LawModels, law_models
-from aero_bayes.laws.fmu_coupling import couple
-from aero_bayes.laws.fmu_ports import FmuBoundary
-from aero_bayes.laws.law import Law, shipped_laws
-from aero_bayes.laws.placed_law import place_law
+from aero_bayes.laws import FmuBoundary, Law, LawModels, couple, law_models, place_law, shipped_laws
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,

@@ -15,8 +15,7 @@ import pytest
 
 from aero_bayes.errors import InputError
 from aero_bayes.scratch import ScratchFolder, sweep
-from aero_bayes.simulation import Experiment, Model, Problem
-from aero_bayes.simulation.fmpy_reference import FmpySimulator
+from aero_bayes.simulation import Experiment, Model, Problem, open_simulator
 
 RUN = """
 import sys, time
@@ -88,6 +87,6 @@ def test_a_simulator_that_cannot_start_leaves_nothing(test_fmu, tmp_path, monkey
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
     problem = Problem(Model.load(broken), (Experiment(np.linspace(0.0, 1.0, 3), ("x",)),), ((),))
     with pytest.raises(InputError, match=r"libq\.so\.3"):
-        FmpySimulator(problem)
+        open_simulator(problem, "fmpy")
     gc.collect()
     assert not list(temporary.iterdir())

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.bench import Levels, Truth, even_times, simulate_truth
-from aero_bayes.bench.effects import KINDS
+from aero_bayes.bench import KINDS, Levels, Truth, even_times, simulate_truth
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
 from aero_trial import draw_aero_trial

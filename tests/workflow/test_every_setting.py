@@ -21,7 +21,7 @@ from aero_bayes.cli import main
 from aero_bayes.config import Config, load_config
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
-from aero_bayes.laws.candidate_filter import CandidateFilter
+from aero_bayes.laws import CandidateFilter
 from aero_bayes.workflow import (
     Job,
     RunOptions,
@@ -39,6 +39,7 @@ CONCERNS: Mapping[str, tuple[str, ...]] = {
     "data": ALL,
     "parameters": ALL,
     "fit": ALL,
+    "noise": ("fit", "posterior"),
     "solver": ALL,
     "posterior": ("posterior",),
     "prediction": ("fit", "posterior"),
@@ -93,6 +94,8 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "fit.local.iterations": (10, 20),
     "fit.local.tolerance": (1e-4, 1e-5),
     "fit.local.starts": (1, 2),
+    "noise.process": ({"y": 0.1}, {"y": "estimated"}),
+    "noise.initial_sd": ({"y": 0.1}, {"y": 0.2}, {"noise.process": {"y": 0.1}}),
     "posterior.ensembles": (4, 5),
     "posterior.walkers": (20, 30),
     "posterior.max_steps": (100, 200),
@@ -279,6 +282,7 @@ def test_what_the_user_says_goes_before_what_is_known_of_the_aero(key, folder, a
         ("fit.cost", "eq6", "cost"),
         ("fit.method", "pso", "method"),
         ("fit.ripple", "describe", "ripple"),
+        ("noise.process", {"y": "estimated"}, "process"),
         ("solver.engine", "fmpy", "fmpy"),
         ("loop.exclude", ["ofset"], "did you mean 'offset'?"),
         ("loop.ports", ["q"], "port 'q'"),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from facts import facts
 
 from aero_bayes.cli import main
 
@@ -77,16 +79,16 @@ def test_an_input_that_nobody_drives_is_refused(folder: Path):
     (folder / "room.toml").write_text(text.replace("constants", "# constants"))
     done = fit(folder, 60.0 * np.arange(400))
     assert done.exit_code == 2
-    assert "run.csv: the input T_amb of model Room has no column (there are time, P, T)" in done.stderr
-    assert "[data] constants = {T_amb = ...}" in done.stderr
+    assert re.search(facts("run.csv", "T_amb", "Room", "time, P, T"), done.stderr)
+    assert re.search(facts("[data]", "constants"), done.stderr)
 
 
 @pytest.mark.parametrize("rise", [0.0, 300.0])
 def test_degrees_celsius_are_told_from_kelvin(folder: Path, rise: float):
     done = fit(folder, 60.0 * np.arange(400), shift=-273.15 + np.linspace(0.0, rise, 400))
     assert done.exit_code == 2
-    assert "run.csv, column T: reads" in done.stderr
-    assert '[data.columns.T] unit = "degC"' in done.stderr
+    assert re.search(facts("run.csv", "column T"), done.stderr)
+    assert re.search(facts("[data.columns.T]", "degC"), done.stderr)
     checked = CliRunner().invoke(main, ["check", "--config", f"{folder / 'room.toml'}", f"{folder / 'run.csv'}"])
     assert (checked.exit_code, checked.stderr) == (2, done.stderr)
 
@@ -94,8 +96,7 @@ def test_degrees_celsius_are_told_from_kelvin(folder: Path, rise: float):
 def test_milliseconds_are_told_from_seconds(folder: Path):
     done = fit(folder, 60.0 * np.arange(400), factor=1000.0)
     assert done.exit_code == 2
-    assert "run.csv, column time: a sample every 6e+04 s" in done.stderr
-    assert "looks like ms" in done.stderr
+    assert re.search(facts("run.csv", "column time", "6e+04 s", "ms"), done.stderr)
     (folder / "room.toml").write_text(CONFIG.replace("[parameters]", '[data.columns.time]\nunit = "ms"\n[parameters]'))
     assert fit(folder, 60.0 * np.arange(400), factor=1000.0).exit_code == 0
 
@@ -104,4 +105,4 @@ def test_a_long_pause_is_said(folder: Path):
     time = 60.0 * np.arange(400)
     done = fit(folder, time + 60_000.0 * (time > 12_000.0))
     assert done.exit_code == 0, done.output
-    assert "run.csv: no sample from 12000 s to 72060 s, 1001 times the usual interval" in done.stderr
+    assert re.search(facts("run.csv", "12000 s", "72060 s", "1001"), done.stderr)

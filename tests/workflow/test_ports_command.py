@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from aero_bayes.bench.effects import KINDS
+from aero_bayes.bench import KINDS
 from aero_bayes.cli import main
 
 RIG = """model Pair "A vessel that is read, and one downstream that nothing reads"

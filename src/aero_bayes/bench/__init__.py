@@ -1,6 +1,7 @@
 """A simulated AERO that makes labelled recordings; no code that fits them imports it."""
 
 from aero_bayes.bench.defaults import SimulatedSet, default_recordings, default_truth
+from aero_bayes.bench.effects import KINDS, EffectKind
 from aero_bayes.bench.inputs import (
     Chirp,
     InputDesign,
@@ -20,7 +21,9 @@ from aero_bayes.data import write_csv
 
 __all__ = [
     "HALF_QUAD",
+    "KINDS",
     "Chirp",
+    "EffectKind",
     "EffectTruth",
     "InputDesign",
     "Levels",

@@ -182,7 +182,13 @@ def check_residuals(
     for k, own in enumerate(series):
         residual, noise, slopes = fit.evaluation.residual[k], fit.noise[own.output], fit.evaluation.slopes
         assert slopes is not None
-        rows, _ = whiten(np.vstack([residual[None], slopes[k]]), own.sampling, noise)
+        rows = np.vstack([residual[None], slopes[k]])
+        floor, size = floors.get((calibration.names[own.experiment], own.output)), noise.sd
+        if fit.evaluation.sd is not None:  # a filter's innovations, whose size is not the sensor's alone
+            sd = fit.evaluation.sd[k]
+            rows, noise, floor, size = rows / sd, OutputNoise(1.0), None, float(np.sqrt(np.mean(sd**2)))
+        else:
+            rows, _ = whiten(rows, own.sampling, noise)
         innovations, white = rows[0], rows[1:]
         states = _states(calibration, series, fit, own, units)
         turning = any(
@@ -194,7 +200,6 @@ def check_residuals(
         ]
         tests += [smooth_dependence_test(name, over, innovations, own, noise, white) for name, over in states.items()]
         rms = float(np.sqrt(np.mean(residual**2)))
-        floor = floors.get((calibration.names[own.experiment], own.output))
         worst = min(1.0, len(tests) * min(test.p_value for test in tests))
         structured = worst < FALSE_ALARM_RATE or (floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300))
         acf = autocorrelation(residual, CORRELATION_LAGS)
@@ -203,7 +208,7 @@ def check_residuals(
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
             ResidualReport(
-                calibration.names[own.experiment], own.output, rms, floor, noise.sd, tuple(tests), lags, acf,
+                calibration.names[own.experiment], own.output, rms, floor, size, tuple(tests), lags, acf,
                 correlations, window, share, "structured" if structured else "adequate",
             )
         )  # fmt: skip
@@ -216,18 +221,30 @@ def _states(
     """Fitted outputs, derivatives of outputs that are positions, and inputs, at the samples of one output.
 
     An input has its value just before the sample: a controller computes the next value from the reading and its noise.
+    So have the outputs of a filter, whose predictions follow the readings.
     """
     states: dict[str, FloatArray] = {}
+    time, filtered = own.sampling.time, fit.evaluation.sd is not None
     for k, other in enumerate(series):
         if other.experiment != own.experiment:
             continue
-        states[other.output] = np.interp(own.sampling.time, other.sampling.time, fit.evaluation.predicted[k])
+        there, predicted = other.sampling.time, fit.evaluation.predicted[k]
+        level = _until(time, there, predicted) if filtered else np.interp(time, there, predicted)
+        states[other.output] = level
         if units.get(other.output) in ("rad", "m"):
-            states[f"der({other.output})"] = np.gradient(states[other.output], own.sampling.time)
+            rate = np.gradient(level, time)
+            if filtered:
+                rate[1:] = np.diff(level) / np.diff(time)
+                rate[0] = rate[1]
+            states[f"der({other.output})"] = rate
     for signal in calibration.experiments[own.experiment].inputs:
-        at = np.clip(np.searchsorted(signal.time, own.sampling.time, side="left") - 1, 0, signal.time.size - 1)
-        states[signal.name] = signal.values[at]
+        states[signal.name] = _until(time, signal.time, signal.values)
     return states
+
+
+def _until(time: FloatArray, there: FloatArray, values: FloatArray) -> FloatArray:
+    """The last of some values before each time."""
+    return values[np.clip(np.searchsorted(there, time, side="left") - 1, 0, there.size - 1)]
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> float:

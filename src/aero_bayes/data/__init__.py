@@ -1,7 +1,9 @@
 """Recordings: read, check, units, align, split."""
 
 from aero_bayes.data.checks import check_recording
+from aero_bayes.data.csv_text import read_header
 from aero_bayes.data.experiment import hold_signal, input_before_start, to_experiment
+from aero_bayes.data.initial_level import InitialLevel, initial_level
 from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.noise import NoiseFloor, noise_floor, noise_floors, output_noise_floor, quantisation_step
 from aero_bayes.data.read import read_recording, write_csv
@@ -13,6 +15,7 @@ from aero_bayes.declared import ColumnSpec
 __all__ = [
     "ColumnMap",
     "ColumnSpec",
+    "InitialLevel",
     "InputSummary",
     "Layout",
     "NoiseFloor",
@@ -21,11 +24,13 @@ __all__ = [
     "RecordingSummary",
     "check_recording",
     "hold_signal",
+    "initial_level",
     "input_before_start",
     "noise_floor",
     "noise_floors",
     "output_noise_floor",
     "quantisation_step",
+    "read_header",
     "read_recording",
     "ripple_amplitudes",
     "summarise",

@@ -3,10 +3,10 @@
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
 from aero_bayes.estimate.declared import declared_overrides
-from aero_bayes.estimate.fit import FitSettings, fit, fit_calibration
+from aero_bayes.estimate.fit import FitSettings, fit, fit_calibration, without_ripple
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult, GlobalSearchSettings
 from aero_bayes.estimate.identifiability import Combination, Identifiability, Status
-from aero_bayes.estimate.interpolation import choose_interpolation, moving_inputs
+from aero_bayes.estimate.interpolation import choose_interpolation, moving_inputs, with_other_interpolation
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment
 from aero_bayes.estimate.levenberg_marquardt import (
     CostFunction,
@@ -21,6 +21,8 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.parameter_estimates import Estimate
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.prediction import RecordingPrediction
+from aero_bayes.estimate.predictive import Predictive
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.estimate.result import Fit
@@ -63,8 +65,10 @@ __all__ = [
     "Override",
     "Parameter",
     "ParameterSet",
+    "Predictive",
     "Prior",
     "QuadraticModel",
+    "RecordingPrediction",
     "SearchResult",
     "Series",
     "Stage",
@@ -88,4 +92,6 @@ __all__ = [
     "moving_inputs",
     "parameters_from_model",
     "with_few_samples",
+    "with_other_interpolation",
+    "without_ripple",
 ]

@@ -17,9 +17,17 @@ from aero_bayes.estimate.initial_states import StartPolicy, start_parameters
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
+from aero_bayes.estimate.process_noise import process_parameters, uncertain_start
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
-from aero_bayes.simulation.interface import DelayTarget, Experiment, Interpolation, Problem, SolverSettings
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Experiment,
+    Interpolation,
+    Problem,
+    ProcessNoise,
+    SolverSettings,
+)
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
@@ -100,6 +108,8 @@ class Calibration:
         Where the experiments came from (empty if they were given directly).
     floors : mapping of str to float
         Least standard deviation of the noise by output, where a sensor counts.
+    process : ProcessNoise, optional
+        Process noise of the states; what is estimated of it is among the ``parameters``.
     """
 
     model: Model
@@ -111,6 +121,7 @@ class Calibration:
     solver: SolverSettings = field(default_factory=SolverSettings)
     recordings: tuple[Recording, ...] = ()
     floors: Mapping[str, float] = field(default_factory=dict)
+    process: ProcessNoise | None = None
 
     @cached_property
     def identity(self) -> str:
@@ -149,6 +160,18 @@ class Calibration:
         return tuple(found)
 
     @property
+    def raw_readings(self) -> tuple[FloatArray, ...]:
+        """What was recorded at the experiments' times, (n, m), ripple included."""
+        if not self.recordings:
+            return self.measured
+        found = []
+        for recording, experiment in zip(self.recordings, self.experiments, strict=True):
+            rows = np.searchsorted(recording.time, experiment.time)
+            gap = np.full(recording.rows, np.nan)
+            found.append(np.column_stack([recording.outputs.get(o, gap)[rows] for o in experiment.outputs]))
+        return tuple(found)
+
+    @property
     def scale(self) -> FloatArray:
         """Range of each output over all recordings, shape (m,): what its errors are compared with before any fit."""
         stacked = np.concatenate(self.measured)
@@ -172,9 +195,12 @@ class Calibration:
             for e in range(len(self.experiments))
         )
         changes = max((s.time.size for e in self.experiments for s in e.inputs), default=0)
-        # An engine starts anew wherever an input changes.
+        if self.process is not None:
+            changes += max(e.time.size for e in self.experiments)
+        # An engine starts anew wherever an input changes, and a filter at every reading.
         steps = max(self.solver.max_steps, MAX_STEPS_PER_CHANGE * changes)
-        return Problem(self.model, self.experiments, targets, dict(self.fixed), replace(self.solver, max_steps=steps))
+        solver = replace(self.solver, max_steps=steps)
+        return Problem(self.model, self.experiments, targets, dict(self.fixed), solver, self.process)
 
     def beginning(self, share: float) -> Calibration:
         """The same problem on the first ``share`` of each recording's samples, at least twenty of them."""
@@ -239,6 +265,7 @@ def calibrate(
     experiments: list[Experiment] = []
     nuisances: list[Parameter] = []
     floors: dict[str, float] = {}
+    noise = noise or NoiseModel()
     for index, recording in enumerate(recordings):
         missing = [name for name in recording.inputs if name not in driven]
         if missing:
@@ -246,7 +273,11 @@ def calibrate(
         suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
         experiment = _experiment(recording, outputs, floors, settings, known.zero_at_rest)
         start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix)
-        nuisances += extra
+        if noise.process:
+            start, start_sd = uncertain_start(start, extra, experiment, model, noise.initial_sd)
+            experiment = replace(experiment, start_sd=start_sd)
+        else:
+            nuisances += extra
         if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], settings.delay, limit):
             nuisances.append(_delay(limit, index, suffix))
         whole.append(experiment)
@@ -256,6 +287,10 @@ def calibrate(
     if isinstance(limit, Mapping):
         _check_inputs(recordings, limit, "delay")
         nuisances += _delays(whole, limit, settings.delay)
+    process = None
+    if noise.process:
+        process, extra = process_parameters(noise, model, experiments, floors)
+        nuisances += extra
     # What the caller searches as a parameter of his own is no nuisance beside it.
     taken = {(p.target, p.recording) for p in parameters}
     new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
@@ -265,10 +300,11 @@ def calibrate(
         tuple(recording.name for recording in recordings),
         parameters.extended(new),
         dict(fixed or {}),
-        noise or NoiseModel(),
+        noise,
         settings.solver,
         tuple(recordings),
         floors,
+        process,
     )
 
 

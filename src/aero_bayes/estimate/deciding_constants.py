@@ -36,7 +36,7 @@ def name_deciding_constants(
         run = objective.evaluate(at, [*optimum.free, *range(len(values), len(at))])
         if run is None or run.slopes is None:
             return found
-        slopes = objective.whiten(run.residual, run.slopes, optimum.noise).slopes
+        slopes = objective.whiten(run, optimum.noise).slopes
     own = len(optimum.free)
     alone = collinear(slopes[:own] @ slopes[:own].T)[0][0]
     deciding = []

@@ -53,13 +53,13 @@ def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> Floa
     for j in columns:
         rows[:, j] = np.linspace(parameters.box[0][j], parameters.box[1][j], SCAN_POINTS)
     costs = np.full((SCAN_POINTS, len(objective.calibration.experiments)), np.inf)
-    for k, residual in enumerate(objective.residuals(rows)):
-        if residual is None:
+    for k, found in enumerate(objective.residuals(rows)):
+        if found is None:
             continue
         costs[k] = 0.0
         for s, series in enumerate(objective.series):
             width = 2.0 * fit.noise[series.output].sd_white
-            costs[k, series.experiment] += float(np.sum(np.log1p((np.diff(residual[s]) / width) ** 2)))
+            costs[k, series.experiment] += float(np.sum(np.log1p((np.diff(found.residual[s]) / width) ** 2)))
     best = fit.coordinates.copy()
     for j in columns:
         own = parameters.items[j].recording

@@ -164,6 +164,8 @@ def fit(
         raise InputError(
             f"model {model.name} declares no parameters to fit: say which to search by parameters; it has {known}"
         )
+    if settings.noise.process and settings.cost != "posterior":
+        raise InputError(f"cost = {settings.cost!r} knows no process noise: it needs cost = 'posterior'")
     searched = chosen_parameters(model, chosen, overrides)
     calibration = calibrate(
         recordings, model, searched, fixed=settings.fixed, noise=settings.noise, settings=settings.calibration
@@ -177,7 +179,8 @@ def fit(
         cache = Checkpoint.at(checkpoint)
         rng = np.random.default_rng(seed)
         found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=cache)
-        found = _with_sensors(found, opened, settings, progress, cache) if settings.cost == "posterior" else found
+        if settings.cost == "posterior" and calibration.process is None:
+            found = _with_sensors(found, opened, settings, progress, cache)
         judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
         return replace(found, identifiability=judged)
 
@@ -294,9 +297,9 @@ def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]
     part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
     found = objective.evaluate(here.coordinates, columns)
     assert found is not None, "the optimum has been simulated before"
-    white = objective.whiten(found.residual, found.slopes, here.noise)
+    white = objective.whiten(found, here.noise)
     wide = replace(here, free=columns, evaluation=found, whitened=white)
-    information = white.slopes @ white.slopes.T
+    information = white.information
     spread = curvature_adjustment(objective, wide)
     if spread is not None:
         information = spread.map.T @ information @ spread.map
@@ -326,7 +329,7 @@ def _finish(search: GlobalSearch, result: GlobalSearchResult, settings: FitSetti
     values = calibration.parameters.from_search(point)
     rest = [j for j in range(len(values)) if j not in sampled]
     values[rest] = calibration.parameters.start[rest]
-    fitted = tuple(y[0] for y in objective.simulate(values[None]).outputs)
+    fitted = objective.predictions(values)
     spread = curvature_adjustment(objective, here)
     layout = NoiseLayout.of(calibration, here.noise)
     covariance = np.zeros((len(sampled) + layout.size,) * 2)
@@ -352,9 +355,10 @@ def _finish(search: GlobalSearch, result: GlobalSearchResult, settings: FitSetti
         swarm=result.swarm,
         iterations=result.iterations,
         outcomes={o: int(objective.outcomes[o]) for o in Outcome},
-        warnings=structure_warnings(calibration, residual, here.noise),
+        warnings=structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise),
         seconds=seconds,
         engine=settings.engine,
+        states=objective.smoothed_states(values) if objective.filtered else (),
     )
 
 

@@ -79,7 +79,7 @@ def start_parameters(
             found.append(_start(_named(name, model) + suffix, name, state, reading, spread, index))
     if policy == "estimated":
         rest = [state for state in model.states if state.name not in seen]
-        spreads = _spreads(model, experiment, rest)
+        spreads = state_sizes(model, experiment, rest)
         found += [
             _start(_named(s.name, model) + suffix, s.name, s, s.start or 0.0, spreads[s.name], index) for s in rest
         ]
@@ -146,8 +146,8 @@ def _start_prior(state: Variable, expected: float, spread: float) -> tuple[float
     return low, high, Normal(expected, spread, low, high)
 
 
-def _spreads(model: Model, experiment: Experiment, states: list[Variable]) -> Mapping[str, float]:
-    """Prior standard deviation of each state's initial value: the state's range in a simulation."""
+def state_sizes(model: Model, experiment: Experiment, states: list[Variable]) -> Mapping[str, float]:
+    """A natural size of each state: its range in a simulation of the model as it is."""
     if not states:
         return {}
     names = tuple(state.name for state in states)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import polar
 
 from aero_bayes.estimate.block_jackknife import jackknife_covariance
 from aero_bayes.estimate.local_fit import Optimum
@@ -34,6 +35,13 @@ class Laplace:
     @property
     def sd(self) -> FloatArray:
         return np.sqrt(np.diag(self.covariance))
+
+    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
+        """Draws of the Gaussian in search coordinates, shape (count, d)."""
+        sizes, axes = np.linalg.eigh(self.covariance)
+        return np.asarray(
+            self.mean + rng.standard_normal((count, self.mean.size)) * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T
+        )
 
 
 def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArray:
@@ -76,13 +84,21 @@ def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdj
     adjusted[np.ix_(~own, ~own)] = narrowed
     adjusted[np.ix_(own, own)] = kept * np.eye(int(own.sum()))
     adjusted[np.ix_(own, ~own)] = follow @ narrowed - kept * follow
-    return CurvatureAdjustment(optimum.coordinates[list(optimum.free)], adjusted * unit[:, None] / unit[None, :])
+    # Of all maps M with M' H M = H' (H before, H' after), the symmetric one moves points least: optimal transport
+    # between Gaussians (Olkin & Pukelsheim, 1982, Linear Algebra Appl. 48, 257). As H' <= H, it only contracts. Others
+    # carry what a strong direction moves into a weak one, far beyond the prior.
+    values, vectors = np.linalg.eigh(slopes @ slopes.T)
+    full = np.where(values > 1e-10 * max(float(values.max(initial=0.0)), 1e-300), np.sqrt(np.maximum(values, 0.0)), 1.0)
+    stretch = polar((vectors * full) @ vectors.T @ adjusted @ (vectors * full) @ vectors.T)[1]
+    inverse = (vectors / full) @ vectors.T
+    scaled = inverse @ stretch @ inverse
+    return CurvatureAdjustment(optimum.coordinates[list(optimum.free)], scaled * unit[:, None] / unit[None, :])
 
 
 def widened_covariance(objective: Objective, optimum: Optimum) -> FloatArray:
     """Covariance of the free columns' posterior, in search coordinates."""
     items = ParameterSet(tuple(objective.parameters.items[j] for j in optimum.free))
-    information = optimum.whitened.slopes @ optimum.whitened.slopes.T
+    information = optimum.whitened.information
     if (spread := curvature_adjustment(objective, optimum)) is not None:
         information = spread.map.T @ information @ spread.map
     second = items.prior_derivatives(optimum.coordinates[list(optimum.free)])[1]

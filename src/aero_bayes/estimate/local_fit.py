@@ -114,7 +114,7 @@ class Optimum:
         If the relative weights of the outputs do not change, the point is still the optimum up to the priors.
         """
         noise, parameters = {**self.noise, **noise}, objective.parameters
-        white = objective.whiten(self.evaluation.residual, self.evaluation.slopes, noise)
+        white = objective.whiten(self.evaluation, noise)
         moved = replace(self, noise=noise, log_likelihood=white.log_likelihood, whitened=white)
         covariance, evidence = moved.laplace(parameters)
         return replace(moved, covariance=covariance, log_evidence=evidence)
@@ -126,7 +126,7 @@ class Optimum:
         """
         second = parameters.prior_derivatives(self.coordinates)[1][list(self.free)]
         low, high = (bound[list(self.free)] for bound in parameters.box)
-        curvature = self.whitened.slopes @ self.whitened.slopes.T / temperature
+        curvature = self.whitened.information / temperature
         covariance, volume = _laplace(curvature + prior_curvature(second), high - low)
         occam = 0.5 * len(covariance) * math.log(2.0 * math.pi) - 0.5 * volume
         return covariance, self.log_likelihood / temperature + self.log_prior + occam
@@ -190,15 +190,17 @@ class _NegativeLogPosterior:
         found = self.objective.evaluate(x, self.free)
         if found is None:
             return None
+        if self.objective.filtered:
+            self.noise = self.objective.reading_noise(x)
         if self.noise is None:
             self.noise = fit_noise(self.objective, found.residual, self.settings)
         return self._quadratic(x, found, self.noise)
 
     def update_noise(self, here: _PosteriorModel) -> _PosteriorModel:
-        if self.settings.hold_noise:
+        if self.settings.hold_noise or self.objective.filtered:
             return here
         noise = fit_noise(self.objective, here.evaluation.residual, self.settings, self.noise)
-        white = self.objective.whiten(here.evaluation.residual, None, noise)
+        white = self.objective.whiten(replace(here.evaluation, slopes=None), noise)
         if white.log_likelihood <= here.whitened.log_likelihood:
             return here
         self.noise = noise
@@ -214,16 +216,17 @@ class _NegativeLogPosterior:
         return False
 
     def _cost(self, optimum: Optimum) -> float:
-        white = self.objective.whiten(optimum.evaluation.residual, None, {**optimum.noise, **(self.noise or {})})
+        residual = replace(optimum.evaluation, slopes=None)
+        white = self.objective.whiten(residual, {**optimum.noise, **(self.noise or {})})
         return -white.log_likelihood - self.log_prior(optimum.coordinates)
 
     def _quadratic(self, x: FloatArray, found: Evaluation, noise: Mapping[str, OutputNoise]) -> _PosteriorModel:
-        white = self.objective.whiten(found.residual, found.slopes, noise)
+        white = self.objective.whiten(found, noise)
         gradient, curvature = self._prior_products(x)
         log_prior = self.log_prior(x)
         return _PosteriorModel(
-            -white.log_likelihood - log_prior, gradient - white.slopes @ white.residual,
-            white.slopes @ white.slopes.T + curvature, x, found, white, noise, log_prior,
+            -white.log_likelihood - log_prior, gradient - white.score,
+            white.information + curvature, x, found, white, noise, log_prior,
         )  # fmt: skip
 
     def restore(self, kept: Arrays) -> SearchResult[_PosteriorModel]:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.parameter_estimates import Estimate
+from aero_bayes.estimate.process_noise import DIFFUSION_PREFIX
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.sensors.whiteness import block_variance_ratio
-from aero_bayes.sensors.whitening import innovations
+from aero_bayes.simulation.interface import ProcessNoise
 
 #: Variance of averages over that of white noise above which a reader is warned.
 MAX_VARIANCE_RATIO = 2.0
@@ -25,13 +27,23 @@ def noise_table(calibration: Calibration, noise: Mapping[str, OutputNoise]) -> d
     }
 
 
+def process_noise_table(process: ProcessNoise | None, parameters: Mapping[str, Estimate]) -> dict[str, object]:
+    """Diffusion by state as result.json has it, with the spread of those that were estimated."""
+    given = process.diffusion if process is not None else {}
+    table: dict[str, object] = {name: {"value": value} for name, value in given.items()}
+    for name, estimate in parameters.items():
+        if name.startswith(DIFFUSION_PREFIX):
+            table[name.removeprefix(DIFFUSION_PREFIX)] = estimate.to_dict()
+    return table
+
+
 def structure_warnings(
-    calibration: Calibration, residuals: Sequence[NDArray[np.float64]], noise: Mapping[str, OutputNoise]
+    calibration: Calibration, innovations: Mapping[str, NDArray[np.float64]], noise: Mapping[str, OutputNoise]
 ) -> tuple[str, ...]:
-    """One sentence for each output whose residual the sensors cannot explain."""
+    """One sentence for each output whose residual the noise cannot explain; ``innovations`` are whitened residuals."""
     units = {v.name: v.unit for v in calibration.model.outputs}
     lines = []
-    for k, name in enumerate(calibration.outputs):
+    for name in calibration.outputs:
         n, unit = noise[name], units.get(name, "")
         if n.model_error:
             lines.append(
@@ -40,8 +52,7 @@ def structure_warnings(
                 "this kind best. The true values may lie outside of them."
             )
             continue
-        white = [innovations(e.time, r[:, k], n) for e, r in zip(calibration.experiments, residuals, strict=True)]
-        excess = block_variance_ratio(np.concatenate(white))
+        excess = block_variance_ratio(innovations[name])
         if excess > MAX_VARIANCE_RATIO:
             lines.append(
                 f"The residual of {name} changes more slowly than its noise model allows: averages have {excess:.1f} "

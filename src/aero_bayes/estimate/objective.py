@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,15 @@ from aero_bayes.checkpoint import Arrays, ResultCache, digest
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.sensors.noise import OutputNoise, SampleTimes
 from aero_bayes.sensors.whitening import LOG_2PI, whiten
-from aero_bayes.simulation.interface import GaussNewton, Outcome, Simulator, Trajectories
+from aero_bayes.simulation.interface import (
+    Filter,
+    GaussNewton,
+    Outcome,
+    ReadingNoiseTarget,
+    Simulator,
+    Trajectories,
+)
+from aero_bayes.simulation.smoothing import SmoothedStates, smooth
 
 FloatArray = NDArray[np.float64]
 #: Noise of an output that does not count, over its range.
@@ -43,25 +52,49 @@ class Evaluation:
 
     ``predicted`` and ``residual`` have one array (n,) a series; ``slopes`` one array (k, n) a series, the derivative
     of the prediction by the search coordinates of the k active columns, or None.
+
+    With process noise the predictions are a filter's, of each reading from those before it, and the residuals are its
+    innovations; ``sd`` then has their standard deviations (n,) a series, ``log_sd_slopes`` the derivatives (k, n) of
+    the logarithms of these.
     """
 
     predicted: tuple[FloatArray, ...]
     residual: tuple[FloatArray, ...]
     slopes: tuple[FloatArray, ...] | None
+    sd: tuple[FloatArray, ...] | None = None
+    log_sd_slopes: tuple[FloatArray, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """Whitened residual (N,) and sensitivities (k, N), all series end to end, of ``readings`` readings."""
+    """Whitened residual (N,) and sensitivities (k, N), all series end to end, of ``readings`` readings.
+
+    ``log_sd_slopes`` (k, N) is there where the columns move the predictions' standard deviations, too.
+    """
 
     residual: FloatArray
     slopes: FloatArray
     log_determinant: float
     readings: int
+    log_sd_slopes: FloatArray | None = None
 
     @property
     def log_likelihood(self) -> float:
         return -0.5 * (float(self.residual @ self.residual) + self.log_determinant + self.readings * LOG_2PI)
+
+    @property
+    def score(self) -> FloatArray:
+        """Gradient (k,) of the log-likelihood."""
+        score = self.slopes @ self.residual
+        return score if self.log_sd_slopes is None else score + self.log_sd_slopes @ (self.residual**2 - 1.0)
+
+    @property
+    def information(self) -> FloatArray:
+        """Fisher information (k, k), expected over readings that the model predicts rightly."""
+        information = self.slopes @ self.slopes.T
+        if self.log_sd_slopes is None:
+            return information
+        return information + 2.0 * self.log_sd_slopes @ self.log_sd_slopes.T
 
 
 class Objective:
@@ -151,6 +184,14 @@ class Objective:
         values = self.parameters.from_search(coordinates)
         if active is not None:
             values = self.parameters.away_from_zero(values, active)
+        found = self._filter(values, active) if self.filtered else self._compare(values, active)
+        if found is None or any(
+            np.max(np.abs(rows), initial=0.0) > MAX_MAGNITUDE for rows in (*found.residual, *(found.slopes or ()))
+        ):
+            return None
+        return found
+
+    def _compare(self, values: FloatArray, active: Sequence[int] | None) -> Evaluation | None:
         found = self.simulate(values[np.newaxis, :], active=list(active) if active is not None else None)
         if np.any(found.outcomes[0] != Outcome.OK):
             return None
@@ -165,24 +206,51 @@ class Objective:
                 assert found.sensitivities is not None
                 by = found.sensitivities[series.experiment][0, :, series.column, :][index]
                 slopes.append(np.ascontiguousarray(by.T) * scale[:, np.newaxis])
-        if any(np.max(np.abs(rows), initial=0.0) > MAX_MAGNITUDE for rows in (*residual, *slopes)):
-            return None
         return Evaluation(tuple(predicted), tuple(residual), tuple(slopes) if scale is not None else None)
 
-    def residuals(self, coordinates: FloatArray) -> list[tuple[FloatArray, ...] | None]:
-        """Residuals of several parameter vectors (rows), one array a series; None where a simulation failed."""
+    def _filter(self, values: FloatArray, active: Sequence[int] | None) -> Evaluation | None:
+        columns = list(active) if active is not None else []
+        found = cast(Filter, self.simulator).filter(values[np.newaxis, :], active=columns)
+        self._count(found.outcomes)
+        if np.any(found.outcomes[0] != Outcome.OK):
+            return None
+        scale = self.parameters.jacobian(values)[columns][:, np.newaxis]
+        predicted, sd, slopes, log_sd_slopes = [], [], [], []
+        for s in self.series:
+            variance = found.variance[s.experiment][0, s.sampling.index, s.column]
+            by, variance_by = (a[s.experiment][0, s.sampling.index, s.column].T for a in (
+                found.predicted_slopes, found.variance_slopes
+            ))  # fmt: skip
+            predicted.append(found.predicted[s.experiment][0, s.sampling.index, s.column])
+            sd.append(np.sqrt(variance))
+            slopes.append(by * scale)
+            log_sd_slopes.append(variance_by * scale / (2.0 * variance))
+        residual = tuple(s.measured - y for s, y in zip(self.series, predicted, strict=True))
+        if active is None:
+            return Evaluation(tuple(predicted), residual, None, tuple(sd))
+        return Evaluation(tuple(predicted), residual, tuple(slopes), tuple(sd), tuple(log_sd_slopes))
+
+    def residuals(self, coordinates: FloatArray) -> list[Evaluation | None]:
+        """Comparisons, without slopes, of several parameter vectors (rows) with the data; None where one failed."""
+        if self.filtered:
+            return [self.evaluate(row) for row in coordinates]
         found = self.simulate(self.parameters.from_search(coordinates))
         return [
-            tuple(s.measured - found.outputs[s.experiment][k, s.sampling.index, s.column] for s in self.series)
+            self._residual([found.outputs[s.experiment][k, s.sampling.index, s.column] for s in self.series])
             if np.all(found.outcomes[k] == Outcome.OK)
             else None
             for k in range(len(coordinates))
         ]
 
-    def whiten(
-        self, residual: Sequence[FloatArray], slopes: Sequence[FloatArray] | None, noise: Mapping[str, OutputNoise]
-    ) -> Whitened:
-        """Whiten residual and sensitivities by the noise of each output."""
+    def _residual(self, predicted: Sequence[FloatArray]) -> Evaluation:
+        residual = tuple(s.measured - y for s, y in zip(self.series, predicted, strict=True))
+        return Evaluation(tuple(predicted), residual, None)
+
+    def whiten(self, found: Evaluation, noise: Mapping[str, OutputNoise]) -> Whitened:
+        """Whiten residual and sensitivities by the noise of each output, or by a filter's own standard deviations."""
+        if found.sd is not None:
+            return _whiten_innovations(found, found.sd, self.readings)
+        residual, slopes = found.residual, found.slopes
         white, by, log_det = [], [], 0.0
         for k, series in enumerate(self.series):
             rows = residual[k][np.newaxis, :]
@@ -193,6 +261,49 @@ class Objective:
             white.append(out[0])
             by.append(out[1:])
         return Whitened(np.concatenate(white), np.concatenate(by, axis=1), log_det, self.readings)
+
+    @property
+    def filtered(self) -> bool:
+        """Whether the likelihood is a filter's: there is process noise, and the parameters include the readings'."""
+        return self.calibration.process is not None
+
+    def reading_noise(self, coordinates: FloatArray) -> dict[str, OutputNoise]:
+        """Noise of each output where it is among the parameters, at search coordinates (p,) of all of them."""
+        values = self.parameters.from_search(coordinates)
+        return {
+            p.target.output: OutputNoise(float(value), white_identified=False)
+            for p, value in zip(self.parameters, values, strict=True)
+            if isinstance(p.target, ReadingNoiseTarget)
+        }
+
+    def predictions(self, values: FloatArray) -> tuple[FloatArray, ...]:
+        """Outputs (n, m) of each experiment at SI values (p,), simulated or predicted by the filter.
+
+        Raises
+        ------
+        CannotFinishError
+            Where a run fails.
+        """
+        rows = values[np.newaxis, :]
+        if not self.filtered:
+            return tuple(y[0] for y in self.simulate(rows).outputs)
+        found = cast(Filter, self.simulator).filter(rows)
+        self._count(found.outcomes)
+        return tuple(y[0] for y in found.predicted)
+
+    def by_output(self, rows: FloatArray) -> dict[str, FloatArray]:
+        """Values (N,) of all series end to end, by output."""
+        parts: dict[str, list[FloatArray]] = {output: [] for output in self.outputs}
+        ends = np.cumsum([series.sampling.size for series in self.series])
+        for series, values in zip(self.series, np.split(rows, ends[:-1]), strict=True):
+            parts[series.output].append(values)
+        return {output: np.concatenate([*values, np.zeros(0)]) for output, values in parts.items()}
+
+    def smoothed_states(self, values: FloatArray) -> tuple[SmoothedStates, ...]:
+        """States of each recording at SI values (p,), given all its readings; only with process noise."""
+        found = cast(Filter, self.simulator).filtered_states(values)
+        self._count(np.zeros(len(found), dtype=np.uint8))
+        return tuple(smooth(states, y) for states, y in zip(found, self.calibration.measured, strict=True))
 
     # reduced in the engine
 
@@ -210,9 +321,30 @@ class Objective:
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
         """Likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values."""
+        if self.filtered:
+            return self._filter_products(values, active)
         found = self.simulator.gauss_newton(self.parameters.away_from_zero(values, active), noise, active=active)
         self._count(found.outcomes)
         return found
+
+    def _filter_products(self, values: FloatArray, active: Sequence[int]) -> GaussNewton:
+        n, q = len(values), len(active)
+        result = GaussNewton(
+            np.full(n, np.inf), np.full((n, q), np.nan), np.full((n, q, q), np.nan), np.full(n, -np.inf),
+            np.zeros((n, len(self.calibration.experiments)), dtype=np.uint8),
+        )  # fmt: skip
+        for k, coordinates in enumerate(self.parameters.to_search(values)):
+            before = Counter(self.outcomes)
+            found = self.evaluate(coordinates, active)
+            result.outcomes[k] = max((self.outcomes - before).elements())
+            if found is None:
+                continue
+            white = self.whiten(found, {})
+            by = 1.0 / self.parameters.jacobian(values[k])[list(active)]
+            result.cost[k] = 0.5 * float(white.residual @ white.residual)
+            result.log_likelihood[k] = white.log_likelihood
+            result.gradient[k], result.hessian[k] = -white.score * by, white.information * np.outer(by, by)
+        return result
 
     def noise_rows(self, noise: Mapping[str, OutputNoise]) -> FloatArray:
         """Noise triples as the engine takes them, shape (1, 1, m, 3); outputs that do not count get large noise."""
@@ -227,6 +359,15 @@ class Objective:
         codes, counts = np.unique(outcomes, return_counts=True)
         for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
             self.outcomes[Outcome(code)] += count
+
+
+def _whiten_innovations(found: Evaluation, sd: Sequence[FloatArray], readings: int) -> Whitened:
+    width = np.concatenate(sd)
+    slopes, by_width = np.zeros((0, readings)), None
+    if found.slopes is not None and found.log_sd_slopes is not None:
+        slopes, by_width = (np.concatenate(rows, axis=1) for rows in (found.slopes, found.log_sd_slopes))
+    log_det = 2.0 * float(np.sum(np.log(width)))
+    return Whitened(np.concatenate(found.residual) / width, slopes / width, log_det, readings, by_width)
 
 
 def _series(calibration: Calibration) -> list[Series]:

@@ -56,7 +56,7 @@ def fit_progressive_horizon(
                     (reference,) = objective.residuals(known[np.newaxis, :])
                     if (
                         reference is not None
-                        and _residual_ratio(found.evaluation.residual, reference) > MAX_RESIDUAL_RATIO
+                        and _residual_ratio(found.evaluation.residual, reference.residual) > MAX_RESIDUAL_RATIO
                     ):
                         break
         return {"point": point, "steps": np.array(steps)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,19 +13,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
 from aero_bayes.display import with_unit
+from aero_bayes.estimate.band_width import band_factors
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.fit_statistics import FitStatistics
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.laplace_estimates import laplace_estimates
-from aero_bayes.estimate.noise_report import noise_table
+from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameter_estimates import Estimate, EstimateTable, estimates_html
+from aero_bayes.estimate.prediction import FittedPredictor, RecordingPrediction
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.stage_report import StageReport
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.simulation.interface import Simulator
+from aero_bayes.simulation.smoothing import SmoothedStates
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,6 +77,8 @@ class Fit(FitStatistics, EstimateTable):
         Simulation engine.
     sensors : mapping of str to dict
         Ripple and encoder counts, by output, as result.json takes them.
+    states : tuple of SmoothedStates
+        With process noise, the states of each recording given all its readings, in the order of the model's states.
 
     Examples
     --------
@@ -115,6 +121,7 @@ class Fit(FitStatistics, EstimateTable):
     seconds: float
     engine: str = "native"
     sensors: Mapping[str, Json] = field(default_factory=dict)
+    states: tuple[SmoothedStates, ...] = ()
 
     def target(self, simulator: Simulator) -> Target:
         """The log-posterior over the free parameters, through a simulator of the calibration's problem."""
@@ -153,6 +160,7 @@ class Fit(FitStatistics, EstimateTable):
         return {
             "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
             "noise": self.noise_table(),
+            "process_noise": process_noise_table(self.calibration.process, self.parameters),
             "sensors": dict(self.sensors),
             "fit": {
                 "cost_eq6": self.cost_eq6,
@@ -212,6 +220,67 @@ class Fit(FitStatistics, EstimateTable):
         (201, ['position'])
         """
         return simulate(self.calibration, self.values, inputs, parameters=parameters, start=start, engine=self.engine)
+
+    @cached_property
+    def predictor(self) -> FittedPredictor:
+        """Predicts recordings from draws of parameters; the width of its bands comes from readings that are left out.
+
+        Examples
+        --------
+        >>> bool(fit.predictor.band_factors[0] >= 1.64)  # standard deviations
+        True
+        """
+        covariance = self.laplace.covariance[: len(self.free), : len(self.free)]
+        left = [y - f for y, f in zip(self.calibration.raw_readings, self.fitted, strict=True)]
+        factors = band_factors(self.calibration, self.series, self.optimum, covariance, left)
+        return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.engine)
+
+    def predict(
+        self,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        draws: int = 200,
+        seed: int = 1,
+        workers: int | None = 0,
+    ) -> RecordingPrediction:
+        """What new readings would be, with a 90 % band, by the Gaussian approximation of the posterior.
+
+        Parameters
+        ----------
+        inputs : Recording or mapping of str to array_like, shape (n,)
+            As :meth:`simulate` takes them.
+        draws : int
+            Draws of the parameters that are simulated.
+        seed : int
+            Of the draws.
+        workers : int, optional
+            Worker processes; none beside this one by default, None for all cores.
+
+        Returns
+        -------
+        RecordingPrediction
+            As of :meth:`aero_bayes.Posterior.predict`, which needs no approximation but a sampler.
+
+        Raises
+        ------
+        InputError
+            For inputs that the model does not have, or one that is missing.
+        CannotFinishError
+            If no draw can be simulated.
+
+        Examples
+        --------
+        >>> fit.predict(test, draws=50).to_frame().shape == (test.rows, 3)
+        True
+        """
+        points = self.laplace.draw(draws, np.random.default_rng(seed))
+        count, parameters = len(self.free), self.calibration.parameters
+        low, high = (bound[list(self.free)] for bound in parameters.box)
+        coordinates = np.tile(parameters.to_search(self.values), (draws, 1))
+        coordinates[:, list(self.free)] = np.clip(points[:, :count], low, high)
+        values = parameters.from_search(coordinates)[:, list(self.free)]
+        drawn = np.concatenate([values, np.exp(points[:, count:])], axis=1)
+        return self.predictor.predict(drawn, inputs, seed=seed, workers=workers)
 
     @property
     def calibrated(self) -> CalibratedModel:

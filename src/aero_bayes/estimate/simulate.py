@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,16 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.new_recording import first_reading, typical
 from aero_bayes.simulation import open_simulator
-from aero_bayes.simulation.interface import Outcome, ParameterTarget, ProblemTarget, StartTarget, Trajectories
+from aero_bayes.simulation.interface import (
+    Filter,
+    Filtered,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    ProblemTarget,
+    StartTarget,
+    Trajectories,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -97,31 +106,54 @@ def run_problem(
     InputError
         For a parameter or state that the model does not have.
     """
+    problem, matrix = _problem(calibration, recording, values, parameters or {}, start or {})
+    with open_simulator(problem, "fmpy" if engine == "fmpy" else "native", workers) as simulator:
+        return simulator.simulate(matrix)
+
+
+def run_filter(
+    calibration: Calibration, recording: Recording, values: FloatArray, *, workers: int | None = 0,
+    engine: str = "native",
+) -> Filtered:  # fmt: skip
+    """What a calibration with process noise predicts of a recording, whose readings it is not told.
+
+    The parameters are those of :func:`run_problem`.
+    """
+    problem, matrix = _problem(calibration, recording, values, {}, {})
+    with open_simulator(problem, "fmpy" if engine == "fmpy" else "native", workers) as simulator:
+        return cast(Filter, simulator).filter(matrix)
+
+
+def _problem(
+    calibration: Calibration, recording: Recording, values: FloatArray, parameters: Mapping[str, float],
+    start: Mapping[str, float],
+) -> tuple[Problem, FloatArray]:  # fmt: skip
+    """A calibration's problem over a recording's times, and the values of its columns."""
     own = _index(recording, calibration)
     experiment = to_experiment(recording, [], interpolation=calibration.interpolation)
     experiment = replace(experiment, outputs=calibration.outputs, measured=None)
+    like = calibration.experiments[0 if own is None else own]
+    experiment = replace(experiment, start_sd=like.start_sd)
     if own is not None:
-        experiment = replace(experiment, start=calibration.experiments[own].start)
+        experiment = replace(experiment, start=like.start)
     else:
         experiment = replace(experiment, start=_first_readings(recording, calibration))
     columns = _columns(calibration, recording, values, own)
     fixed = dict(calibration.fixed)
-    for name, value in (parameters or {}).items():
+    for name, value in parameters.items():
         calibration.model.parameter(name)
         if not math.isfinite(value):
             raise InputError(f"parameter {name} is {value}, which is no finite number")
         columns.pop(ParameterTarget(name), None)
         fixed[name] = float(value)
-    for name, value in (start or {}).items():
+    for name, value in start.items():
         state = calibration.model.states[calibration.model.state_index(name)].name
         columns.pop(StartTarget(state), None)
         experiment = replace(experiment, start={**experiment.start, state: float(value)})
     alone = replace(calibration, experiments=(experiment,), names=(recording.name,), recordings=(recording,))
     problem = replace(alone.problem(), targets=(tuple(columns),), fixed=fixed)
     matrix = np.column_stack(list(columns.values())) if columns else np.empty((len(values), 0))
-    known: Literal["native", "fmpy"] = "fmpy" if engine == "fmpy" else "native"
-    with open_simulator(problem, known, workers) as simulator:
-        return simulator.simulate(matrix)
+    return problem, matrix
 
 
 def _index(recording: Recording, calibration: Calibration) -> int | None:

@@ -226,6 +226,14 @@ class JointTarget:
     def dimension(self) -> int:
         return len(self.names)
 
+    @property
+    def axes(self) -> FloatArray:
+        """Linear functions of a point along which the likelihood may have corners: its own coordinates (d, d)."""
+        axes = np.eye(self.dimension)
+        if self.target.spread is not None:
+            axes[: len(self.target.free), : len(self.target.free)] = self.target.spread.map
+        return axes
+
     def log_prior(self, points: FloatArray) -> FloatArray:
         f = len(self.target.free)
         return np.asarray(self.target.parameters.log_prior(points[:, :f]) + self.layout.log_prior(points[:, f:]))

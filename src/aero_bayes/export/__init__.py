@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         separate_elements,
         set_parameter,
     )
-    from aero_bayes.export.embedded import explicit_model, export_flat
+    from aero_bayes.export.embedded import explicit_model, export_embedded, export_flat
     from aero_bayes.export.equation_system import EquationSystem, translate
     from aero_bayes.export.events import Events
     from aero_bayes.export.expression import Builder, Node, evaluate_nodes
@@ -51,6 +51,7 @@ _HOME = {
     "export_fmu": "compilers",
     "first_compiler": "compilers",
     "explicit_model": "embedded",
+    "export_embedded": "embedded",
     "export_flat": "embedded",
     "load_flat": "rumoca_front",
     "FlatEquation": "flat",
@@ -126,6 +127,7 @@ __all__ = [
     "equate",
     "evaluate_nodes",
     "explicit_model",
+    "export_embedded",
     "export_flat",
     "export_fmu",
     "first_compiler",

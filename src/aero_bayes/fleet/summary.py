@@ -59,7 +59,7 @@ def summarise_fleet(
     Parameters
     ----------
     table : Table
-        Of rows as :func:`aero_bayes.fleet.row.row_of` and :func:`aero_bayes.fleet.runner.failure` make them.
+        Of rows as :func:`aero_bayes.fleet.row.fleet_row` and :func:`aero_bayes.fleet.runner.failure` make them.
     work : str
     seed : int
     versions : mapping of str to str

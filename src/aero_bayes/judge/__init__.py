@@ -11,13 +11,12 @@ from aero_bayes.judge.checks import (
     LeftOver,
     choose,
 )
-from aero_bayes.judge.holdout import BLOCK_COUNT, HeldOutGain, blocks_of, held_out_gain
+from aero_bayes.judge.holdout import HeldOutGain, blocks_of, held_out_gain
 from aero_bayes.judge.prediction import Error, Prediction, describe_error_change, rms_error, surely_worse
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.validation import MAX_ERROR_RATIO, refusal
 
 __all__ = [
-    "BLOCK_COUNT",
     "MAX_ERROR_RATIO",
     "Check",
     "CheckInput",

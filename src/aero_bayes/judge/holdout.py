@@ -13,15 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.estimate.leave_out import equal_leverage_blocks, leave_blocks_out
 from aero_bayes.estimate.parameters import prior_curvature
 from aero_bayes.search.models import FittedModel
-
-FloatArray = NDArray[np.float64]
-
-#: Least curvature, as a share of what all readings tell.
-MIN_CURVATURE_SHARE = 1e-12
-#: Blocks of a recording, and readings that one has at least.
-BLOCK_COUNT, MIN_BLOCK_READINGS = 20, 4
 
 
 @dataclass(frozen=True)
@@ -73,28 +67,10 @@ def held_out_gain(model: FittedModel, rival: FittedModel) -> HeldOutGain:
 
 
 def blocks_of(fitted: FittedModel) -> list[list[NDArray[np.int_]]]:
-    """Readings (columns of the whitened slopes) by recording, and in each by block of time, all outputs together.
-
-    Blocks have equal leverage, so that the fit without one of them is close to the full fit and its linearisation
-    holds. A transient that determines most parameters is thus cut into many blocks.
-    """
-    slopes, parameters = fitted.optimum.whitened.slopes, fitted.model.objective.parameters
-    second = parameters.prior_derivatives(fitted.optimum.coordinates)[1][list(fitted.optimum.free)]
-    curvature = slopes @ slopes.T + prior_curvature(second)
-    leverage = np.einsum("kn,kn->n", slopes, np.linalg.solve(curvature, slopes))
-    series = fitted.model.objective.series
-    first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
-    found = []
-    for e in sorted({s.experiment for s in series}):
-        own = [k for k, s in enumerate(series) if s.experiment == e]
-        columns = np.concatenate([np.arange(first[k], first[k + 1]) for k in own])
-        columns = columns[np.argsort(np.concatenate([series[k].sampling.time for k in own]), kind="stable")]
-        count = max(min(BLOCK_COUNT, columns.size // MIN_BLOCK_READINGS), 1)
-        # Half by leverage and half by number, so that no block is empty.
-        share = leverage[columns] / max(float(leverage[columns].sum()), 1e-300) + 1.0 / columns.size
-        place = np.minimum((np.cumsum(share) - 0.5 * share) / 2.0 * count, count - 1).astype(int)
-        found.append([columns[place == k] for k in range(count) if np.any(place == k)])
-    return found
+    """Blocks of a fit that are left out; see :func:`equal_leverage_blocks`."""
+    optimum, objective = fitted.optimum, fitted.model.objective
+    second = objective.parameters.prior_derivatives(optimum.coordinates)[1][list(optimum.free)]
+    return equal_leverage_blocks(objective.series, optimum.whitened.slopes, prior_curvature(second))
 
 
 def _log_density(fitted: FittedModel, blocks: Sequence[NDArray[np.int_]]) -> float:
@@ -104,22 +80,8 @@ def _log_density(fitted: FittedModel, blocks: Sequence[NDArray[np.int_]]) -> flo
     shared = [k for k, j in enumerate(optimum.free) if parameters.items[j].recording is None]
     slopes, residual = optimum.whitened.slopes[shared] / cold, optimum.whitened.residual / cold
     second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in shared]]
-    prior = prior_curvature(second)
-    own = [slopes[:, block] @ slopes[:, block].T for block in blocks]
-    whole = prior + sum(own)
-    unit = 1.0 / np.sqrt(np.diag(whole))
-    volume = float(np.log(_spectrum(whole, unit)[0]).sum())
     total = 0.0
-    for k, block in enumerate(blocks):
-        r = residual[block]
-        # Sum the other blocks: a difference would lose a direction that only this block determines.
-        values, vectors = _spectrum(prior + sum(own[:k] + own[k + 1 :]), unit)
-        pull = vectors.T @ (unit * (slopes[:, block] @ r))
-        total -= 0.5 * float(r @ r + pull @ (pull / values) + volume - np.log(values).sum())
+    for left in leave_blocks_out(slopes, residual, prior_curvature(second), blocks):
+        r, own = residual[left.readings], slopes[:, left.readings]
+        total -= 0.5 * float(r @ r - (own @ r) @ left.step + left.log_information_lost)
     return total
-
-
-def _spectrum(curvature: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and eigenvectors of a curvature in units of its parameters; bounded below by rounding."""
-    values, vectors = np.linalg.eigh(curvature * np.outer(unit, unit))
-    return np.maximum(values, MIN_CURVATURE_SHARE), vectors

@@ -14,7 +14,10 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class NewParameter:
-    """A parameter that came with an effect: value, standard deviation and central 90 % interval in SI units."""
+    """A parameter of the model that came out: value, standard deviation and central 90 % interval in SI units.
+
+    ``q50`` is the median where it is not the value.
+    """
 
     name: str
     value: float
@@ -23,6 +26,7 @@ class NewParameter:
     q95: float
     unit: str
     description: str
+    q50: float | None = None
 
     def __float__(self) -> float:
         return self.value
@@ -32,7 +36,7 @@ class NewParameter:
             "value": self.value,
             "sd": self.sd,
             "q05": self.q05,
-            "q50": self.value,
+            "q50": self.value if self.q50 is None else self.q50,
             "q95": self.q95,
             "unit": self.unit,
         }

@@ -20,6 +20,7 @@ from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.found_effect import FoundEffect, NewParameter
 from aero_bayes.loop.steps import Step
+from aero_bayes.loop.structure_average import StructureAverage
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Interpolation
@@ -60,7 +61,8 @@ class LoopResult:
     shifts : tuple of Shift
         How far parameters moved when the effects came in.
     parameters : mapping of str to NewParameter
-        Of the model that came out; ``added`` are the new ones as they were searched.
+        Of the model that came out; ``added`` are the new ones as they were searched. Where the data leave several
+        structures, intervals are those of the mixture of them.
     identifiability : Identifiability
         What the data say of each of them.
     noise : mapping of str to OutputNoise
@@ -83,6 +85,10 @@ class LoopResult:
         The model as it stood.
     calibrated : CalibratedModel, optional
         The model that came out with all its values, as Modelica; none where the model came as an FMU.
+    averaged : StructureAverage, optional
+        The structures that the data do not tell apart, with their odds; none where there is one.
+    readings, effective_samples : mapping of str to int or float
+        Readings that the evidence rests on, by output, and how many independent ones they count for.
 
     Examples
     --------
@@ -133,6 +139,9 @@ class LoopResult:
     recordings: Recordings | None = None
     plain: Model | None = None
     calibrated: CalibratedModel | None = None
+    averaged: StructureAverage | None = None
+    readings: Mapping[str, int] = field(default_factory=dict)
+    effective_samples: Mapping[str, float] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> NewParameter:
         if name not in self.parameters:
@@ -271,6 +280,9 @@ class LoopResult:
                 "before": reports_by_recording(self.residual_before),
                 "after": reports_by_recording(self.residual_after),
             },
+            "averaged": self.averaged.to_dict() if self.averaged is not None else None,
+            "readings": dict(self.readings),
+            "effective_samples": dict(self.effective_samples),
             "separate": list(self.separate),
             "story": list(self.story),
             "diff": self.diff,

@@ -27,6 +27,7 @@ from aero_bayes.loop.found_effect import NewParameter
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import equivalents, in_order
+from aero_bayes.loop.structure_average import structure_average
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import ParameterTarget
@@ -47,6 +48,11 @@ def result_of(
     same = _equivalent(context.settings, conclusion) if named else ()
     parameters = base.plain.parameters
     fitted = fitted_parameters(conclusion.calibration.parameters, conclusion.refit)
+    averaged = structure_average(
+        conclusion.explored, conclusion.chosen, conclusion.calibration.parameters, conclusion.refit,
+        context.settings.structures.equivalence,
+    ) if effects else None  # fmt: skip
+    fitted = averaged.averaged(fitted) if averaged is not None else fitted
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     rivals = {r.id for step in conclusion.steps for r in step.candidates}
     sentence = (
@@ -85,6 +91,9 @@ def result_of(
         recordings=context.recordings,
         plain=context.family.base_model(),
         calibrated=_calibrated(context.family.base_model().source, conclusion, fitted),
+        averaged=averaged,
+        readings=_readings_by_output(conclusion.chosen),
+        effective_samples=dict(conclusion.explored.noise.effective_samples),
     )
 
 
@@ -178,9 +187,18 @@ def _data_sentence(context: LoopContext) -> str:
 
 def _comparison_sentence(conclusion: Conclusion) -> str:
     """How many structures were compared, on how many effective samples."""
-    explored = conclusion.explored
-    counts = ", ".join(f"{o} {n:.0f}" for o, n in explored.noise.effective_samples.items())
-    return f"{len(explored.fits)} model structures were compared. Effective number of independent readings: {counts}."
+    explored, readings = conclusion.explored, _readings_by_output(conclusion.chosen)
+    samples = explored.noise.effective_samples
+    counts = ", ".join(f"{n:,.0f} of {o} (of {readings[o]:,} readings)" for o, n in samples.items())
+    return f"{len(explored.fits)} model structures were compared. Effective samples: {counts}."
+
+
+def _readings_by_output(fitted: FittedModel) -> dict[str, int]:
+    """Readings that structures were compared on."""
+    counts: dict[str, int] = {}
+    for series in fitted.model.objective.series:
+        counts[series.output] = counts.get(series.output, 0) + series.sampling.size
+    return counts
 
 
 @dataclass(frozen=True, eq=False)

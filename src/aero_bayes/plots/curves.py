@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.plots.figure import draw_panels
@@ -15,7 +16,6 @@ from aero_bayes.plots.view import fit_view, loop_view, posterior_view, view
 from aero_bayes.report.curves import legend, opening_scene, recording_panels, scene_panels, stretch_words
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.sample.posterior import Posterior
-from aero_bayes.sample.prediction import RecordingPrediction
 from aero_bayes.workflow.curves import band_series
 
 TIME = "time (s)"

@@ -129,7 +129,24 @@ def recording_panels(
         panels.append(Panel(title, (held,), 46, ticks=2, factor=factor))
     for name in _outputs(run, recording, without) if outputs is None else outputs:
         panels += _output_panels(run, recording, name, (80.0, 130.0))
-    return panels
+    return panels + [_state_panel(run, recording, name) for name in run.signals("smoothed", recording)]
+
+
+def _state_panel(run: RunDirectory, recording: str, name: str) -> Panel:
+    """A state as all readings together have it, with its 90 % band."""
+    time = run.time(recording)
+    mean, low, high = (
+        summed(run, recording, (1, f"{group}/{name}")) for group in ("smoothed", "smoothed_lower", "smoothed_upper")
+    )
+    factor, unit = scaled_unit(largest(mean[0] if mean else None), run.result.unit(name))
+    layers: list[Layer] = []
+    if low and high:
+        source = Source(low[1].time, low[1].terms, high[1].terms)
+        layers.append(Band(time, factor * low[0], factor * high[0], ACCENT, 0.25, label="90 %", source=source))
+    if mean:
+        layers.append(Line(time, factor * mean[0], ACCENT, 1.3, label="smoothed", source=mean[1]))
+    title = f"state {signal_title(name, unit, run.result.description(name))}, from all readings"
+    return Panel(title, tuple(layers), 100.0, factor=factor)
 
 
 def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:

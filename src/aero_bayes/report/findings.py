@@ -49,6 +49,20 @@ def noise_model_table(run: RunDirectory) -> Markup | None:
     return html_table(columns, rows, "Noise model of each output (standard deviations)") if rows else None
 
 
+def process_noise_table(run: RunDirectory) -> Markup | None:
+    """The diffusion of every state that has one."""
+    rows = [
+        (
+            symbol(state), significant(found.value),
+            NO_VALUE if found.q05 is None else f"{significant(found.q05)} to {significant(found.q95)}",
+            pretty_unit(found.unit),
+        )
+        for state, found in run.result.process_noise.items()
+    ]  # fmt: skip
+    columns = ("state", Column("diffusion", "right"), Column("90 % interval", "right"), "unit")
+    return html_table(columns, rows, "Process noise of the states") if rows else None
+
+
 def sampler_table(mcmc: McmcJson) -> Markup | None:
     """R-hat, effective draws and autocorrelation time by parameter; insufficient ones are marked."""
     rows: list[tuple[object, ...]] = []

@@ -18,6 +18,7 @@ from aero_bayes.report import (
     curves,
     experiment,
     findings,
+    loop_evidence,
     loop_figures,
     loop_story,
     overview,
@@ -181,6 +182,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "recordings": [_recording(run, name, scene) for name in run.recordings()],
         "curve_words": curves.MEANING,
         "residuals": findings.residual_floor_table(run), "noise": findings.noise_model_table(run),
+        "process_noise": findings.process_noise_table(run),
         "sensors": sensor_table(run), "rms": findings.fit_error_table(run), "fit_facts": findings.fit_facts(run),
         "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),
@@ -222,7 +224,8 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "effects": loop_story.effects(loop, run.result.parameters),
         "rounds": loop_figures.rounds_plates(loop, run.result.effect_words()),
         "errors": loop_story.before_after_table(run, loop), "shift": loop_story.shift_table(run, loop),
-        "equivalents": loop.equivalent, "separate": loop.separate,
+        "equivalents": loop.equivalent, "separate": loop.separate, "evidence": loop_evidence.evidence_words(loop),
+        "structures": loop_evidence.structures_words(loop), "averaged": loop_evidence.averaged_table(run, loop),
         "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
     }  # fmt: skip
 

@@ -123,7 +123,7 @@ def pretty_unit(unit: object) -> str:
     text = "" if unit is None else str(unit).strip()
     if text in {"1", "-"}:
         return ""
-    text = re.sub(r"\b[Oo]hms?\b", "Ω", text)
+    text = re.sub(r"\b[Oo]hms?\b", "Ω", text).replace("sqrt(s)", "√s")
     text = re.sub(r"(?<=[A-Za-zΩ)])\^?\(?(-?\d+)\)?", lambda match: match[1].translate(_SUPERSCRIPT), text)
     return re.sub(r"(?<=[\w⁰¹²³⁴⁵⁶⁷⁸⁹Ω)])\s*[ .*·]\s*(?=[A-Za-zΩ(])", "·", text)
 

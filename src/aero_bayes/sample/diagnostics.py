@@ -1,4 +1,4 @@
-"""Has it converged, and how much is it worth: R-hat across independent ensembles, autocorrelation time, ESS.
+"""Diagnostics of convergence: R-hat across independent ensembles, autocorrelation time, effective sample size.
 
 Walkers of one ensemble may move by each other's positions and are no independent chains then. Each *ensemble* is
 therefore one chain here: R-hat compares ensembles, and the autocorrelation time is the larger of the walkers' own and
@@ -23,13 +23,13 @@ FloatArray = NDArray[np.float64]
 
 
 def rank_normalise(samples: FloatArray) -> FloatArray:
-    """Normal scores of the ranks over all chains (Blom), same shape."""
+    """Replace samples by the normal scores of their ranks over all chains (Blom)."""
     rank = rankdata(samples, method="average").reshape(samples.shape)
     return np.asarray(ndtri((rank - 0.375) / (samples.size + 0.25)))
 
 
 def _plain_r_hat(chains: FloatArray) -> float:
-    """Potential scale reduction of chains of shape (c, n)."""
+    """Compute the potential scale reduction of chains, shape (c, n)."""
     n = chains.shape[1]
     within = float(np.mean(np.var(chains, axis=1, ddof=1)))
     between = float(np.var(np.mean(chains, axis=1), ddof=1))
@@ -39,7 +39,7 @@ def _plain_r_hat(chains: FloatArray) -> float:
 
 
 def r_hat(samples: FloatArray) -> float:
-    """Rank-normalised split R-hat, the larger of bulk and folded.
+    """Compute the rank-normalised split R-hat, the larger of bulk and folded.
 
     Parameters
     ----------
@@ -56,14 +56,14 @@ def r_hat(samples: FloatArray) -> float:
 
 
 def _window(rho: FloatArray, c: float = 5.0) -> float:
-    """Integrated autocorrelation with Sokal's window: the first m with m >= c tau(m)."""
+    """Integrate an autocorrelation over Sokal's window: up to the first m with m >= c tau(m)."""
     tau = 2.0 * np.cumsum(rho) - 1.0
     inside = np.arange(tau.size) >= c * tau
     return float(max(tau[int(np.argmax(inside))] if inside.any() else tau[-1], 1e-3))
 
 
 def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
-    """Steps per independent sample of one walker, the larger of two views.
+    """Compute the steps per independent sample of one walker, the larger of two estimates.
 
     Walkers are centred on the mean of all, so that one that stays where it is counts for little.
 
@@ -71,7 +71,7 @@ def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
     ----------
     samples : ndarray, shape (ensembles, steps, walkers)
     coupled : bool
-        Whether walkers of one ensemble move by each other's positions; otherwise there is only the first view.
+        Whether walkers of one ensemble move by each other's positions; otherwise there is only the first estimate.
     """
     _, steps, walkers = samples.shape
     variance = float(np.var(samples))
@@ -86,7 +86,7 @@ def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Verdict on one quantity: ``tau`` in steps, ``ess`` in samples."""
+    """Diagnostics of one quantity: ``tau`` in steps, ``ess`` in samples."""
 
     r_hat: float
     tau: float
@@ -95,7 +95,7 @@ class Diagnosis:
 
 
 def diagnose(samples: FloatArray, *, coupled: bool = True) -> Diagnosis:
-    """R-hat, autocorrelation time and effective sample sizes of one quantity, shape (ensembles, steps, walkers)."""
+    """Diagnose one quantity, shape (ensembles, steps, walkers)."""
     size = samples.size
     tau = autocorrelation_time(rank_normalise(samples), coupled=coupled)
     low, high = np.quantile(samples, [0.05, 0.95])

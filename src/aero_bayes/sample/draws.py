@@ -12,9 +12,9 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Status, status_of
 from aero_bayes.estimate.parameter_estimates import Estimate
 from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.predictive import Predictive
 from aero_bayes.estimate.result import Fit
 from aero_bayes.sample.diagnostics import Diagnosis
-from aero_bayes.sample.predictive import Predictive
 from aero_bayes.sensors.noise import OutputNoise
 
 FloatArray = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Importance sampling with Pareto-smoothed weights, and how far it can be trusted.
+"""Importance sampling with Pareto-smoothed weights, and a diagnostic of its reliability.
 
 Reference: Vehtari, Simpson, Gelman, Yao and Gabry (2024), "Pareto smoothed importance sampling", JMLR 25, 72; the
 tail's shape is estimated after Zhang and Stephens (2009), Technometrics 51, 316.
@@ -49,16 +49,16 @@ class WeightedSample:
 
     @property
     def covariance(self) -> FloatArray:
-        """Weighted covariance, shape (d, d)."""
+        """Return the weighted covariance, shape (d, d)."""
         centred = self.points - self.mean
         return np.asarray((self.weights[:, None] * centred).T @ centred)
 
     def below(self, values: FloatArray) -> FloatArray:
-        """Posterior probability that each coordinate lies below ``values`` (d,): shape (d,)."""
+        """Return the posterior probability that each coordinate lies below ``values`` (d,): shape (d,)."""
         return np.asarray(self.weights @ (self.points < values))
 
     def quantiles(self, levels: FloatArray) -> FloatArray:
-        """Weighted quantiles, shape (len(levels), d)."""
+        """Return weighted quantiles, shape (len(levels), d)."""
         out = np.empty((len(levels), self.points.shape[1]))
         for j, column in enumerate(self.points.T):
             order = np.argsort(column)
@@ -67,7 +67,7 @@ class WeightedSample:
         return out
 
     def resample(self, size: int, rng: np.random.Generator) -> FloatArray:
-        """Draws of equal weight, shape (size, d), by systematic resampling."""
+        """Return draws of equal weight, shape (size, d), by systematic resampling."""
         position = (np.arange(size) + rng.random()) / size
         index = np.minimum(np.searchsorted(np.cumsum(self.weights), position), len(self.points) - 1)
         return np.asarray(self.points[rng.permutation(index)])
@@ -106,8 +106,8 @@ def adaptive_importance_sample(
     """Draw in rounds, each proposal fitted to the weighted draws so far; every draw counts in the end.
 
     A draw of any round is weighed against the mixture of all proposals (adaptive multiple importance sampling; Cornuet,
-    Marin, Mira and Robert, 2012, Scandinavian Journal of Statistics 39, 798), so the first, widest ones keep guarding
-    the tails.
+    Marin, Mira and Robert, 2012, Scandinavian Journal of Statistics 39, 798), so that the first, widest ones still
+    cover the tails.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def pareto_smooth(log_weights: FloatArray) -> tuple[FloatArray, float]:
 
 
 def fit_pareto(excess: FloatArray) -> tuple[float, float]:
-    """Shape and scale of a generalised Pareto distribution from increasing excesses, shape (n,).
+    """Estimate shape and scale of a generalised Pareto distribution from increasing excesses, shape (n,).
 
     A quasi-Bayesian mean over a grid of the likelihood's profile, with the shape shrunk a little towards one half.
     """

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate.noise_report import noise_table
+from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.parameter_estimates import EstimateTable, estimates_html
+from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sample.draws import PosteriorDraws
 from aero_bayes.sample.inferencedata import save, to_inference_data
-from aero_bayes.sample.prediction import RecordingPrediction, predict_recording
 from aero_bayes.simulation.interface import Outcome
 
 if TYPE_CHECKING:
@@ -90,6 +90,7 @@ class Posterior(PosteriorDraws, EstimateTable):
         return base | {
             "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
             "noise": noise_table(self.calibration, self.noise),
+            "process_noise": process_noise_table(self.calibration.process, self.parameters),
             "mcmc": {
                 "ensembles": self.draws.shape[0],
                 "draws": self.steps,
@@ -153,7 +154,8 @@ class Posterior(PosteriorDraws, EstimateTable):
         Returns
         -------
         RecordingPrediction
-            Median, 90 % bands with noise and without, and how the readings lie in them.
+            Median, 90 % bands with noise and without, and how the readings lie in them. The band is as wide as noise
+            and parameters make it, and wider where the fit missed readings that were left out of it.
 
         Raises
         ------
@@ -168,7 +170,8 @@ class Posterior(PosteriorDraws, EstimateTable):
         True
         """
         points = self.draws.reshape(-1, self.draws.shape[-1])
-        return predict_recording(self.fit, points, inputs, draws=draws, seed=seed, workers=workers)
+        chosen = np.unique(np.linspace(0, len(points) - 1, min(draws, len(points))).astype(np.int64))
+        return self.fit.predictor.predict(points[chosen], inputs, seed=seed, workers=workers)
 
     def plot(
         self,

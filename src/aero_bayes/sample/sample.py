@@ -18,10 +18,11 @@ from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import JointTarget
-from aero_bayes.sample.mcmc import Chain, SampleSettings, run
+from aero_bayes.sample.mcmc import Chain, run_chain
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.sample.posterior import Posterior
 from aero_bayes.sample.predictive import posterior_predictive
+from aero_bayes.sample.settings import SampleSettings
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Simulator
 
@@ -91,15 +92,17 @@ def _sample(
 ) -> Posterior:
     began = time.perf_counter()
     joint = fit.joint_target(simulator)
-    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, settings.dof)
-    chain = run(joint, proposal, settings, seed, checkpoint=checkpoint, identity=identity(fit), progress=progress)
+    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, settings.dof, joint.axes)
+    chain = run_chain(joint, proposal, settings, seed, checkpoint=checkpoint, identity=identity(fit), progress=progress)
     if chain.points.shape[1] < 8:
         raise CannotFinishError(f"the time limit of {settings.time_limit:g} s passed before the sampler had settled")
     rng = np.random.default_rng([seed, 1])
     points, density = _thin(chain, settings.draws)
     each = max(1, settings.predictive // len(points))
     rows = np.unique(np.linspace(0, points.shape[1] - 1, each).astype(np.int64))
-    predictive = posterior_predictive(joint, points[:, rows].reshape(-1, points.shape[-1]), rng)
+    predictive = posterior_predictive(
+        joint, points[:, rows].reshape(-1, points.shape[-1]), fit.predictor.band_factors, rng
+    )
     return Posterior(
         fit=fit,
         names=joint.names,

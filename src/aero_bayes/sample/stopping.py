@@ -1,17 +1,14 @@
-"""When a chain is enough."""
+"""The rule by which sampling stops."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.sample.diagnostics import Diagnosis, diagnose
-
-if TYPE_CHECKING:
-    from aero_bayes.sample.mcmc import SampleSettings
+from aero_bayes.sample.settings import SampleSettings
 
 FloatArray = NDArray[np.float64]
 #: Smallest number of steps that are judged, and of autocorrelation times of a chain whose walkers depend on each other.
@@ -20,7 +17,7 @@ MIN_STEPS, MIN_AUTOCORRELATION_TIMES = 50, 50.0
 
 @dataclass(frozen=True)
 class StoppingDecision:
-    """Whether a chain is enough, what it lacks, and at how many steps it is worth asking again."""
+    """Whether a chain may stop, which criteria it misses, and at how many steps to decide again."""
 
     enough: bool
     reason: str
@@ -34,12 +31,15 @@ class StoppingDecision:
 
 
 def decide(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> StoppingDecision:
-    """The stop rule, for kept points of shape (ensembles, steps, walkers, d), and whether walkers meet each other."""
-    # What walkers share is seen in the mean of each ensemble only, so in a few series; walkers that go alone are many.
+    """Apply the stopping rule to kept points, shape (ensembles, steps, walkers, d).
+
+    ``coupled`` says whether a walker moves by where others of its ensemble are.
+    """
+    # Walkers that depend on each other count as one series: that of their mean. It must be longer to be judged.
     length, dimension = max(settings.lengths, MIN_AUTOCORRELATION_TIMES if coupled else 0.0), points.shape[-1]
     if points.shape[1] < 8:
         nothing = Diagnosis(np.inf, np.inf, 0.0, 0.0)
-        return StoppingDecision(False, "hardly any step was kept", (nothing,) * dimension, MIN_STEPS)
+        return StoppingDecision(False, "fewer than 8 steps were kept", (nothing,) * dimension, MIN_STEPS)
     steps = points.shape[1]
     diagnoses = tuple(diagnose(points[..., j], coupled=coupled) for j in range(dimension))
     tau, worst = max(d.tau for d in diagnoses), max(d.r_hat for d in diagnoses)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson
+from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson, QuantilesJson
 from aero_bayes.schema.estimate import ResidualJson
 
 
@@ -74,11 +74,35 @@ class ShiftJson(JsonTable):
     in_sd: JsonNumber
 
 
+class StructureOddsJson(JsonTable):
+    """One of the structures that the data do not tell apart: its terms, and its probability among them."""
+
+    terms: list[str]
+    odds: JsonNumber
+
+
+class AveragedParameterJson(JsonTable):
+    """A parameter of the first model under the chosen structure, and under the mixture of all."""
+
+    chosen: QuantilesJson
+    mixture: QuantilesJson
+
+
+class AveragedStructuresJson(JsonTable):
+    """The structures that the data do not tell apart, the chosen one first; parameters that all of them have."""
+
+    structures: list[StructureOddsJson]
+    parameters: dict[str, AveragedParameterJson] = {}
+
+
 RmsByRole = dict[str, dict[str, JsonNumber]]
 
 
 class LoopJson(JsonTable):
-    """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output."""
+    """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
+
+    ``readings`` and ``effective_samples``, by output, are what the log-evidence rests on.
+    """
 
     outcome: Literal["adequate", "extended", "unexplained"]
     sentence: str = ""
@@ -94,6 +118,9 @@ class LoopJson(JsonTable):
     steps: list[StepJson] = []
     shifts: dict[str, ShiftJson] = {}
     whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
+    averaged: AveragedStructuresJson | None = None
+    readings: dict[str, int] = {}
+    effective_samples: dict[str, JsonNumber] = {}
     separate: list[str] = []
     story: list[str] = []
     diff: str = ""

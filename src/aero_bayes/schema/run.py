@@ -45,6 +45,7 @@ class RunJson(JsonTable):
     recordings: list[RecordingJson] = []
     parameters: dict[str, ParameterJson] = {}
     noise: dict[str, NoiseJson] = {}
+    process_noise: dict[str, ParameterJson] = {}
     sensors: dict[str, SensorJson] = {}
     fit: FitJson = FitJson()
     identifiability: IdentifiabilityJson = IdentifiabilityJson()

@@ -6,7 +6,7 @@ from aero_bayes.search.explored import Library, SearchControl, SearchResult
 from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.parts import PARTS, Parts
 from aero_bayes.search.restarts import Restart
-from aero_bayes.search.score import Penalty, common_noise, odds, residual_correlation_time
+from aero_bayes.search.score import Penalty, common_noise, odds
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import START_RULES, Start, StartRule, starting_points
 from aero_bayes.search.structure import Structure
@@ -36,7 +36,6 @@ __all__ = [
     "common_noise",
     "likely_pairs",
     "odds",
-    "residual_correlation_time",
     "starting_points",
     "term_directions",
 ]

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.objective import Evaluation, Objective
 from aero_bayes.estimate.parameters import prior_curvature
 from aero_bayes.laws.model_family import CandidateTerm
 
 FloatArray = NDArray[np.float64]
-#: Coordinates of a simulated point, and its residuals by series.
-Tried = tuple[FloatArray, tuple[FloatArray, ...]]
+#: Coordinates of a simulated point, and how it compares with the data.
+Tried = tuple[FloatArray, Evaluation]
 
 #: Smallest and largest step along a line, as multiples of the step that was simulated.
 MIN_STEP_RATIO, MAX_STEP_RATIO = 0.05, 3.0
@@ -114,12 +114,12 @@ class LinearResponse:
         rows = np.repeat(at[np.newaxis, :], len(values), axis=0)
         rows[:, list(columns)] = np.array([parameters.to_search(v)[list(columns)] for v in si])
         found = self.objective.residuals(rows)
-        return [(row, residual) for row, residual in zip(rows, found, strict=True) if residual is not None]
+        return [(row, tried) for row, tried in zip(rows, found, strict=True) if tried is not None]
 
-    def line(self, row: FloatArray, residual: Sequence[FloatArray]) -> ResponseLine:
-        """From the fit to a point with these residuals."""
+    def line(self, row: FloatArray, tried: Evaluation) -> ResponseLine:
+        """From the fit to a point that was compared with the data."""
         whitened = self.base.whitened
-        change = whitened.residual - self.objective.whiten(residual, None, self.base.noise).residual
+        change = whitened.residual - self.objective.whiten(tried, self.base.noise).residual
         back = self._step @ (whitened.slopes @ change)
         direction = change - back @ whitened.slopes
         power = float(direction @ direction)
@@ -145,9 +145,8 @@ class LinearResponse:
         found = self.objective.residuals(np.array(points)) if len(points) else []
         present = self.base.whitened.log_likelihood
         return [
-            -math.inf if residual is None
-            else self.objective.whiten(residual, None, self.base.noise).log_likelihood - present
-            for residual in found
+            -math.inf if tried is None else self.objective.whiten(tried, self.base.noise).log_likelihood - present
+            for tried in found
         ]  # fmt: skip
 
     def readjusted_slopes(
@@ -165,6 +164,6 @@ class LinearResponse:
         found = self.objective.evaluate(point, [*free, *columns])
         if found is None or found.slopes is None:
             return None
-        new = self.objective.whiten(found.residual, found.slopes, self.base.noise).slopes[len(free) :]
+        new = self.objective.whiten(found, self.base.noise).slopes[len(free) :]
         back = (new @ own.T) @ self._step
         return new - back @ own, new, back

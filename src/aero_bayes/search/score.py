@@ -20,11 +20,10 @@ from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.local_fit import LocalFitSettings, fit_noise
 from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
+from aero_bayes.sensors.whiteness import residual_correlation_time
 
 FloatArray = NDArray[np.float64]
 
-#: Autocorrelation at which the sum for the autocorrelation time ends, and the lag, in autocorrelation times.
-MIN_AUTOCORRELATION, AUTOCORRELATION_WINDOW = 0.05, 5.0
 #: Prior probability that the missing effect is none of the candidates.
 UNLISTED_PROBABILITY = 0.02
 
@@ -60,28 +59,6 @@ class CommonNoise:
     def adequate(self) -> bool:
         """Whether the best structure leaves only noise in every output."""
         return not self.structured
-
-
-def residual_correlation_time(residuals: Sequence[FloatArray]) -> float:
-    """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
-
-    The sum runs over the autocorrelation up to where it falls below :data:`MIN_AUTOCORRELATION`, or to a lag of
-    :data:`AUTOCORRELATION_WINDOW` autocorrelation times (Sokal, 1997, Monte Carlo methods in statistical mechanics).
-    """
-    total = sum(r.size for r in residuals)
-    return sum(r.size * _correlation_time_of_series(r) for r in residuals) / max(total, 1)
-
-
-def _correlation_time_of_series(residual: FloatArray) -> float:
-    x = residual - residual.mean()
-    power = np.abs(np.fft.rfft(x, 2 * x.size)) ** 2
-    acf = np.fft.irfft(power)[: max(x.size // 3, 1)]
-    if acf[0] <= 0.0:
-        return 1.0
-    acf = acf / acf[0]
-    times = 2.0 * np.cumsum(acf) - 1.0
-    ends = np.flatnonzero((acf < MIN_AUTOCORRELATION) | (np.arange(acf.size) >= AUTOCORRELATION_WINDOW * times))
-    return max(float(times[max(ends[0] - 1, 0)] if ends.size else times[-1]), 1.0)
 
 
 def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -> CommonNoise:

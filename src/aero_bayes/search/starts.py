@@ -267,7 +267,7 @@ class OffBounds:
         evaluation = model.objective.evaluate(at, base.free)
         if evaluation is None:
             return []
-        white = model.objective.whiten(evaluation.residual, evaluation.slopes, base.noise)
+        white = model.objective.whiten(evaluation, base.noise)
         there = replace(
             base, coordinates=at, evaluation=evaluation, whitened=white, log_likelihood=white.log_likelihood
         )

@@ -8,7 +8,8 @@ describes slow errors of the sensor or of the model. :mod:`aero_bayes.sensors.wh
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -34,7 +35,7 @@ class OutputNoise:
     tau : float
         Its correlation time in s; 0 for none.
     white_identified : bool
-        False where the data cannot tell the white part from none.
+        False where the data cannot tell the white part from none, and where it is one of the parameters.
     model_error : bool
         True for a residual that no noise describes, so that the model must be wrong. ``sd_white`` is then the root mean
         square of the residual, and is not estimated.
@@ -75,14 +76,34 @@ class OutputNoise:
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Which noise each output may have. ``auto`` chooses between white and correlated noise by BIC."""
+    """Which noise each output may have, and which the states have.
+
+    Parameters
+    ----------
+    default : {"auto", "white", "ou"}
+        Of outputs that ``outputs`` does not name; ``auto`` lets BIC choose between white and white plus correlated.
+    outputs : tuple of (str, kind)
+    process : mapping of str to float or "estimated"
+        Process noise by state: its diffusion in the state's unit over the square root of a second. Each of these states
+        gains ``diffusion dW``, with W a Wiener process of its own; the noise of all readings is then white.
+    initial_sd : mapping of str to float
+        With process noise, how far a state's initial value may be off the model's own: its standard deviation. Other
+        states start as without process noise.
+
+    Examples
+    --------
+    >>> NoiseModel(process={"v": "estimated"}).kind("position")
+    'white'
+    """
 
     default: NoiseKind = "auto"
     outputs: tuple[tuple[str, NoiseKind], ...] = ()
+    process: Mapping[str, float | Literal["estimated"]] = field(default_factory=dict)
+    initial_sd: Mapping[str, float] = field(default_factory=dict)
 
     def kind(self, output: str) -> NoiseKind:
         """The noise that an output may have."""
-        return dict(self.outputs).get(output, self.default)
+        return "white" if self.process else dict(self.outputs).get(output, self.default)
 
 
 @dataclass(frozen=True, eq=False)

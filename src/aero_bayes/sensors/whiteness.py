@@ -1,6 +1,8 @@
-"""Whether a residual is white: autocovariance, tests of correlation, and the variance of block means."""
+"""Whether a residual is white: autocovariance, tests of correlation, correlation time, variance of block means."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,8 @@ FloatArray = NDArray[np.float64]
 
 #: Readings that each lag of a test needs: with fewer, independent noise fails the test too often.
 READINGS_A_LAG = 25
+#: Autocorrelation at which the sum for the autocorrelation time ends, and the lag, in autocorrelation times.
+MIN_AUTOCORRELATION, AUTOCORRELATION_WINDOW = 0.05, 5.0
 
 
 def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
@@ -81,6 +85,25 @@ def ripple_means(innovations: FloatArray, interval: float, length: float = 0.2) 
         return innovations
     means: FloatArray = innovations[: count * width].reshape(count, width).mean(axis=1)
     return means
+
+
+def residual_correlation_time(residuals: Sequence[FloatArray]) -> float:
+    """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
+
+    The sum runs over the autocorrelation up to where it falls below :data:`MIN_AUTOCORRELATION`, or to a lag of
+    :data:`AUTOCORRELATION_WINDOW` autocorrelation times (Sokal, 1997, Monte Carlo methods in statistical mechanics).
+    """
+    total = sum(r.size for r in residuals)
+    return sum(r.size * _correlation_time_of_series(r) for r in residuals) / max(total, 1)
+
+
+def _correlation_time_of_series(residual: FloatArray) -> float:
+    acf = autocorrelation(residual)[: max(residual.size // 3, 1)]
+    if acf[0] <= 0.0:
+        return 1.0
+    times = 2.0 * np.cumsum(acf) - 1.0
+    ends = np.flatnonzero((acf < MIN_AUTOCORRELATION) | (np.arange(acf.size) >= AUTOCORRELATION_WINDOW * times))
+    return max(float(times[max(ends[0] - 1, 0)] if ends.size else times[-1]), 1.0)
 
 
 def block_variance_ratio(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:

@@ -18,6 +18,7 @@ from aero_bayes.simulation.workers import WorkerPool
 
 #: What a batch computes; the numbers of ``MODE_...`` in native/engine.h.
 TRAJECTORY, LIKELIHOOD, GAUSS_NEWTON = 0, 1, 2
+FILTER, FILTER_LIKELIHOOD, FILTER_STATES = 3, 4, 5
 _JOB_WORDS = 15
 BLOCK_BYTES = 32 << 20
 MAX_ROWS = 16384
@@ -65,11 +66,23 @@ class Batches:
         self.path = path
         self._job_layout: _JobLayout | None = None
 
-    def trajectories(self, values: FloatArray, active: NDArray[np.int64] | None = None) -> Trajectories:
+    def _shapes(self, mode: int) -> list[tuple[int, int]]:
+        """Samples of each experiment, and what is given for each of them; nothing by sample in reduced modes."""
+        s = len(self.problem.model.states)
+        widths = {
+            TRAJECTORY: lambda m: m, FILTER: lambda m: 2 * m, FILTER_STATES: lambda m: 2 * m + s + 2 * s * s + m * s,
+        }  # fmt: skip
+        if mode not in widths:
+            return []
+        return [(e.time.size, widths[mode](len(e.outputs))) for e in self.problem.experiments]
+
+    def trajectories(
+        self, values: FloatArray, active: NDArray[np.int64] | None = None, mode: int = TRAJECTORY
+    ) -> Trajectories:
         """Of checked values; with ``active`` also sensitivities to those columns."""
         columns = np.zeros(0, dtype=np.int64) if active is None else active
         n, q = len(values), len(columns)
-        shapes = [(e.time.size, len(e.outputs)) for e in self.problem.experiments]
+        shapes = self._shapes(mode)
         outputs = tuple(np.empty((n, *shape)) for shape in shapes)
         sensitivities = tuple(np.empty((n, *shape, q)) for shape in shapes)
         outcomes = np.zeros((n, len(shapes)), dtype=np.uint8)
@@ -78,7 +91,7 @@ class Batches:
         for start in range(0, n, rows):
             part = slice(start, min(n, start + rows))
             with self.pool.lock:
-                block = self.run(TRAJECTORY, values[part], columns, None)
+                block = self.run(mode, values[part], columns, None)
                 outcomes[part] = block.outcomes
                 for e in range(len(shapes)):
                     bad = block.outcomes[:, e] != Outcome.OK
@@ -115,8 +128,8 @@ class Batches:
         mode, n, q, varies, noise_size = key
         problem = self.problem
         experiments = len(problem.experiments)
-        stride = {TRAJECTORY: 0, LIKELIHOOD: 1, GAUSS_NEWTON: 2 + q + q * q}[mode]
-        shapes = [(e.time.size, len(e.outputs)) for e in problem.experiments] if mode == TRAJECTORY else []
+        stride = {LIKELIHOOD: 1, FILTER_LIKELIHOOD: 1, GAUSS_NEWTON: 2 + q + q * q}.get(mode, 0)
+        shapes = self._shapes(mode)
         header = _JOB_WORDS + 4 * experiments
         sizes = [header, n * p, noise_size, q, (n * experiments + 7) // 8, n * experiments * stride]
         sizes += [n * a * b for a, b in shapes] + [n * a * b * q for a, b in shapes]

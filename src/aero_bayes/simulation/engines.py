@@ -38,6 +38,8 @@ def open_simulator(
     InputError
         For an unknown engine, or a problem that contradicts its model.
     """
+    if problem.process is not None and (engine != "native" or problem.model.interface != "model exchange"):
+        raise InputError(f"{problem.model.path}: process noise needs the native engine and an FMU with Model Exchange")
     if problem.model.interface == "co-simulation" and engine in ("native", "fmpy"):
         from aero_bayes.simulation.cosimulation import CosimulationSimulator
 

@@ -33,6 +33,7 @@ class Outcome(IntEnum):
     MODEL_ERROR = 5
     STATES_SELECTED_ANEW = 6
     NOT_REPEATABLE = 7
+    STATES_JUMP = 8
 
     @property
     def key(self) -> str:
@@ -51,6 +52,7 @@ class Outcome(IntEnum):
             Outcome.MODEL_ERROR: "the model reported an error",
             Outcome.STATES_SELECTED_ANEW: "the model chose other states while it ran, which is not supported",
             Outcome.NOT_REPEATABLE: "equal runs of the model gave different results",
+            Outcome.STATES_JUMP: "a state jumps at an event, over which process noise cannot be followed",
         }[self]
 
 
@@ -92,6 +94,8 @@ class Experiment:
         Initial values of states (by name) that differ from the model's own.
     measured : ndarray, shape (n, m), optional
         Measurements of ``outputs``; NaN where there is none. Needed only for the reduced calls.
+    start_sd : mapping of str to float
+        With process noise, the standard deviation of states' initial values; zero for those that are not named.
     """
 
     time: FloatArray
@@ -99,6 +103,7 @@ class Experiment:
     inputs: tuple[InputSignal, ...] = ()
     start: Mapping[str, float] = field(default_factory=dict)
     measured: FloatArray | None = None
+    start_sd: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -130,7 +135,38 @@ class InputTarget:
     index: int
 
 
-ProblemTarget = ParameterTarget | StartTarget | DelayTarget | InputTarget
+@dataclass(frozen=True)
+class DiffusionTarget:
+    """A column that sets the diffusion of a state, in the state's unit over the square root of a second."""
+
+    state: str
+
+
+@dataclass(frozen=True)
+class ReadingNoiseTarget:
+    """A column that sets the standard deviation of an output's white reading noise, where there is process noise."""
+
+    output: str
+
+
+ProblemTarget = ParameterTarget | StartTarget | DelayTarget | InputTarget | DiffusionTarget | ReadingNoiseTarget
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """Process noise of the states, ``dx = f dt + diag(diffusion) dW``, beside the noise of the readings.
+
+    Parameters
+    ----------
+    diffusion : mapping of str to float
+        By state, in the state's unit over the square root of a second; zero for states that are not named. A
+        :class:`DiffusionTarget` replaces it.
+    reading_sd : mapping of str to float
+        Standard deviation of the white noise of each output's readings. A :class:`ReadingNoiseTarget` replaces it.
+    """
+
+    diffusion: Mapping[str, float] = field(default_factory=dict)
+    reading_sd: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -160,6 +196,8 @@ class Problem:
     fixed : mapping of str to float
         Model parameters held at other values than the model's own.
     settings : SolverSettings
+    process : ProcessNoise, optional
+        With it the likelihood is that of a filter (:class:`Filter`).
     """
 
     model: ModelDescription
@@ -167,6 +205,7 @@ class Problem:
     targets: tuple[tuple[ProblemTarget | None, ...], ...]
     fixed: Mapping[str, float] = field(default_factory=dict)
     settings: SolverSettings = SolverSettings()
+    process: ProcessNoise | None = None
 
 
 @dataclass(frozen=True)
@@ -209,6 +248,46 @@ class GaussNewton:
     outcomes: NDArray[np.uint8]
 
 
+@dataclass(frozen=True)
+class Filtered:
+    """What a filter predicts of each reading from all before it, and how far it trusts that.
+
+    ``predicted[e]`` and ``variance[e]`` have shape (n, n_time_e, m_e); their ``..._slopes[e]`` by the q active columns
+    (n, n_time_e, m_e, q). Outputs that are read at the same time count as read one after the other. ``outcomes`` has
+    shape (n, E). Failed runs hold NaN.
+    """
+
+    predicted: tuple[FloatArray, ...]
+    variance: tuple[FloatArray, ...]
+    predicted_slopes: tuple[FloatArray, ...]
+    variance_slopes: tuple[FloatArray, ...]
+    outcomes: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class FilteredStates:
+    """A filter's states before each sample of one recording is read: what a smoother needs.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (n, s)
+        Of the s states.
+    covariance, transition : ndarray, shape (n, s, s)
+        The transition is that from the sample before.
+    slopes : ndarray, shape (n, m, s)
+        Of the outputs by the states.
+    predicted, variance : ndarray, shape (n, m)
+        Of each output, given those before it at the same time.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    transition: FloatArray
+    slopes: FloatArray
+    predicted: FloatArray
+    variance: FloatArray
+
+
 class Simulator(Protocol):
     """Runs a :class:`Problem`.
 
@@ -226,7 +305,10 @@ class Simulator(Protocol):
         ...
 
     def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
-        """Gaussian log-likelihood of the measurements, reduced inside the engine."""
+        """Gaussian log-likelihood of the measurements, reduced inside the engine.
+
+        With process noise it is the filter's; the reading noise is then the problem's own, and ``noise`` counts not.
+        """
         ...
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
@@ -242,3 +324,15 @@ class Simulator(Protocol):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
+
+
+class Filter(Simulator, Protocol):
+    """A simulator of problems with process noise, whose likelihood is that of an extended Kalman filter."""
+
+    def filter(self, values: FloatArray, *, active: Sequence[int] = ()) -> Filtered:
+        """Predictions of the readings, with their slopes by the ``active`` columns."""
+        ...
+
+    def filtered_states(self, values: FloatArray) -> tuple[FilteredStates, ...]:
+        """The states in each recording at one parameter vector (p,); CannotFinishError where a run fails."""
+        ...

@@ -74,6 +74,8 @@ class Model(ModelDescription):
     ('N/m', 'N', 'Position, as measured')
     >>> model.state_index("v"), model.copied_state("position"), model.copied_state("F")
     (1, 0, None)
+    >>> dict(model.verified_copies()), dict(model.copies_by_name())  # OpenModelica's outputs only
+    ({}, {})
     >>> again = aero_bayes.Model.load(model.path)
     >>> again == model
     True

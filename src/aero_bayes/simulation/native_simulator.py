@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 
-from aero_bayes.errors import InputError
-from aero_bayes.simulation.batches import BLOCK_BYTES, GAUSS_NEWTON, LIKELIHOOD, MAX_ROWS, Batches
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.simulation.batches import (
+    BLOCK_BYTES,
+    FILTER,
+    FILTER_LIKELIHOOD,
+    FILTER_STATES,
+    GAUSS_NEWTON,
+    LIKELIHOOD,
+    MAX_ROWS,
+    Batches,
+)
 from aero_bayes.simulation.interface import (
+    Filtered,
+    FilteredStates,
     FloatArray,
     GaussNewton,
     Likelihoods,
@@ -94,10 +106,11 @@ class NativeSimulator:
         result = np.full((n, experiments), -np.inf)
         outcomes = np.zeros((n, experiments), dtype=np.uint8)
         none = np.zeros(0, dtype=np.int64)
+        mode = LIKELIHOOD if self.problem.process is None else FILTER_LIKELIHOOD
         for start in range(0, n, MAX_ROWS):
             part = slice(start, min(n, start + MAX_ROWS))
             with self.pool.lock:
-                block = batches.run(LIKELIHOOD, values[part], none, noise[part])
+                block = batches.run(mode, values[part], none, noise[part])
                 outcomes[part] = block.outcomes
                 result[part] = np.where(block.outcomes == Outcome.OK, block.result[..., 0], -np.inf)
         return Likelihoods(result, outcomes)
@@ -130,3 +143,47 @@ class NativeSimulator:
             log_likelihood=np.where(bad, -np.inf, total[:, 1]),
             outcomes=outcomes,
         )
+
+    def filter(self, values: FloatArray, *, active: Sequence[int] = ()) -> Filtered:
+        """Predictions of the readings by an extended Kalman filter. See :class:`Filter`."""
+        values, columns = self._check_filter(values), check_active(self.problem, active)
+        found = self._open_batches().trajectories(values, columns, FILTER)
+        assert found.sensitivities is not None
+        halves = [len(e.outputs) for e in self.problem.experiments]
+        y, slopes = found.outputs, found.sensitivities
+        return Filtered(
+            tuple(a[..., :m] for a, m in zip(y, halves, strict=True)),
+            tuple(a[..., m:] for a, m in zip(y, halves, strict=True)),
+            tuple(a[:, :, :m] for a, m in zip(slopes, halves, strict=True)),
+            tuple(a[:, :, m:] for a, m in zip(slopes, halves, strict=True)),
+            found.outcomes,
+        )
+
+    def filtered_states(self, values: FloatArray) -> tuple[FilteredStates, ...]:
+        """The filter's states at one parameter vector. See :class:`Filter`."""
+        values = self._check_filter(np.asarray(values)[np.newaxis])
+        found = self._open_batches().trajectories(values, None, FILTER_STATES)
+        for outcome in found.outcomes[0]:
+            if outcome != Outcome.OK:
+                raise CannotFinishError(f"the filter of process noise failed: {Outcome(outcome).text}")
+        s = len(self.problem.model.states)
+        return tuple(
+            _filtered_states(rows[0], len(e.outputs), s)
+            for rows, e in zip(found.outputs, self.problem.experiments, strict=True)
+        )
+
+    def _check_filter(self, values: FloatArray) -> FloatArray:
+        if self.problem.process is None:
+            raise InputError("the problem has no process noise to filter")
+        return check_values(self.problem, values)
+
+
+def _filtered_states(rows: FloatArray, m: int, s: int) -> FilteredStates:
+    """The numbers (n, ...) that the engine gives for each sample, by what they are."""
+    n = len(rows)
+    predicted, variance, mean, covariance, transition, slopes = np.split(
+        rows, list(accumulate((m, m, s, s * s, s * s))), axis=1
+    )
+    return FilteredStates(
+        mean, covariance.reshape(n, s, s), transition.reshape(n, s, s), slopes.reshape(n, m, s), predicted, variance
+    )

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.interface import (
     DelayTarget,
+    DiffusionTarget,
     Experiment,
     FloatArray,
     InputTarget,
     ParameterTarget,
     Problem,
     ProblemTarget,
+    ProcessNoise,
+    ReadingNoiseTarget,
     StartTarget,
 )
 from aero_bayes.simulation.model_description import ModelDescription, Variable
@@ -32,10 +35,23 @@ def check_problem(problem: Problem) -> None:
         raise InputError("tolerances and the time limit must be positive")
     for name in problem.fixed:
         problem.model.parameter(name)
+    if problem.process is not None:
+        check_process(problem.model, problem.process)
     for number, (experiment, row) in enumerate(zip(problem.experiments, problem.targets, strict=True)):
         _check_experiment(problem.model, experiment, f"experiment {number}")
         for target in row:
             _check_target(problem.model, experiment, target, f"experiment {number}")
+
+
+def check_process(model: ModelDescription, process: ProcessNoise) -> None:
+    """Raise InputError for process noise at what is no state of the model."""
+    for name in process.diffusion:
+        model.state_index(name)
+    for name in process.reading_sd:
+        model.output(name)
+    for name, value in (*process.diffusion.items(), *process.reading_sd.items()):
+        if not 0.0 <= value < float("inf"):
+            raise InputError(f"process noise of {name}: {value:g} is not a standard deviation")
 
 
 def _check_grid(where: str, time: NDArray[np.float64]) -> None:
@@ -47,7 +63,7 @@ def _check_experiment(model: ModelDescription, experiment: Experiment, where: st
     _check_grid(where, experiment.time)
     for name in experiment.outputs:
         model.output(name)
-    for name in experiment.start:
+    for name in (*experiment.start, *experiment.start_sd):
         model.state_index(name)
     for signal in experiment.inputs:
         discrete = model.input(signal.name).discrete
@@ -88,6 +104,10 @@ def _check_target(model: ModelDescription, experiment: Experiment, target: Probl
         signal = experiment.inputs[signal_index(experiment, target.input)]
         if not 0 <= target.index < signal.time.size:
             raise InputError(f"{where}: input {target.input!r} has no grid point {target.index}")
+    elif isinstance(target, DiffusionTarget):
+        model.state_index(target.state)
+    elif isinstance(target, ReadingNoiseTarget) and target.output not in experiment.outputs:
+        raise InputError(f"{where}: has no output {target.output!r}")
 
 
 def target_scale(model: ModelDescription, experiment: Experiment, target: ProblemTarget | None) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.simulation.interface import (
     DelayTarget,
+    DiffusionTarget,
     Experiment,
     InputTarget,
     ParameterTarget,
     Problem,
     ProblemTarget,
+    ReadingNoiseTarget,
     StartTarget,
 )
 from aero_bayes.simulation.model_description import ModelDescription
 from aero_bayes.simulation.problem_checks import signal_index, target_scale
 
-_MAGIC = 0x4142535045430003
+_MAGIC = 0x4142535045430004
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
 
 
@@ -77,6 +80,10 @@ def _target(
         return 3, -1 if target.input is None else signal_index(experiment, target.input), 0, scale
     if isinstance(target, InputTarget):
         return 4, signal_index(experiment, target.input), target.index, scale
+    if isinstance(target, DiffusionTarget):
+        return 5, model.state_index(target.state), 0, scale
+    if isinstance(target, ReadingNoiseTarget):
+        return 6, experiment.outputs.index(target.output), 0, scale
     return 0, 0, 0, scale
 
 
@@ -104,6 +111,24 @@ def _write_experiment(
         kind, a, b, scale = _target(model, experiment, target)
         w.integer(kind, a, b)
         w.real(scale)
+
+
+def _by_state(model: ModelDescription, values: Mapping[str, float]) -> NDArray[np.float64]:
+    row = np.zeros(len(model.states))
+    for name, value in values.items():
+        row[model.state_index(name)] = value
+    return row
+
+
+def _write_process(w: _Writer, problem: Problem) -> None:
+    process = problem.process
+    w.integer(int(process is not None))
+    if process is None:
+        return
+    w.reals(_by_state(problem.model, process.diffusion))
+    for experiment in problem.experiments:
+        w.reals(_by_state(problem.model, experiment.start_sd))
+        w.reals([process.reading_sd.get(name, 0.0) for name in experiment.outputs])
 
 
 def write_problem(problem: Problem, binary: Path, path: Path) -> None:
@@ -139,6 +164,7 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w.integer(len(problem.targets[0]), len(problem.experiments))
     for experiment, row in zip(problem.experiments, problem.targets, strict=True):
         _write_experiment(w, model, experiment, row)
+    _write_process(w, problem)
     partial = path.with_suffix(".part")
     with partial.open("wb") as stream:
         stream.writelines(w.parts)

@@ -34,6 +34,7 @@ from aero_bayes.workflow.curves import (
     measured_series,
     only_measured,
     ripple_series,
+    state_series,
 )
 from aero_bayes.workflow.describe import fit_verdict, preamble, residual_table
 from aero_bayes.workflow.job import (
@@ -46,7 +47,7 @@ from aero_bayes.workflow.job import (
     open_job,
     which_model,
 )
-from aero_bayes.workflow.loop import extended_job, loop_part, loop_series, loop_settings, run_loop
+from aero_bayes.workflow.loop import averaged_part, extended_job, loop_part, loop_series, loop_settings, run_loop
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
 from aero_bayes.workflow.progress import ProgressBar
@@ -125,7 +126,8 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         story = loop_part(job, loop)
         closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
         series = loop_series(job, loop) | measured_series(job.tests) | series
-        parts = [result, {key: story[key] for key in ("loop", "words")}, closing]
+        story_keys = {key: story[key] for key in ("loop", "words")}
+        parts = [result, story_keys, averaged_part(loop, posterior), closing]
         _finish(final, "all", began, parts, series, _calibrated(final, found))
 
 
@@ -195,7 +197,8 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
     for entry in result["recordings"]:
         entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
-    return result, measured_series(job.recordings) | fitted_series(found) | ripple_series(job.recordings, found)
+    series = measured_series(job.recordings) | fitted_series(found) | ripple_series(job.recordings, found)
+    return result, series | state_series(found)
 
 
 def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:

@@ -12,6 +12,8 @@ from aero_bayes.estimate.result import Fit
 
 FloatArray = NDArray[np.float64]
 Series = dict[str, FloatArray]
+#: Standard deviations of a normal density on either side of its mean that hold 90 %.
+BAND_DEVIATIONS = 1.6448536269514722
 
 
 def measured_series(recordings: Sequence[Recording]) -> Series:
@@ -31,6 +33,21 @@ def fitted_series(fit: Fit) -> Series:
         for column, output in enumerate(fit.outputs):
             if np.isfinite(residual[:, column]).any():
                 series[f"fitted/{name}/{output}"] = fitted[:, column]
+    return series
+
+
+def state_series(fit: Fit) -> Series:
+    """``smoothed/<rec>/<state>`` and its 90 % band, ``smoothed_lower/...`` and ``smoothed_upper/...``."""
+    series: Series = {}
+    for name, states in zip(fit.calibration.names, fit.states, strict=False):
+        for column, state in enumerate(fit.calibration.model.states):
+            mean, width = states.mean[:, column], BAND_DEVIATIONS * states.sd[:, column]
+            for group, values in (
+                ("smoothed", mean),
+                ("smoothed_lower", mean - width),
+                ("smoothed_upper", mean + width),
+            ):
+                series[f"{group}/{name}/{state.name}"] = values
     return series
 
 

@@ -13,6 +13,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
+from aero_bayes.sample import Posterior
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.workflow.curves import Series
@@ -105,6 +106,8 @@ def _check(job: Job) -> None:
         raise InputError(f"the loop needs the native engine, not {job.engine}")
     if fit_section.cost != "posterior":
         raise InputError(f'the loop compares log-evidences: [fit] cost is "{fit_section.cost}", expected "posterior"')
+    if job.config.noise.process:
+        raise InputError("the loop looks for what process noise would hide: it takes no [noise.process]")
     if fit_section.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
     if fit_section.ripple == "describe":
@@ -195,6 +198,18 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
                 "status": "fixed", "description": variable.description, "note": reason,
             }  # fmt: skip
     return table
+
+
+def averaged_part(loop: LoopResult, posterior: Posterior) -> Json:
+    """Keys of result.json where the data leave several structures, with the chosen one's posterior as sampled."""
+    given = loop.averaged.draws if loop.averaged is not None else {}
+    sampled = {name: posterior.samples(name) for name in given if name in posterior.names}
+    if loop.averaged is None or not sampled:
+        return {}
+    average = loop.averaged.with_draws(sampled)
+    stated = {name for name, e in posterior.parameters.items() if e.q05 is not None}
+    spreads = {name: average.mixture(name).to_dict() for name in average.draws if name in stated}
+    return {"parameters": spreads, "loop": {"averaged": average.to_dict()}}
 
 
 def _level(loop: LoopResult) -> str:

@@ -147,8 +147,8 @@ def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str
             raise InputError(f"{family.base}: cannot be simulated with probes at its ports")
         assert run.slopes is not None
         late, whose = _delay_responses(objective, run.predicted, ports, sizes)
-        slopes = [np.concatenate(rows) for rows in zip(run.slopes, late, strict=True)]
-        rows = objective.whiten(run.residual, slopes, found.optimum.noise).slopes
+        slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, late, strict=True))
+        rows = objective.whiten(replace(run, slopes=slopes), found.optimum.noise).slopes
     left = np.linalg.norm(_orthogonal_part(rows[len(free) :], rows[: len(free)]), axis=1)
     probed_ids = [p.id for p in ports for _ in names[p.id]] + whose
     return {p.id: max(float(size) for id_, size in zip(probed_ids, left, strict=True) if id_ == p.id) for p in ports}

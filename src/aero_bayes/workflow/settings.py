@@ -7,7 +7,8 @@ from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.sample.mcmc import SampleSettings
+from aero_bayes.sample.settings import SampleSettings
+from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.workflow.job import Job
 
 
@@ -25,6 +26,7 @@ def fit_settings(job: Job) -> FitSettings:
         local=LocalSettings(max_iterations=section.local.iterations, tolerance=section.local.tolerance),
         starts=section.local.starts,
         ripple=section.ripple,
+        noise=NoiseModel(process=job.config.noise.process, initial_sd=job.config.noise.initial_sd),
         engine=job.engine,
         fixed=job.fixed,
         calibration=CalibrationSettings(

@@ -1,22 +1,22 @@
 """Moves of an ensemble: one a file, each of them leaves the target distribution unchanged."""
 
+from aero_bayes.sample.moves.delayed_acceptance import DelayedAcceptanceMove, DelayedAcceptanceWalkMove
 from aero_bayes.sample.moves.differential import DifferentialMove
-from aero_bayes.sample.moves.heavytail import WarpedStudentT
 from aero_bayes.sample.moves.independence import IndependenceMove
-from aero_bayes.sample.moves.screened import ScreenedMove, ScreenedWalkMove
-from aero_bayes.sample.moves.shear import Shear
 from aero_bayes.sample.moves.stretch import StretchMove
 from aero_bayes.sample.moves.surrogate import Surrogate
+from aero_bayes.sample.moves.triangular_map import TriangularMap
 from aero_bayes.sample.moves.warp import Warp
+from aero_bayes.sample.moves.warped_student_t import WarpedStudentT
 
 __all__ = [
+    "DelayedAcceptanceMove",
+    "DelayedAcceptanceWalkMove",
     "DifferentialMove",
     "IndependenceMove",
-    "ScreenedMove",
-    "ScreenedWalkMove",
-    "Shear",
     "StretchMove",
     "Surrogate",
+    "TriangularMap",
     "Warp",
     "WarpedStudentT",
 ]

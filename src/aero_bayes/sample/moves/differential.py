@@ -26,7 +26,7 @@ class DifferentialMove(RedBlueMove):  # type: ignore[misc]
     def get_proposal(
         self, sample: FloatArray, complement: Sequence[FloatArray], random: np.random.RandomState
     ) -> tuple[FloatArray, FloatArray]:
-        """Proposals for one half (n, d) from the other, and the logarithm of the proposal ratio (zero)."""
+        """Return proposals for one half (n, d) from the other, and the logarithm of the proposal ratio (zero)."""
         others = np.concatenate(list(complement))
         n, d = sample.shape
         first = random.randint(len(others), size=n)

@@ -6,7 +6,7 @@ import numpy as np
 from emcee.moves import MHMove
 from numpy.typing import NDArray
 
-from aero_bayes.sample.moves.heavytail import WarpedStudentT
+from aero_bayes.sample.moves.warped_student_t import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""A change of each coordinate by itself that makes skewed margins look normal."""
+"""Transform each coordinate by itself, so that skewed margins look normal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ KNOT_SCORES = np.array([-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
 
 @dataclass(frozen=True, eq=False)
 class Warp:
-    """Increasing, piecewise linear maps from each coordinate x to a score z; ``knots`` and ``scores`` are (d, k).
+    """Apply increasing, piecewise linear maps from each coordinate x to a score z; ``knots`` and ``scores`` are (d, k).
 
     Beyond the outer knots the maps go on with the slope ``tails`` (d, 2).
     """
@@ -30,18 +30,18 @@ class Warp:
 
     @classmethod
     def identity(cls, dimension: int) -> Warp:
-        """No change."""
+        """Return the maps that change nothing."""
         ends = np.tile([-1.0, 1.0], (dimension, 1))
         return cls(ends, ends.copy(), np.ones((dimension, 2)))
 
     @classmethod
     def fit(cls, samples: FloatArray) -> Warp:
-        """Maps under which the quantiles of ``samples`` (n, d) become those of a standard normal."""
+        """Fit maps under which the quantiles of ``samples`` (n, d) become those of a standard normal."""
         return cls.through(np.quantile(samples, ndtr(KNOT_SCORES), axis=0).T)
 
     @classmethod
     def through(cls, knots: FloatArray) -> Warp:
-        """Maps from ``knots`` (d, k), of coordinates of about zero mean and unit variance, to ``KNOT_SCORES`` (k,).
+        """Make maps from ``knots`` (d, k), of coordinates of about zero mean and unit variance, to ``KNOT_SCORES``.
 
         A coordinate whose quantiles are within ``MIN_DEPARTURE`` of normal ones is unchanged. Tails are stretched by a
         third beyond what the outer quantiles suggest, so that a proposal has heavier tails than the target.
@@ -59,16 +59,16 @@ class Warp:
 
     @staticmethod
     def departure(samples: FloatArray) -> FloatArray:
-        """How far the quantiles of standardised samples (n, d) are from normal ones, shape (d,)."""
+        """Return how far the quantiles of standardised samples (n, d) are from normal ones, shape (d,)."""
         return np.asarray(np.max(np.abs(np.quantile(samples, ndtr(KNOT_SCORES), axis=0).T - KNOT_SCORES), axis=1))
 
     @property
-    def bent(self) -> NDArray[np.bool_]:
-        """Which coordinates are changed, shape (d,)."""
+    def warped(self) -> NDArray[np.bool_]:
+        """Return which coordinates are transformed, shape (d,)."""
         return np.asarray(np.any(self.knots != self.scores, axis=1))
 
     def forward(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Scores of points (n, d), and the log-determinant of the map, shape (n,)."""
+        """Return scores of points (n, d), and the log-determinant of the map, shape (n,)."""
         z, log_slope = np.empty(x.shape), np.zeros(len(x))
         for j in range(x.shape[1]):
             k, s = self.knots[j], self.scores[j]
@@ -80,7 +80,7 @@ class Warp:
         return z, log_slope
 
     def inverse(self, z: FloatArray) -> FloatArray:
-        """Points of scores (n, d)."""
+        """Return points of scores (n, d)."""
         x = np.empty(z.shape)
         for j in range(z.shape[1]):
             k, s = self.knots[j], self.scores[j]

@@ -47,23 +47,25 @@ static int do_task(Problem *p, char *base, const Job *job, int64_t index)
     const int64_t *table = (const int64_t *)(void *)(base + job->table) + 4 * e;
     Run *r = problem_run(p, e, job->q, active);
     if (!r) return AB_SOLVER_FAILED;
-    const Experiment *x = &p->experiments[e];
     const double *noise =
         (const double *)(void *)(base + job->noise) + row * job->noise_row + e * job->noise_experiment;
     double *result = (double *)(void *)(base + job->result) + index * job->result_stride;
     r->values = (const double *)(void *)(base + job->values) + row * job->p;
-    if (job->mode == MODE_TRAJECTORY) {
+    const int whole = job->mode == MODE_TRAJECTORY || job->mode == MODE_FILTER || job->mode == MODE_FILTER_STATES;
+    r->sink.trajectory = NULL;
+    if (whole) {
         r->sink.trajectory = (double *)(void *)(base + table[0]) + row * table[1];
         r->sink.sensitivity = (double *)(void *)(base + table[2]) + row * table[3];
     }
     int outcome = all_finite(r->values, job->p) ? run_repeatable(r, (int)job->mode, noise) : AB_NOT_FINITE;
     if (outcome) return outcome;
-    if (job->mode == MODE_TRAJECTORY)
-        return all_finite(r->sink.trajectory, x->n * x->m) &&
-                       all_finite(r->sink.sensitivity, r->q ? x->n * x->m * r->q : 0)
+    if (whole) /* each row has its place, one after the other */
+        return all_finite(r->sink.trajectory, table[1]) && all_finite(r->sink.sensitivity, r->q ? table[3] : 0)
                    ? AB_OK
                    : AB_NOT_FINITE;
-    if (job->mode == MODE_LIKELIHOOD)
+    if (job->mode == MODE_FILTER_LIKELIHOOD)
+        result[0] = r->kalman->log_likelihood;
+    else if (job->mode == MODE_LIKELIHOOD)
         result[0] = -r->sink.cost - r->sink.log_det;
     else
         gauss_newton_result(r, result);

@@ -43,6 +43,7 @@ static int enter_event(Run *r, int inputs_too)
     }
     if (!jumped) return AB_OK;
     r->events_seen = 1;
+    if (filters(r) && !r->nominals_changed) return AB_STATES_JUMP;
     if (r->nominals_changed && (outcome = outcome_of(r->fmu, read_nominals(r)))) return outcome;
     return states_reselected(r, r->x) ? AB_STATES_ANEW : AB_OK;
 }
@@ -119,4 +120,22 @@ int cross_segment_end(Run *r, Segment *g)
         r->events_seen = 1; /* the time of a state event moves with the parameters: its step cannot be repeated */
     if (shifts && is_error(status = delay_jump(r, &g->have_f))) return outcome_of(r->fmu, status);
     return AB_OK;
+}
+
+/* With process noise: samples at r->t move the states, and indicators that change their sign by that are an event. */
+int filter_samples(Run *r, Segment *g)
+{
+    int outcome, status, finite;
+    while (kalman_next(r) <= r->t + r->resolution) {
+        if (is_error(status = kalman_read(r, &finite))) return outcome_of(r->fmu, status);
+        if (!finite) return AB_NOT_FINITE;
+        g->have_f = g->have_jac = g->have_node = 0;
+    }
+    if (!r->nz) return AB_OK;
+    memcpy(r->z1, r->z0, sizeof *r->z0 * (size_t)r->nz);
+    if (is_error(status = indicators(r, r->t, r->x, r->z0))) return outcome_of(r->fmu, status);
+    if (!crossed(r->z1, r->z0, r->nz)) return AB_OK;
+    if ((outcome = enter_event(r, 0))) return outcome;
+    r->events_seen = g->fresh = 1;
+    return outcome_of(r->fmu, indicators(r, r->t, r->x, r->z0));
 }

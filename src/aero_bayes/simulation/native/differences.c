@@ -86,7 +86,7 @@ static int trajectory(Run *r, double *y)
 {
     start_time_limit(r);
     r->sink.trajectory = y;
-    sink_begin(r, MODE_TRAJECTORY, NULL);
+    sink_begin(r, r->mode, NULL);
     return run_once(r);
 }
 
@@ -109,6 +109,20 @@ static int difference(Run *plain, double *trial, int64_t column, double step, co
     return AB_OK;
 }
 
+/* Numbers that a run gives for each sample. */
+static int64_t width(const Run *r) { return filters(r) ? kalman_width(r->e, r->n, r->mode) : r->e->m; }
+
+/* The filter's predictions with their slopes go where they were asked for as they are. */
+static void hand_over(Run *r, const double *base, double *const *slopes)
+{
+    const int64_t size = r->e->n * width(r);
+    memcpy(r->sink.trajectory, base, sizeof *base * (size_t)size);
+    for (int64_t i = 0; i < size; i++)
+        for (int j = 0; j < r->q; j++) r->sink.sensitivity[i * r->q + j] = slopes[j][i];
+    for (int64_t i = 0; r->sink.kept && i < r->e->n; i++)
+        for (int64_t o = 0; o < r->e->m; o++) r->sink.kept[o * r->e->n + i] = base[i * width(r) + o];
+}
+
 static void feed(Run *r, const double *base, double *const *slopes)
 {
     Sink *k = &r->sink;
@@ -128,12 +142,14 @@ static void feed(Run *r, const double *base, double *const *slopes)
 int run_differences(Run *r)
 {
     const Experiment *e = r->e;
-    const int64_t size = e->n * e->m;
+    const int64_t size = e->n * width(r);
     Run *plain = run_open(r->problem, r->e, 0, NULL);
+    if (plain) plain->mode = filters(r) ? r->mode : MODE_TRAJECTORY;
     double *base = malloc(sizeof *base * (size_t)size), *down = malloc(sizeof *down * (size_t)size);
     double **slopes = calloc((size_t)r->q + 1, sizeof *slopes);
     double *trial = malloc(sizeof *trial * (size_t)(r->problem->p + 1));
-    int outcome = plain && base && down && slopes && trial ? AB_OK : AB_SOLVER_FAILED;
+    const int ready = plain && (!filters(r) || kalman_open(plain));
+    int outcome = ready && base && down && slopes && trial ? AB_OK : AB_SOLVER_FAILED;
     double relative = 1e-5;
     if (!outcome) {
         memcpy(trial, r->values, sizeof *trial * (size_t)r->problem->p);
@@ -165,7 +181,7 @@ int run_differences(Run *r)
             plain->replay = 1;
         }
     }
-    if (!outcome) feed(r, base, slopes);
+    if (!outcome) (filters(r) ? hand_over : feed)(r, base, slopes);
     for (int j = 0; slopes && j < r->q; j++) free(slopes[j]);
     free(slopes);
     free(base);

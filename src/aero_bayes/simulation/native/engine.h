@@ -12,6 +12,7 @@
  *   outputs.c      outputs that are no states, asked of the FMU at samples or at a few points of a step
  *   sink.c         where samples go: a trajectory, a likelihood, Gauss-Newton products
  *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
+ *   kalman.c       the extended Kalman filter of a model with process noise
  *   step.c         the steps of a segment between two jumps or events, with error control
  *   crossing.c     what happens between two segments
  *   run.c          one simulation from initialisation to the last sample
@@ -37,10 +38,18 @@
 #include "fmu_library.h"
 
 /* The numbers of interface.Outcome. */
-enum { AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW, AB_NOT_REPEATABLE };
+enum {
+    AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW, AB_NOT_REPEATABLE,
+    AB_STATES_JUMP
+};
 
-enum { TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT };
-enum { MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON };
+enum {
+    TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT, TARGET_DIFFUSION, TARGET_READING_NOISE
+};
+enum {
+    MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON,
+    MODE_FILTER, MODE_FILTER_LIKELIHOOD, MODE_FILTER_STATES /* with process noise */
+};
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
 
@@ -71,6 +80,7 @@ typedef struct {
     int64_t n, m;
     const double *time;
     const double *measured; /* m rows of n, or NULL */
+    const double *reading_sd, *start_sd; /* of each output and of each initial value, with process noise */
     double spacing;         /* uniform sample time, or 0 */
     fmi_reference *output_reference;
     int *output_kind;  /* 0 real, 1 integer, 2 boolean */
@@ -104,6 +114,7 @@ typedef struct {
     int64_t n_fixed;
     fmi_reference *fixed_reference;
     const double *fixed_value;
+    const double *diffusion; /* of each state, where there is process noise */
     double rtol, atol, time_limit;
     int64_t max_steps;
     int64_t p, n_experiments;
@@ -154,6 +165,21 @@ typedef struct {
     int jump; /* a held value changes here (else only a slope) */
 } Break;
 
+/* Mean and covariance of the states; the mean is r->x. Matrices are n x n by rows. */
+typedef struct {
+    double *memory;
+    double *p, *f;                /* covariance, transition since the last sample */
+    double *phi, *q;              /* of one step */
+    double *middle, *end;         /* Jacobians */
+    double *omega, *noise, *term, *work, *power, *part, *spare;
+    double *last_omega, *last_noise; /* exponents of the last transition */
+    double *rate;                 /* variance that each state gains in a second */
+    double *x, *before, *gain, *slope;
+    double *variance, *y, *h;     /* of the readings, outputs and their slopes by the states (m x n) */
+    double log_likelihood;
+    int begun; /* there is a last transition */
+} Kalman;
+
 /* Everything one run needs; buffers are allocated once for a problem's experiment and reused. */
 typedef struct Run {
     Problem *problem;
@@ -161,8 +187,9 @@ typedef struct Run {
     Fmu *fmu;
     uint64_t values_hash; /* of its last parameter vector, 0 for none */
     const double *values; /* a parameter vector, or NULL for the model's own */
-    int n, nz, status;
+    int n, nz, status, mode;
     double rtol, atol;
+    Kalman *kalman; /* of modes with process noise */
     /* the step */
     double t, t_end, resolution;
     double *x, *x1, *f, *f1, *ft, *u, *r, *derivatives_unused, *nominal, *largest, *jac, *lu, *k, *dense;
@@ -255,11 +282,13 @@ void sensitivity_activate(Run *, double t);
 /* events.c */
 int event_iterate(Run *);
 int indicators(Run *, double t, const double *x, double *z);
+int crossed(const double *z0, const double *z1, int nz);
 double find_event(Run *, double h);
 
 /* outputs.c */
 enum { PIECE_POINTS = 11 };
 int read_samples(Run *, const double *time, int64_t count);
+int read_values(Run *, double t, const double *x, double *y, int64_t stride);
 
 /* sink.c */
 void sink_begin(Run *, int mode, const double *noise);
@@ -270,6 +299,16 @@ void sink_flush(Run *);
 void filter_begin(Filter *, const double *noise, double spacing);
 int64_t filter_gains(Filter *, const double *time, const double *measured, int64_t count, double spacing,
                      double *gain, double *decay, double *weight, double *log_det);
+
+/* kalman.c */
+static inline int filters(const Run *r) { return r->mode >= MODE_FILTER; }
+int kalman_open(Run *);
+void kalman_close(Kalman *);
+int64_t kalman_width(const Experiment *, int n, int mode);
+void kalman_begin(Run *);
+double kalman_next(const Run *);
+int kalman_step(Run *, double h, double fraction);
+int kalman_read(Run *, int *finite);
 
 /* step.c */
 typedef struct {
@@ -291,6 +330,7 @@ int integrate_segment(Run *, Segment *);
 enum { NEED_DIFFERENCES = -1 };
 int depends_on_time(Run *, double until, int times);
 int cross_segment_end(Run *, Segment *);
+int filter_samples(Run *, Segment *);
 
 /* run.c */
 int run_once(Run *);

@@ -29,7 +29,7 @@ int indicators(Run *r, double t, const double *x, double *z)
     return is_error(status) ? status : r->fmu->get_indicators(r->fmu->instance, z, (size_t)r->nz);
 }
 
-static int crossed(const double *z0, const double *z1, int nz)
+int crossed(const double *z0, const double *z1, int nz)
 {
     for (int i = 0; i < nz; i++)
         if ((z0[i] > 0.0) != (z1[i] > 0.0)) return 1;

@@ -6,7 +6,7 @@
 
 #include "engine.h"
 
-#define SPEC_MAGIC 0x4142535045430003LL
+#define SPEC_MAGIC 0x4142535045430004LL
 
 typedef struct {
     const char *at, *end;
@@ -247,6 +247,16 @@ Problem *problem_open(const char *path, char *error, size_t size)
     }
     p->experiments = calloc((size_t)p->n_experiments + 1, sizeof *p->experiments);
     for (int64_t i = 0; i < p->n_experiments && !r.broken; i++) read_experiment(&r, &p->experiments[i], p->p);
+    if (integer(&r)) {
+        p->diffusion = array(&r, &count);
+        r.broken |= count != p->n;
+        for (int64_t i = 0; i < p->n_experiments && !r.broken; i++) {
+            p->experiments[i].start_sd = array(&r, &count);
+            r.broken |= count != p->n;
+            p->experiments[i].reading_sd = array(&r, &count);
+            r.broken |= count != p->experiments[i].m;
+        }
+    }
     if (r.broken) {
         snprintf(error, size, "the problem at %s is damaged", path);
         problem_close(p);

@@ -29,15 +29,21 @@ int run_once(Run *r)
         g.end = r->t;
         if ((outcome = cross_segment_end(r, &g))) return outcome;
     }
+    if (filters(r)) {
+        kalman_begin(r);
+        if ((outcome = filter_samples(r, &g))) return outcome;
+    }
     while (r->t_end - r->t > r->resolution) {
         if (!g.idle) g.begin = r->t;
         g.end = r->t_end;
         g.event = g.idle = 0;
         if (r->next_break < r->n_breaks) g.end = fmin(g.end, r->breaks[r->next_break].time);
         if (r->next_event < g.end) g.end = r->next_event;
+        if (filters(r)) g.end = fmin(g.end, kalman_next(r));
         if (r->t_end - g.end <= r->resolution) g.end = r->t_end;
         if ((outcome = integrate_segment(r, &g))) return outcome;
         if ((outcome = cross_segment_end(r, &g))) return outcome;
+        if (filters(r) && (outcome = filter_samples(r, &g))) return outcome;
         if (!g.idle) {
             remember_step(r, -1.0);
             if (r->replay && r->at_step < r->n_steps && r->steps[r->at_step] < 0.0) r->at_step++;
@@ -45,6 +51,7 @@ int run_once(Run *r)
         if ((outcome = exceeds_limits(r))) return outcome;
         r->taken++;
     }
+    if (filters(r)) return AB_OK;
     if (n) {
         memset(r->dense, 0, sizeof *r->dense * (size_t)(5 * n));
         memcpy(r->dense, r->x, sizeof *r->dense * (size_t)n);

@@ -21,7 +21,9 @@ int simulate(Run *r, int mode, const double *noise)
     start_time_limit(r);
     probe(r);
     sink_begin(r, mode, noise);
+    if (filters(r) && !kalman_open(r)) return AB_SOLVER_FAILED;
     if (!r->q) return run_once(r);
+    if (filters(r)) return run_differences(r);
     int outcome = NEED_DIFFERENCES;
     if (can_differentiate(r)) {
         if ((outcome = start_sensitivities(r))) return outcome;

@@ -6,13 +6,13 @@ void sink_begin(Run *r, int mode, const double *noise)
 {
     Sink *k = &r->sink;
     const Experiment *e = r->e;
-    k->mode = mode;
+    k->mode = r->mode = mode;
     k->filled = k->first = 0;
     k->cost = k->log_det = 0.0;
     k->used = 0;
     r->sample = 0;
     r->piece = BLOCK;
-    if (mode == MODE_TRAJECTORY) return;
+    if (mode == MODE_TRAJECTORY || filters(r)) return;
     for (int64_t i = 0; i < e->m; i++) filter_begin(&k->filter[i], noise + 3 * i, e->spacing);
     memset(k->filter_mean, 0, sizeof(double) * (size_t)(e->m * r->ld));
     memset(k->gradient, 0, sizeof(double) * (size_t)r->ld);

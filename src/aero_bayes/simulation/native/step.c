@@ -143,7 +143,8 @@ int integrate_segment(Run *r, Segment *g)
         const double reached = root <= 1.0 ? r->t + root * h : t1;
         const double limit = root <= 1.0 ? reached : last ? g->end - r->resolution : t1;
         if (!n) memset(r->dense, 0, sizeof *r->dense);
-        if (is_error(status = emit_until(r, h, limit, 0))) return outcome_of(r->fmu, status);
+        status = filters(r) ? kalman_step(r, h, fmin(root, 1.0)) : emit_until(r, h, limit, 0);
+        if (is_error(status)) return outcome_of(r->fmu, status);
         if (!r->replay) {
             const double growth = error > 0.0 ? 0.9 * pow(error, -0.2) : 8.0;
             g->h = h * fmin(8.0, fmax(0.2, growth));
@@ -161,6 +162,11 @@ int integrate_segment(Run *r, Segment *g)
             memcpy(r->a_node, r->a_node + 3 * n * n, sizeof *r->jac * (size_t)(n * n));
             memcpy(r->b_node, r->b_node + 3 * n * r->ld, sizeof *r->jac * (size_t)(n * r->ld));
             g->have_f = g->have_jac = g->have_node = 1;
+        }
+        if (filters(r) && n) { /* the filter was there */
+            swap(&r->f, &r->f1);
+            memcpy(r->jac, r->kalman->end, sizeof *r->jac * (size_t)(n * n));
+            g->have_f = g->have_jac = 1;
         }
         g->event = root <= 1.0;
         if (r->nz) memcpy(r->z0, r->z1, sizeof *r->z0 * (size_t)r->nz);

@@ -103,6 +103,7 @@ Run *run_open(Problem *problem, Experiment *e, int q, const int64_t *active)
 void run_close(Run *r)
 {
     if (!r) return;
+    kalman_close(r->kalman);
     free((void *)r->active);
     free(r->steps);
     free(r->memory);

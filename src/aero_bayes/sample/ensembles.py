@@ -1,67 +1,41 @@
-"""The walkers of all ensembles: how they start, move, learn, and are stored."""
+"""The walkers of all ensembles: how they start, move, adapt during burn-in, and are stored."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
 
 import emcee
 import numpy as np
-from emcee.moves import GaussianMove, Move, RedBlueMove
+from emcee.moves import RedBlueMove
 from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Arrays, pack, pack_random, unpack, unpack_random
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.sample.moves import (
-    DifferentialMove,
-    IndependenceMove,
-    ScreenedMove,
-    ScreenedWalkMove,
-    StretchMove,
-    WarpedStudentT,
-)
+from aero_bayes.sample.adaptation import Adaptation, Density, adapt, log_prior_of, scan_axes
+from aero_bayes.sample.moves import DelayedAcceptanceMove, WarpedStudentT
+from aero_bayes.sample.settings import SampleSettings
+from aero_bayes.sample.standard_moves import MakeMoves
 from aero_bayes.sample.stopping import MIN_STEPS
-from aero_bayes.sample.tuning import Density, Tuned, explore_axes, log_prior_of, retune
-
-if TYPE_CHECKING:
-    from aero_bayes.sample.mcmc import SampleSettings
 
 FloatArray = NDArray[np.float64]
 
-
-class MakeMoves(Protocol):
-    """Moves and their shares from what tuning has learnt, for a density whose cheap part is ``prior``."""
-
-    def __call__(self, tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]: ...
-
-
-def standard_moves(tuned: Tuned, prior: Density) -> Sequence[tuple[Move, float]]:
-    """Proposals screened by the stand-in and a random walk; where there is none, moves that need to know little."""
-    if tuned.surrogate_density is None or (tuned.frozen and tuned.overlap == 0.0):
-        share = 0.85 if tuned.frozen else 0.3
-        return [(IndependenceMove(tuned.proposal), share), (DifferentialMove(), 0.09), (StretchMove(), 0.06)]
-    approximation = partial(tuned.surrogate_density.log_density, prior=prior)
-    factor = tuned.proposal.factor
-    moves: list[tuple[Move, float]] = [
-        (ScreenedMove(approximation, tuned.proposal, tuned.steps), 0.75),
-        (ScreenedWalkMove(approximation, tuned.proposal), 0.15),
-        (GaussianMove(2.0 * factor @ factor.T / len(factor), factor=3.0), 0.1),
-    ]
-    # Until the stand-in is frozen the walkers also find their own way, to where it knows nothing yet.
-    return moves if tuned.frozen else [*moves, (DifferentialMove(), 0.6), (StretchMove(), 0.3)]
+#: Temperature of the surrogate whose draws are evaluated after each round of burn-in.
+_TAIL_TEMPERATURE = 2.0
 
 
 class Ensembles:
-    """The ensembles, their random states, and what the present phase (a round, the settling, the chain) has visited."""
+    """All ensembles, their random states, and the points of the present phase.
+
+    The phases are rounds of burn-in, ``settle`` steps that are thrown away, and the kept chain.
+    """
 
     def __init__(self, density: Density, proposal: WarpedStudentT, settings: SampleSettings, moves: MakeMoves) -> None:
         self.density, self.prior = density, log_prior_of(density)
-        self.settings, self._moves, self.tuned = settings, moves, Tuned(proposal)
+        self.settings, self._moves, self.adaptation = settings, moves, Adaptation(proposal)
         self.dimension = proposal.mean.size
         self.walkers = settings.walkers or 2 * self.dimension + 2
-        self.rounds, self._left, self.evaluations, self.seconds = 0, settings.burn_in[0], 0, 0.0
+        self.rounds, self._left, self.evaluations, self.seconds = 0, settings.burn_in, 0, 0.0
         self.next_check = MIN_STEPS
         self.visited: list[FloatArray] = []
         self._levels: list[FloatArray] = []
@@ -71,16 +45,16 @@ class Ensembles:
 
     @property
     def kept(self) -> int:
-        """Steps of the kept chain; zero before it begins."""
-        return len(self.visited) if self.tuned.frozen and self._left == 0 else 0
+        """Return the steps of the kept chain; zero before it begins."""
+        return len(self.visited) if self.adaptation.frozen and self._left == 0 else 0
 
     @property
     def coupled(self) -> bool:
-        """Whether a walker moves by where the others of its ensemble are."""
-        return any(isinstance(move, RedBlueMove) for move, _ in self._moves(self.tuned, self.prior))
+        """Return whether a walker moves by where others of its ensemble are."""
+        return any(isinstance(move, RedBlueMove) for move, _ in self._moves(self.adaptation, self.prior))
 
     def chain(self) -> tuple[FloatArray, FloatArray]:
-        """Points (ensembles, steps, walkers, d) and log-densities of what is kept."""
+        """Return points (ensembles, steps, walkers, d) and log-densities of the kept chain."""
         if self.kept:
             return np.stack(self.visited, axis=1), np.stack(self._levels, axis=1)
         shape = (self.settings.ensembles, 0, self.walkers)
@@ -89,13 +63,13 @@ class Ensembles:
     def _evaluate(self, points: FloatArray) -> FloatArray:
         value = np.asarray(self.density(points))
         self.evaluations += int(np.sum(np.isfinite(self.prior(points))))
-        if not self.tuned.frozen:
+        if not self.adaptation.frozen:
             known = np.isfinite(value)
             self._seen.append(np.column_stack([points, value])[known])
         return value
 
     def _make_samplers(self) -> None:
-        moves = list(self._moves(self.tuned, self.prior))
+        moves = list(self._moves(self.adaptation, self.prior))
         self._samplers = [
             emcee.EnsembleSampler(self.walkers, self.dimension, self._evaluate, moves=moves, vectorize=True)
             for _ in range(self.settings.ensembles)
@@ -104,9 +78,9 @@ class Ensembles:
             sampler.log_prob_fn = self._evaluate
 
     def start(self, rng: np.random.Generator) -> None:
-        """Look around, and draw overdispersed starts of finite density for every ensemble."""
-        self.tuned = Tuned(explore_axes(self._evaluate, self.tuned.proposal))
-        wide = self.tuned.proposal.widened(1.5, 4.0)
+        """Scan the density along the axes, and draw overdispersed starts of finite density for every ensemble."""
+        self.adaptation = Adaptation(scan_axes(self._evaluate, self.adaptation.proposal))
+        wide = self.adaptation.proposal.widened(1.5, 4.0)
         for child in rng.spawn(self.settings.ensembles):
             random = np.random.RandomState(np.random.MT19937(int(child.integers(2**63))))
             points, values = np.empty((0, self.dimension)), np.empty(0)
@@ -127,7 +101,7 @@ class Ensembles:
         self._make_samplers()
 
     def advance(self) -> None:
-        """One step of every ensemble."""
+        """Advance every ensemble by one step."""
         for e, sampler in enumerate(self._samplers):
             (self._states[e],) = sampler.sample(self._states[e], store=False, skip_initial_state_check=True)
         self.visited.append(np.stack([state.coords for state in self._states]))
@@ -138,44 +112,42 @@ class Ensembles:
                 self._end_phase()
 
     def _end_phase(self) -> None:
-        """After a round, learn from it and freeze what is good enough; after the settling, begin the kept chain."""
-        if not self.tuned.frozen:
-            self._look_further()
-            rows = slice(len(self.visited) // 4, None)
-            points = np.concatenate(self.visited[rows]).reshape(-1, self.dimension)
-            seen = np.concatenate(self._seen)
-            self.tuned = retune(
-                self.tuned,
-                self.prior,
-                (points, np.concatenate(self._levels[rows]).ravel()),
-                (seen[:, :-1], seen[:, -1]),
-            )
-            self.rounds += 1
-            planned, extra = self.settings.burn_in, self.rounds - len(self.settings.burn_in)
-            if extra >= self.settings.extra_rounds or (extra >= 0 and self.tuned.good):
-                self.tuned, self._left, self._seen = replace(self.tuned, frozen=True), self.settings.settle, []
-            else:
-                self._left = planned[self.rounds] if extra < 0 else int(planned[-1] * 1.5 ** (extra + 1))
-            self._make_samplers()
-        self.visited, self._levels = [], []
-
-    def _look_further(self) -> None:
-        """Evaluate cuts, and draws of the stand-in at a higher temperature; the next one shall know its ends."""
-        if self.tuned.surrogate_density is None:
+        """Adapt after a round of burn-in, and freeze what has been learnt once it is good."""
+        if self.adaptation.frozen:
+            self.visited, self._levels = [], []
             return
-        explore_axes(self._evaluate, self.tuned.proposal)
-        warm = partial(self.tuned.surrogate_density.log_density, prior=self.prior, temperature=3.0)
-        random = np.random.RandomState()
+        self._evaluate_tails()
+        points, levels, seen = np.array(self.visited), np.array(self._levels), np.concatenate(self._seen)
+        late, fresh = len(points) // 2, len(points) - self.settings.burn_in * 3 // 4
+        self.adaptation = adapt(
+            self.adaptation,
+            self.prior,
+            fresh=(points[fresh:].reshape(-1, self.dimension), levels[fresh:].ravel()),
+            late=(points[late:].reshape(-1, self.dimension), levels[late:].ravel()),
+            seen=(seen[:, :-1], seen[:, -1]),
+        )
+        self.rounds += 1
+        self._left = self.settings.burn_in
+        if self.adaptation.good or self.rounds >= self.settings.max_rounds:
+            self.adaptation, self._left, self._seen = replace(self.adaptation, frozen=True), self.settings.settle, []
+        self._make_samplers()
+
+    def _evaluate_tails(self) -> None:
+        """Evaluate draws of the surrogate at a higher temperature, so that the next one is fitted to the tails too."""
+        if self.adaptation.surrogate_density is None:
+            return
+        warm = partial(self.adaptation.surrogate_density.log_density, prior=self.prior, temperature=_TAIL_TEMPERATURE)
+        wide = self.adaptation.proposal.widened(_TAIL_TEMPERATURE**0.5, 4.0)
+        move, random = DelayedAcceptanceMove(warm, wide, self.adaptation.steps), np.random.RandomState()
         for e, state in enumerate(self._states):
             random.set_state(state.random_state)
-            move = ScreenedMove(warm, self.tuned.proposal.widened(1.7, 4.0), self.tuned.steps)
             for _ in range(2):
                 self._evaluate(move.propose_from(state.coords, random)[0])
             self._states[e].random_state = random.get_state(legacy=True)
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """Everything, as arrays."""
-        arrays = pack(self.tuned, "tuned.") | {
+        """Return the whole state as arrays."""
+        arrays = pack(self.adaptation, "adaptation.") | {
             "visited": np.array(self.visited),
             "levels": np.array(self._levels),
             "seen": np.concatenate(self._seen) if self._seen else np.empty((0, self.dimension + 1)),
@@ -191,7 +163,7 @@ class Ensembles:
 
     def restore(self, arrays: Arrays) -> None:
         """Continue where :meth:`state` was taken."""
-        self.tuned = unpack(Tuned, arrays, "tuned.")
+        self.adaptation = unpack(Adaptation, arrays, "adaptation.")
         self.rounds, self._left, self.evaluations, self.next_check = map(int, arrays["counts"])
         self.seconds = float(arrays["seconds"])
         self.visited, self._levels = list(arrays["visited"]), list(arrays["levels"])

@@ -1,4 +1,4 @@
-"""Screened move: a chain of independence steps on a cheap approximation of the target makes each proposal."""
+"""Delayed acceptance: a Markov chain on an inexpensive approximation of the target makes each proposal."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 from emcee.moves import MHMove
 from numpy.typing import NDArray
 
-from aero_bayes.sample.moves.heavytail import WarpedStudentT
+from aero_bayes.sample.moves.warped_student_t import WarpedStudentT
 
 FloatArray = NDArray[np.float64]
 
 
-class ScreenedMove(MHMove):  # type: ignore[misc]
-    """Delayed acceptance: ``steps`` independence steps on s, then one decision with the target p itself.
+class DelayedAcceptanceMove(MHMove):  # type: ignore[misc]
+    """Take ``steps`` independence steps on the approximation s, then accept or reject by the target p.
 
     The inner chain is reversible with respect to s, so accepting its end x' with probability
     min(1, p(x') s(x) / (p(x) s(x'))) leaves p invariant however poor s is; if s is good nearly every evaluation of p is
@@ -26,7 +26,7 @@ class ScreenedMove(MHMove):  # type: ignore[misc]
     approximation : callable
         Logarithm of s, (n, d) to (n,), not normalised.
     proposal : WarpedStudentT
-        What the inner steps propose from.
+        The density that the inner steps propose from.
     steps : int
     """
 
@@ -37,7 +37,7 @@ class ScreenedMove(MHMove):  # type: ignore[misc]
         self.approximation, self.proposal, self.steps = approximation, proposal, steps
 
     def propose_from(self, coords: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """Where the inner chains from (n, d) end, and log s(x) - log s(x')."""
+        """Return where the inner chains from (n, d) end, and log s(x) - log s(x')."""
         n = len(coords)
         # Independence proposals do not depend on where the chain is: all are made and weighed at once.
         new = self.proposal.sample(random, n * self.steps)
@@ -54,7 +54,7 @@ class ScreenedMove(MHMove):  # type: ignore[misc]
         return every[at], np.where(np.isnan(ratio), 0.0, ratio)
 
 
-class ScreenedWalkMove(MHMove):  # type: ignore[misc]
+class DelayedAcceptanceWalkMove(MHMove):  # type: ignore[misc]
     """Delayed acceptance after a few short steps on s: leaves the places where s is poor, since it is poor around them.
 
     Parameters
@@ -74,7 +74,7 @@ class ScreenedWalkMove(MHMove):  # type: ignore[misc]
         self.factor = proposal.factor / np.sqrt(proposal.mean.size)
 
     def propose_from(self, coords: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
-        """Where the inner chains from (n, d) end, and log s(x) - log s(x')."""
+        """Return where the inner chains from (n, d) end, and log s(x) - log s(x')."""
         at, first = coords.copy(), self.approximation(coords)
         value = first.copy()
         for _ in range(self.steps):

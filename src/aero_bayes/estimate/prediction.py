@@ -1,4 +1,4 @@
-"""What a posterior predicts for a recording, whether it was fitted or not."""
+"""Predicted readings of a recording, whether it was fitted or not, with bands."""
 
 from __future__ import annotations
 
@@ -12,12 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.data import Recording
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.simulate import as_recording, run_problem
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.predictive import (
+    Predictive,
+    edges,
+    predict_from_filter,
+    predict_from_outputs,
+    recording_log_density,
+)
+from aero_bayes.estimate.simulate import as_recording, run_filter, run_problem
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.plot_backend import plot_backend
-from aero_bayes.sample.predictive import Predictive, edges, recording_log_density, summarise
-from aero_bayes.simulation.interface import Outcome
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.simulation.interface import Filtered, Outcome
 from aero_bayes.simulation.model import Model
 
 if TYPE_CHECKING:
@@ -32,7 +39,7 @@ _STORED, _BLOCKS = 600, 60
 
 @dataclass(frozen=True, eq=False)
 class RecordingPrediction:
-    """What a posterior predicts for one recording.
+    """What a fit or a posterior predicts for one recording.
 
     Parameters
     ----------
@@ -132,48 +139,73 @@ class RecordingPrediction:
         return table_html(("output", "RMS error", "unit", "within the 90 % band"), rows, repr(self).strip("<>"))
 
 
-def predict_recording(
-    fit: Fit,
-    points: FloatArray,
-    inputs: Recording | Mapping[str, ArrayLike],
-    *,
-    draws: int = 200,
-    seed: int = 1,
-    workers: int | None = 0,
-) -> RecordingPrediction:
-    """Outputs with their noise for draws of a posterior; :meth:`aero_bayes.Posterior.predict` says how.
+@dataclass(frozen=True, eq=False)
+class FittedPredictor:
+    """What predictions from draws of a posterior need to know of a fit.
 
     Parameters
     ----------
-    fit : Fit
-        What the posterior belongs to.
-    points : ndarray, shape (n, d)
-        Draws in SI units: free parameters, then noise parameters. At most ``draws`` of them are simulated.
-    inputs : Recording or mapping of str to array_like, shape (n,)
-    draws : int
-    seed : int
-    workers : int, optional
-
-    Raises
-    ------
-    CannotFinishError
-        If no draw can be simulated.
+    calibration : Calibration
+    values : ndarray, shape (p,)
+        SI values of all parameters of the calibration.
+    free : tuple of int
+        Columns that are drawn.
+    noise : mapping of str to OutputNoise
+        Its kinds; the sizes are drawn.
+    band_factors : ndarray, shape (m,)
+        Half-width of the bands in standard deviations (see :mod:`aero_bayes.estimate.band_width`).
+    engine : {"native", "fmpy"}
     """
-    calibration = fit.calibration
-    recording = as_recording(inputs, calibration)
-    chosen = points[np.unique(np.linspace(0, len(points) - 1, min(draws, len(points))).astype(np.int64))]
-    values = np.tile(fit.values, (len(chosen), 1))
-    values[:, list(fit.free)] = chosen[:, : len(fit.free)]
-    found = run_problem(calibration, recording, values, workers=workers, engine=fit.engine)
-    good = found.outcomes[:, 0] == Outcome.OK
-    if not good.any():
-        raise CannotFinishError(f"no draw of the posterior could be simulated over {recording.name}")
-    noise = NoiseLayout.of(calibration, fit.noise).unpack(np.log(chosen[:, len(fit.free) :]))[good, 0]
-    outputs = found.outputs[0][good]
-    unread = np.full(recording.rows, np.nan)
-    measured = np.column_stack([recording.outputs.get(o, unread) for o in fit.outputs])
-    density = recording_log_density(recording.time, measured - outputs, noise)
-    density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
-    rng = np.random.default_rng(seed)
-    part = summarise(recording.time, outputs.astype(np.float32), noise, density, rng, _STORED, _BLOCKS)
-    return RecordingPrediction(calibration.model, recording, fit.outputs, part)
+
+    calibration: Calibration
+    values: FloatArray
+    free: tuple[int, ...]
+    noise: Mapping[str, OutputNoise]
+    band_factors: FloatArray
+    engine: str
+
+    def predict(
+        self,
+        points: FloatArray,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        seed: int = 1,
+        workers: int | None = 0,
+    ) -> RecordingPrediction:
+        """Readings of a recording for draws of free and noise parameters.
+
+        Parameters
+        ----------
+        points : ndarray, shape (draws, d)
+            In SI units: free parameters, then noise parameters.
+        inputs : Recording or mapping of str to array_like, shape (n,)
+        seed : int
+        workers : int, optional
+
+        Raises
+        ------
+        CannotFinishError
+            If no draw can be simulated.
+        """
+        calibration, outputs = self.calibration, self.calibration.outputs
+        recording = as_recording(inputs, calibration)
+        values = np.tile(self.values, (len(points), 1))
+        values[:, list(self.free)] = points[:, : len(self.free)]
+        run = run_filter if calibration.process is not None else run_problem
+        found = run(calibration, recording, values, workers=workers, engine=self.engine)
+        good = found.outcomes[:, 0] == Outcome.OK
+        if not good.any():
+            raise CannotFinishError(f"no draw of the posterior could be simulated over {recording.name}")
+        unread = np.full(recording.rows, np.nan)
+        measured = np.column_stack([recording.outputs.get(o, unread) for o in outputs])
+        rng, time = np.random.default_rng(seed), recording.time
+        if isinstance(found, Filtered):
+            y, variance = found.predicted[0][good], found.variance[0][good]
+            part = predict_from_filter(time, measured, y, variance, self.band_factors, rng, _STORED, _BLOCKS)
+        else:
+            noise = NoiseLayout.of(calibration, self.noise).unpack(np.log(points[:, len(self.free) :]))[good, 0]
+            density = recording_log_density(time, measured - found.outputs[0][good], noise)
+            density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
+            y32 = found.outputs[0][good].astype(np.float32)
+            part = predict_from_outputs(time, y32, noise, density, self.band_factors, rng, _STORED, _BLOCKS)
+        return RecordingPrediction(calibration.model, recording, outputs, part)

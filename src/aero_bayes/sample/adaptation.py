@@ -1,4 +1,4 @@
-"""What a sampler learns of a density before its kept chain begins: cuts through it, a proposal, a stand-in."""
+"""What a sampler learns of a density during burn-in: a proposal and a surrogate."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from aero_bayes.sample.moves.warp import KNOT_SCORES
 FloatArray = NDArray[np.float64]
 Density = Callable[[FloatArray], FloatArray]
 
-#: Tuning ends when the surrogate overlaps the target at least this much and a walker stays at its worst points for at
-#: most this many steps.
-MIN_OVERLAP, MAX_STICKY_STEPS = 0.7, 40.0
-#: Logarithm of the proposal's share in a stand-in.
-_LOG_PROPOSAL_SHARE = float(np.log(0.2))
+#: Burn-in ends when, in so many rounds in succession, the acceptance of the surrogate's draws was at least this, and
+#: nearly every point was left after at most so many of them.
+MIN_GOOD_ROUNDS, MIN_ACCEPTANCE, MAX_STAY = 2, 0.8, 6.0
+#: Logarithm of the proposal's share in a surrogate density.
+_LOG_PROPOSAL_SHARE = float(np.log(0.05))
 #: Distances of the first points of a cut, in standard deviations; further ones follow by this ratio.
 _FIRST_DISTANCES, _DISTANCE_RATIO, _MAX_FURTHER_POINTS, _MAX_DEPTH = (0.3, 0.6, 1.0, 1.6, 2.5, 4.0), 1.6, 14, 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class SurrogateDensity:
-    """A surrogate of the target less its prior, and a little of the heavy-tailed proposal, as one log-density.
+    """Prior times surrogate likelihood, plus a small share of the proposal, as one log-density.
 
-    The proposal's share keeps it from falling far below the target where nothing has been seen, which is where a
-    chain would be stuck. ``level`` is the logarithm of the rest's integral.
+    A chain is stuck where this density is far below the target. The share of the proposal, whose tails are heavy,
+    prevents that where nothing was evaluated. ``level`` is the logarithm of the integral of the first part.
     """
 
     surrogate: Surrogate
@@ -39,12 +39,15 @@ class SurrogateDensity:
 
     @classmethod
     def of(cls, surrogate: Surrogate, prior: Density, points: FloatArray) -> SurrogateDensity:
-        """With the integral estimated from draws of about the target, (n, d)."""
+        """Estimate the integral from approximate draws of the target, (n, d)."""
         ratio = surrogate.coordinates.log_density(points) - surrogate(points) - prior(points)
         return cls(surrogate, -float(np.median(ratio) + np.log(_ratios(ratio).mean())))
 
-    def log_density(self, points: FloatArray, prior: Density, temperature: float = 1.0) -> FloatArray:
-        """Not normalised, shape (n,); minus infinity outside the prior's support, at no cost."""
+    def log_density(self, points: FloatArray, prior: Density, temperature: float = 1.05) -> FloatArray:
+        """Return the log-density, not normalised, shape (n,); minus infinity outside the prior's support.
+
+        An independence sampler needs a proposal with heavier tails than its target, hence a temperature above one.
+        """
         total = np.array(prior(points))
         inside = np.isfinite(total)
         some = points[inside]
@@ -54,39 +57,41 @@ class SurrogateDensity:
 
 
 @dataclass(frozen=True, eq=False)
-class Tuned:
+class Adaptation:
     """Proposal and surrogate that the moves use.
 
-    ``surrogate_density`` is None until enough points are known; ``steps`` is the number of steps on it that make the
-    end independent of the start. ``overlap`` is the share of its proposals that the target would accept, estimated from
-    points that it was not fitted to. ``sticky`` is the number of proposals after which nearly every point has been
-    left. ``frozen`` is True for the kept chain.
+    ``surrogate_density`` is None until enough points are known; ``steps`` of an independence sampler on it make the end
+    nearly independent of the start. ``acceptance`` is the share of its draws that the target would accept, and
+    ``longest_stay`` the number of draws after which nearly every point has been left; both are those of the surrogate
+    before, estimated from points that it was not fitted to, and ``acceptance`` is zero where the proposal alone does
+    better. ``good_rounds`` counts rounds in succession in which both were good. ``frozen`` is True for the kept chain.
     """
 
     proposal: WarpedStudentT
     surrogate_density: SurrogateDensity | None = None
     steps: int = 20
-    overlap: float = 0.0
-    sticky: float = np.inf
+    acceptance: float = 0.0
+    longest_stay: float = np.inf
+    good_rounds: int = 0
     frozen: bool = False
 
     @property
     def good(self) -> bool:
-        """Whether tuning can end."""
-        return self.overlap >= MIN_OVERLAP and self.sticky <= MAX_STICKY_STEPS
+        """Return whether burn-in can end."""
+        return self.good_rounds >= MIN_GOOD_ROUNDS
 
 
 def log_prior_of(density: Density) -> Density:
-    """The cheap part of a density: its method ``log_prior``, minus infinity outside its support; zero without one."""
+    """Return the inexpensive part of a density: its method ``log_prior``, or zero if it has none."""
     prior: Density | None = getattr(density, "log_prior", None)
     return prior if prior is not None else lambda points: np.zeros(len(points))
 
 
-def explore_axes(density: Density, proposal: WarpedStudentT) -> WarpedStudentT:
+def scan_axes(density: Density, proposal: WarpedStudentT) -> WarpedStudentT:
     """Evaluate the density along every axis through the centre of a proposal, and warp the proposal to these profiles.
 
-    This finds margins that end at a bound or have heavier tails than the curvature at the mode suggests, with about
-    twenty evaluations for each axis. The proposal is unchanged if the density is zero at its centre.
+    Each axis takes about twenty evaluations. They show margins that end at a bound, and tails that are heavier than the
+    curvature at the mode suggests. The proposal is unchanged if the density is zero at its centre.
     """
     d = proposal.mean.size
     first = np.array([-t for t in _FIRST_DISTANCES[::-1]] + list(_FIRST_DISTANCES))
@@ -111,7 +116,7 @@ def explore_axes(density: Density, proposal: WarpedStudentT) -> WarpedStudentT:
 
 
 def _quantiles(cut: dict[float, float]) -> FloatArray:
-    """Quantiles of the density along a cut, at the normal probabilities of ``KNOT_SCORES``."""
+    """Return the quantiles of the density along a cut, at the normal probabilities of ``KNOT_SCORES``."""
     place = np.array(sorted(cut))
     level = np.array([cut[t] for t in place.tolist()])
     level = np.where(np.isfinite(level), level - level.max(), -3.0 * _MAX_DEPTH)
@@ -121,57 +126,62 @@ def _quantiles(cut: dict[float, float]) -> FloatArray:
     return np.asarray(np.interp(ndtr(KNOT_SCORES), mass / mass[-1], fine))
 
 
-def retune(
-    tuned: Tuned, prior: Density, visited: tuple[FloatArray, FloatArray], seen: tuple[FloatArray, FloatArray]
-) -> Tuned:
-    """Fit proposal and surrogate again after another round.
+def adapt(
+    adaptation: Adaptation,
+    prior: Density,
+    *,
+    fresh: tuple[FloatArray, FloatArray],
+    late: tuple[FloatArray, FloatArray],
+    seen: tuple[FloatArray, FloatArray],
+) -> Adaptation:
+    """Fit proposal and surrogate again after another round of burn-in.
 
     Parameters
     ----------
-    tuned : Tuned
+    adaptation : Adaptation
         Of the round before.
     prior : callable
-    visited : tuple of ndarray, (n, d) and (n,)
-        Points of the chains, and their log-density.
+    fresh : tuple of ndarray, (n, d) and (n,)
+        Points of the walkers in this round, and their log-density: they tell how good ``adaptation`` is.
+    late : tuple of ndarray, (k, d) and (k,)
+        Those of the second half of burn-in: the proposal is fitted to them.
     seen : tuple of ndarray, (m, d) and (m,)
-        All evaluated points, and their log-density.
+        All evaluated points: the surrogate is fitted to those near the mode.
     """
-    d, dof = tuned.proposal.mean.size, tuned.proposal.dof
-    good = visited[1] >= visited[1].max() - 0.5 * float(chi2.isf(1e-7, d)) - 10.0
-    points, values = visited[0][good], visited[1][good]
+    d, dof = adaptation.proposal.mean.size, adaptation.proposal.dof
+    lowest = late[1].max() - 0.5 * float(chi2.isf(1e-7, d)) - 10.0
+    points, values = late[0][late[1] >= lowest], late[1][late[1] >= lowest]
     if len(np.unique(points[:, 0])) <= 4 * d:
-        return tuned
-    quality, sticky = 0.0, np.inf
-    if tuned.surrogate_density is not None:
-        missed = tuned.surrogate_density.log_density(points, prior) - values
-        quality, sticky = acceptance_overlap(missed), mixing_steps(missed)
+        return adaptation
+    acceptance, longest_stay = 0.0, np.inf
+    if adaptation.surrogate_density is not None:
+        inside = fresh[1] >= lowest
+        error = adaptation.surrogate_density.log_density(fresh[0][inside], prior) - fresh[1][inside]
+        acceptance, longest_stay = independence_acceptance(error), steps_to_leave(error)
+    fitted = [WarpedStudentT.fit(points, dof, axes=adaptation.proposal.axes, curved=curved) for curved in (False, True)]
     plain, proposal = max(
-        (
-            (acceptance_overlap(fitted.log_density(points) - values), fitted)
-            for curved in (False, True)
-            for first in (False, True)
-            for fitted in (WarpedStudentT.fit(points, dof, curved=curved, bent_first=first),)
-        ),
-        key=lambda pair: pair[0],
+        ((independence_acceptance(one.log_density(points) - values), one) for one in fitted), key=lambda pair: pair[0]
     )
     depth = seen[1].max() - seen[1]
     near = depth < max(0.5 * float(chi2.isf(1e-3, d)) + 2.0, float(np.sort(depth)[: 3 * Surrogate.least(d)][-1]))
     if near.sum() <= Surrogate.least(d):
-        return Tuned(proposal)
+        return Adaptation(proposal)
     where, level = seen[0][near], seen[1][near]
-    if tuned.surrogate_density is not None:  # first of all those that the last one knew least of
-        order = np.argsort(-np.abs(tuned.surrogate_density.log_density(where, prior) - level), kind="stable")
+    if adaptation.surrogate_density is not None:  # the largest errors of the last one first
+        order = np.argsort(-np.abs(adaptation.surrogate_density.log_density(where, prior) - level), kind="stable")
         where, level = where[order], level[order]
     surrogate = Surrogate.fit(proposal, where, level - prior(where), seen[1].max() - level)
     surrogate_density = SurrogateDensity.of(surrogate, prior, points)
-    steps = int(
-        np.clip(mixing_steps(proposal.log_density(points) - surrogate_density.log_density(points, prior)), 12, 200)
+    ratio = proposal.log_density(points) - surrogate_density.log_density(points, prior)
+    steps = int(np.clip(steps_to_leave(ratio), 12, 60))
+    good_rounds = adaptation.good_rounds + 1 if acceptance >= MIN_ACCEPTANCE and longest_stay <= MAX_STAY else 0
+    return Adaptation(
+        proposal, surrogate_density, steps, acceptance if acceptance > plain else 0.0, longest_stay, good_rounds
     )
-    return Tuned(proposal, surrogate_density, steps, quality if quality > plain else 0.0, sticky)
 
 
-def acceptance_overlap(log_ratio: FloatArray) -> float:
-    """Acceptance rate of an independence sampler of p that proposes from s, from log(s / p) at draws of p.
+def independence_acceptance(log_ratio: FloatArray) -> float:
+    """Estimate the acceptance rate of an independence sampler of p that proposes from s, from log(s / p) at draws of p.
 
     It is the expectation of min(r, r') over pairs of draws, divided by that of r. The largest ratios are trimmed: they
     come from the tails and do not contribute.
@@ -181,8 +191,8 @@ def acceptance_overlap(log_ratio: FloatArray) -> float:
     return float(ratio @ (2.0 * (n - np.arange(n)) - 1.0) / (n * ratio.sum()))
 
 
-def mixing_steps(log_ratio: FloatArray) -> float:
-    """Number of proposals from q after which nearly every chain has moved, from log(q / s) at draws of s.
+def steps_to_leave(log_ratio: FloatArray) -> float:
+    """Estimate the number of proposals from q after which nearly every chain has moved, from log(q / s) at draws of s.
 
     At a point of weight w = s / q, over its mean under q, about w proposals are needed.
     """

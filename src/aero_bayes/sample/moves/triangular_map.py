@@ -1,4 +1,4 @@
-"""A change of coordinates that straightens curved ridges."""
+"""A triangular quadratic map of coordinates, which straightens curved ridges."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _MIN_STANDARD_ERRORS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class Shear:
-    """Each coordinate less a quadratic function of those before it; the map keeps volumes.
+class TriangularMap:
+    """Subtract from each coordinate a quadratic function of those before it; the map keeps volumes.
 
     ``coefficients`` (d, d, d) and ``offsets`` (d,): z_k = (x_k - offsets_k - sum_ij coefficients_kij x_i x_j) with
     i <= j < k. It is the second order of a Knothe-Rosenblatt map (Parno and Marzouk, 2018, SIAM/ASA JUQ 6, 645).
@@ -25,13 +25,13 @@ class Shear:
     coefficients: FloatArray
 
     @classmethod
-    def identity(cls, dimension: int) -> Shear:
-        """No change."""
+    def identity(cls, dimension: int) -> TriangularMap:
+        """Return the map that changes nothing."""
         return cls(np.zeros(dimension), np.zeros((dimension,) * 3))
 
     @classmethod
-    def fit(cls, samples: FloatArray) -> Shear:
-        """The map that takes out of samples (n, d), white to second order, what is significant."""
+    def fit(cls, samples: FloatArray) -> TriangularMap:
+        """Fit to samples (n, d), white to second order; only significant coefficients are kept."""
         n, d = samples.shape
         found = cls.identity(d)
         for k in range(1, d):
@@ -63,11 +63,11 @@ class Shear:
         return np.asarray(self.offsets[k] + np.sum((x[:, :k] @ part) * x[:, :k], axis=1))
 
     def forward(self, x: FloatArray) -> FloatArray:
-        """Straightened points of (n, d)."""
+        """Straighten points (n, d)."""
         return np.asarray(x - np.stack([self._shift(x, k) for k in range(x.shape[1])], axis=1))
 
     def inverse(self, z: FloatArray) -> FloatArray:
-        """Points of straightened ones (n, d)."""
+        """Return the points of straightened ones (n, d)."""
         x = z.copy()
         for k in range(1, z.shape[1]):
             x[:, k] += self._shift(x, k)

@@ -1,0 +1,114 @@
+"""How wide a 90 % band of new readings must be, from the errors of predicting readings that were left out.
+
+A band of ``1.645`` standard deviations of the noise and of the parameters together holds 90 % of new readings if the
+model is right. If it is not, its errors have another distribution, and they are larger where it was not fitted. So the
+factor is taken from the data by cross-conformal prediction (Vovk, 2015, Annals of Mathematics and Artificial
+Intelligence 74, 9; Barber, Candes, Ramdas and Tibshirani, 2021, Annals of Statistics 49, 486): errors of leave-out
+predictions in units of the standard deviation, and of these the quantile that new errors exceed in 10 % of cases.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.leave_out import MIN_BLOCK_READINGS, Readings, equal_leverage_blocks, leave_blocks_out
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.objective import Series
+from aero_bayes.estimate.parameters import prior_curvature
+from aero_bayes.sensors.whiteness import residual_correlation_time
+
+FloatArray = NDArray[np.float64]
+
+#: Share of new readings that a band holds, and half its width in standard deviations where errors are normal.
+BAND_SHARE, NORMAL_HALF_WIDTH = 0.9, 1.6448536269514722
+#: Average length of a block that is left out, in correlation times of the residual.
+BLOCK_LENGTH = 2.0
+
+
+def band_factors(
+    calibration: Calibration,
+    series: Sequence[Series],
+    optimum: Optimum,
+    covariance: FloatArray,
+    residuals: Sequence[FloatArray],
+) -> FloatArray:
+    """Half-width of the 90 % band of each output, in standard deviations of a predicted reading.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    series : sequence of Series
+        What was fitted.
+    optimum : Optimum
+        With the slopes of its free columns.
+    covariance : ndarray, shape (f, f)
+        Of the free columns.
+    residuals : sequence of ndarray, shape (n, m)
+        Readings minus fitted outputs of each recording. They include what sensors add and the fit left out (ripple).
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        At least 1.645, at least what holds 90 % of the fitted readings, and at least the quantile of the errors of
+        leave-out predictions at the level ``0.9 (1 + 1 / K)``, the finite-sample correction for ``K`` independent
+        errors. ``K`` is their number over the autocorrelation time of their absolute values. The largest error serves
+        where this level is above 1.
+    """
+    if calibration.process is not None:  # the filter says how much each reading differs from its prediction
+        return np.full(len(calibration.outputs), NORMAL_HALF_WIDTH)
+    assert optimum.evaluation.slopes is not None
+    slopes = optimum.evaluation.slopes
+    fitted = [residuals[s.experiment][s.sampling.index, s.column] for s in series]
+    changes = _leave_out_changes(calibration, series, optimum)
+    factors = np.full(len(calibration.outputs), NORMAL_HALF_WIDTH)
+    for column, output in enumerate(calibration.outputs):
+        own = [k for k, s in enumerate(series) if s.column == column]
+        if not own:
+            continue
+        noise = optimum.noise[output].sd
+        sds = [np.sqrt(noise**2 + np.einsum("kn,kl,ln->n", slopes[k], covariance, slopes[k])) for k in own]
+        inside = np.concatenate([np.abs(fitted[k]) / sd for k, sd in zip(own, sds, strict=True)])
+        outside = [np.abs(fitted[k] - changes[k]) / sd for k, sd in zip(own, sds, strict=True)]
+        factors[column] = max(
+            NORMAL_HALF_WIDTH, float(np.quantile(inside, BAND_SHARE)), conformal_quantile(outside, BAND_SHARE)
+        )
+    return factors
+
+
+def conformal_quantile(scores: Sequence[FloatArray], share: float) -> float:
+    """Value that a new score exceeds with a probability of at most ``1 - share``, from series of correlated scores."""
+    every = np.concatenate(scores)
+    independent = every.size / residual_correlation_time(scores)
+    return float(np.quantile(every, min(share * (1.0 + 1.0 / independent), 1.0)))
+
+
+def _leave_out_changes(calibration: Calibration, series: Sequence[Series], optimum: Optimum) -> list[FloatArray]:
+    """Change of each fitted output (n,) when the recording, or the block of the only one, is left out of the fit.
+
+    Initial values and delays that belong to one recording stay as fitted to all its readings.
+    """
+    assert optimum.evaluation.slopes is not None
+    parameters = calibration.parameters
+    shared = [k for k, j in enumerate(optimum.free) if parameters.items[j].recording is None]
+    second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in shared]]
+    slopes, prior = optimum.whitened.slopes[shared], prior_curvature(second)
+    plain = np.concatenate([by[shared] for by in optimum.evaluation.slopes], axis=1)
+    changes = np.zeros(plain.shape[1])
+    for left in leave_blocks_out(slopes, optimum.whitened.residual, prior, _parts(series, slopes, prior, optimum)):
+        changes[left.readings] = left.step @ plain[:, left.readings]
+    return np.split(changes, np.cumsum([s.sampling.size for s in series])[:-1])
+
+
+def _parts(series: Sequence[Series], slopes: FloatArray, prior: FloatArray, optimum: Optimum) -> list[Readings]:
+    """What is left out in turn: each recording; of a single one, blocks that are long beside the residual's memory."""
+    lengths = [residual_correlation_time([r]) for r in optimum.evaluation.residual]
+    least = math.ceil(BLOCK_LENGTH * sum(lengths))
+    by_recording = equal_leverage_blocks(series, slopes, prior, max(least, MIN_BLOCK_READINGS))
+    if len(by_recording) > 1:
+        return [np.concatenate(blocks) for blocks in by_recording]
+    return by_recording[0]

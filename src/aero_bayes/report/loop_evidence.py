@@ -1,0 +1,71 @@
+"""What the loop's evidence rests on, and the structures that it leaves, with intervals over all of them."""
+
+from __future__ import annotations
+
+from markupsafe import Markup
+
+from aero_bayes.display import join_names
+from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.tables import Column, html_table, parameter_quantity
+from aero_bayes.report.text import NO_VALUE, count, significant, symbol
+from aero_bayes.schema import LoopJson, QuantilesJson
+
+
+def evidence_words(loop: LoopJson) -> Markup:
+    """How many effective samples the log-evidence rests on; empty where the result does not say."""
+    samples = {output: n for output, n in loop.effective_samples.items() if n is not None and output in loop.readings}
+    if not samples:
+        return Markup("")
+    words = Markup("It is honest evidence: the log-evidence of {} effective samples (of {} readings)").format(
+        count(sum(samples.values())), count(sum(loop.readings[o] for o in samples))
+    )
+    if len(samples) == 1:
+        return words + "."
+    parts = [
+        Markup("{} of {} (of {})").format(count(n), symbol(output), count(loop.readings[output]))
+        for output, n in samples.items()
+    ]
+    return words + Markup(": {}.").format(Markup(", ").join(parts))
+
+
+def structures_words(loop: LoopJson) -> str:
+    """The structures that the data leave, with their odds; empty where there is one."""
+    if loop.averaged is None:
+        return ""
+    found = [f"{join_names(s.terms)} (odds {significant(s.odds, 2)})" for s in loop.averaged.structures]
+    return (
+        f"The data leave {len(found)} structures: {'; '.join(found)}. The intervals of the parameters that all of them "
+        "have are those of the mixture, weighted by these odds."
+    )
+
+
+def averaged_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
+    """How far intervals over all structures differ from those of the chosen one; None where there is one structure."""
+    if loop.averaged is None:
+        return None
+    rows = []
+    for name, found in loop.averaged.parameters.items():
+        stated = run.result.parameters.get(name)
+        if stated is None or stated.q05 is None:
+            continue
+        one, all_ = (
+            parameter_quantity(q.model_copy(update={"value": q.q50, "unit": stated.unit}))[0]
+            for q in (found.chosen, found.mixture)
+        )
+        widths = [_width(q) for q in (found.chosen, found.mixture)]
+        rows.append((
+            Markup("{}<small>{}</small>").format(symbol(name), stated.description), f"{one.low} … {one.high}",
+            f"{all_.low} … {all_.high}", all_.unit,
+            significant(widths[1] / widths[0], 3) if widths[0] > 0.0 else NO_VALUE,
+        ))  # fmt: skip
+    if not rows:
+        return None
+    columns = (
+        "parameter", Column("chosen structure", "right"), Column("all structures", "right"), "unit",
+        Column("times as wide", "right"),
+    )  # fmt: skip
+    return html_table(columns, rows, "90 % intervals over the structures that the data leave")
+
+
+def _width(q: QuantilesJson) -> float:
+    return (q.q95 or 0.0) - (q.q05 or 0.0)
