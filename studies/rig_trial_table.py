@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trial_runs import BANDS, Row, cell, quantile, rate
+from trial_runs import Row, cell, quantile, rate, rates_by_band
 
 FRICTION = {"coulomb_friction", "friction_by_direction", "stribeck_friction", "presliding_friction", "rounded_friction"}
 #: Limits of the odds between which their calibration is given.
@@ -84,7 +84,7 @@ def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[st
             name: {"trials": len(of), "no_name": rate(of, lambda row: not names_a_law(row))}
             for name, of in _groups(outside, lambda row: row["truth"][0]["law"]).items()
         },
-        "curve": [_band(law, low, high) for low, high in BANDS],
+        "curve": rates_by_band(law, {"right_law": right_law, "right_place": right_place}),
         "seeds": {"table": [base, "rig", "number", "what"], "development": [development, "rig", "number", "what"]},
         "table": list(rows),
     }  # fmt: skip
@@ -131,17 +131,6 @@ def _by(rows: Sequence[Row], key: Any) -> dict[str, Any]:
         none = [row for row in of if row["what"] == "none"]
         found[name] = {"seen": len(seen), "right_law": rate(seen, right_law), "false_name": rate(none, names_a_law)}
     return found
-
-
-def _band(rows: Sequence[Row], low: float, high: float) -> dict[str, Any]:
-    inside = [row for row in rows if low <= row["d"][0] < high]
-    return {
-        "d": [low, high if np.isfinite(high) else None],
-        "trials": len(inside),
-        "right_law": rate(inside, right_law),
-        "right_place": rate(inside, right_place),
-        "found_something": rate(inside, lambda row: bool(row["found"])),
-    }
 
 
 def _text(summary: dict[str, Any], rows: Sequence[Row], seen: Sequence[Row]) -> str:

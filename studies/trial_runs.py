@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 from argparse import ArgumentParser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,20 @@ def code() -> str:
 def rate(rows: Sequence[Row], test: Callable[[Row], bool]) -> float | None:
     """Return the share of rows that pass; None where there is none."""
     return sum(map(test, rows)) / len(rows) if rows else None
+
+
+def rates_by_band(rows: Sequence[Row], tests: Mapping[str, Callable[[Row], bool]]) -> list[dict[str, Any]]:
+    """Return the rates of trials by the distance of their first effect, for each of :data:`BANDS`."""
+    bands = [(low, high, [row for row in rows if low <= row["d"][0] < high]) for low, high in BANDS]
+    return [
+        {
+            "d": [low, high if np.isfinite(high) else None],
+            "trials": len(inside),
+            **{name: rate(inside, test) for name, test in tests.items()},
+            "found_something": rate(inside, lambda row: bool(row["found"])),
+        }
+        for low, high, inside in bands
+    ]
 
 
 def quantile(values: Sequence[float], q: float) -> float | None:

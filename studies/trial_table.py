@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.export import declaration_of
-from trial_runs import BANDS, Row, cell, quantile, rate
+from trial_runs import Row, cell, quantile, rate, rates_by_band
 
 
 def right_effect(row: Row) -> bool:
@@ -108,7 +106,7 @@ def summarise(rows: Sequence[Row], root: int, development: int) -> tuple[dict[st
             }
             for noise in ("white", "real")
         },
-        "curve": [_band(single, low, high) for low, high in BANDS],
+        "curve": rates_by_band(single, {"right_effect": right_effect, "right_port": right_port}),
         "seeds": {"table": [root, "kind", "number"], "development": [development, "kind", "number"]},
         "table": list(rows),
     }  # fmt: skip
@@ -122,17 +120,6 @@ def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
         "learned": sum(map(learned, rows)),
         "right_port": rate(rows, right_port),
         "unseen_over_noise_median": quantile([max(row["after_over_noise"].values()) for row in rows], 0.5),
-    }
-
-
-def _band(rows: Sequence[Row], low: float, high: float) -> dict[str, Any]:
-    inside = [row for row in rows if low <= row["d"][0] < high]
-    return {
-        "d": [low, high if np.isfinite(high) else None],
-        "trials": len(inside),
-        "right_effect": rate(inside, right_effect),
-        "right_port": rate(inside, right_port),
-        "found_something": rate(inside, lambda row: bool(row["found"])),
     }
 
 

@@ -23,10 +23,10 @@ A model of one's own is told what was recorded and what is free (run in ``exampl
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from aero_bayes.lazy_exports import lazy_exports
 from aero_bayes.plot_backend import register_plot_backend
 
 if TYPE_CHECKING:
@@ -44,34 +44,6 @@ if TYPE_CHECKING:
     from aero_bayes.sample import Posterior, SampleSettings, sample
     from aero_bayes.simulation import Model
     from aero_bayes.simulation.load_model import load_model
-
-#: The public names and where each lives; they are imported when first used, so that one command pays for one stage.
-_HOME = {
-    "Recording": "data",
-    "read_recording": "data",
-    "summarise": "data",
-    "propose_experiment": "design",
-    "LoopResult": "loop",
-    "LoopSettings": "loop",
-    "close_loop": "loop",
-    "CannotFinishError": "errors",
-    "InputError": "errors",
-    "export_fmu": "export",
-    "Fit": "estimate",
-    "FitSettings": "estimate",
-    "Posterior": "sample",
-    "SampleSettings": "sample",
-    "fit": "estimate",
-    "Rig": "fleet",
-    "fleet": "fleet",
-    "sample": "sample",
-    "load_model": "simulation.load_model",
-    "open_run": "library",
-    "RecordingPrediction": "estimate",
-    "RunDirectory": "report.run_directory",
-    "write_report": "library",
-    "Model": "simulation",
-}
 
 __all__ = [
     "CannotFinishError",
@@ -101,14 +73,24 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+# Imported when first used, so that one command pays for one stage.
+__getattr__, __dir__ = lazy_exports(
+    __name__,
+    {
+        "data": "Recording read_recording summarise",
+        "design": "propose_experiment",
+        "errors": "CannotFinishError InputError",
+        "estimate": "Fit FitSettings RecordingPrediction fit",
+        "export": "export_fmu",
+        "fleet": "Rig fleet",
+        "library": "open_run write_report",
+        "loop": "LoopResult LoopSettings close_loop",
+        "report.run_directory": "RunDirectory",
+        "sample": "Posterior SampleSettings sample",
+        "simulation": "Model",
+        "simulation.load_model": "load_model",
+    },
+)
 
 
 def _plots() -> PlotBackend:
@@ -124,7 +106,7 @@ class _Package(ModuleType):
     """The function ``sample`` keeps its name although its room is called so too."""
 
     def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _HOME and isinstance(value, ModuleType)):
+        if not (name in __all__ and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

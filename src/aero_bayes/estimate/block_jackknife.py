@@ -10,18 +10,18 @@ are blocks (Kiefer and Vogelsang, 2005, Econometric Theory 21, 1130).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, t
 
+from aero_bayes.estimate.leave_out import time_cells
 from aero_bayes.estimate.objective import Series
 
 FloatArray = NDArray[np.float64]
 
 #: Blocks that the readings are cut into, and steps in which a block moves by its own length.
-BLOCK_COUNT, STEPS = 10, 12
+JACKKNIFE_BLOCKS, STEPS = 10, 12
 #: Least share of the information on a direction that counts as left when a block is left out: a transient that tells
 #: more than half has no counterpart, and how far the estimates would move without it says nothing.
 MIN_INFORMATION_LEFT = 0.5
@@ -48,10 +48,13 @@ def jackknife_covariance(series: Sequence[Series], slopes: FloatArray, residual:
         a Gaussian is that of Student's t.
     """
     recordings = sorted({s.experiment for s in series})
-    cells = max(round(STEPS * BLOCK_COUNT / len(recordings)), STEPS)
+    cells = max(round(STEPS * JACKKNIFE_BLOCKS / len(recordings)), STEPS)
+    leverage = np.einsum("kn,kn->n", slopes, slopes)
     shifts = []
     for recording in recordings:
-        information, score = _by_cell(series, slopes, residual, recording, cells)
+        parts = time_cells(series, leverage, recording, cells)
+        information = np.array([slopes[:, part] @ slopes[:, part].T for part in parts])
+        score = np.array([slopes[:, part] @ residual[part] for part in parts])
         for first in range(cells - STEPS + 1):
             block = slice(first, first + STEPS)
             values, vectors = np.linalg.eigh(np.eye(len(slopes)) - information[block].sum(axis=0))
@@ -61,25 +64,3 @@ def jackknife_covariance(series: Sequence[Series], slopes: FloatArray, residual:
     moved = np.array(shifts)
     widening = float(t.ppf(0.95, blocks - 1.0) / norm.ppf(0.95)) ** 2
     return np.asarray((blocks - 1.0) * widening * moved.T @ moved / len(moved))
-
-
-def _by_cell(
-    series: Sequence[Series], slopes: FloatArray, residual: FloatArray, recording: int, cells: int
-) -> tuple[FloatArray, FloatArray]:
-    """Information (cells, k, k) and score (cells, k) of each cell of one recording.
-
-    Cells follow each other in time. Each holds the same sum of the readings' number and of their leverage, both as
-    shares of the recording's: a transient that tells nearly all is cut into many.
-    """
-    first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
-    own = [k for k, s in enumerate(series) if s.experiment == recording]
-    columns = np.concatenate([np.arange(first[k], first[k + 1]) for k in own])
-    columns = columns[np.argsort(np.concatenate([series[k].sampling.time for k in own]), kind="stable")]
-    rows, errors = slopes[:, columns], residual[columns]
-    leverage = np.einsum("kn,kn->n", rows, rows)
-    share = leverage / max(float(leverage.sum()), 1e-300) + 1.0 / columns.size
-    cell = np.minimum((np.cumsum(share) - 0.5 * share) / share.sum() * cells, cells - 1).astype(np.int64)
-    edges = np.searchsorted(cell, np.arange(cells + 1))
-    parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
-    information = np.array([rows[:, part] @ rows[:, part].T for part in parts])
-    return information, np.array([rows[:, part] @ errors[part] for part in parts])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,18 +62,28 @@ def equal_leverage_blocks(
         Readings of a block on average, at least.
     """
     leverage = np.einsum("kn,kn->n", slopes, np.linalg.solve(slopes @ slopes.T + prior, slopes))
-    first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
     found = []
     for e in sorted({s.experiment for s in series}):
-        own = [k for k, s in enumerate(series) if s.experiment == e]
-        columns = np.concatenate([np.arange(first[k], first[k + 1]) for k in own])
-        columns = columns[np.argsort(np.concatenate([series[k].sampling.time for k in own]), kind="stable")]
-        count = max(min(BLOCK_COUNT, columns.size // least), 1)
-        # Half by leverage and half by number, so that no block is empty.
-        share = leverage[columns] / max(float(leverage[columns].sum()), 1e-300) + 1.0 / columns.size
-        place = np.minimum((np.cumsum(share) - 0.5 * share) / 2.0 * count, count - 1).astype(int)
-        found.append([columns[place == k] for k in range(count) if np.any(place == k)])
+        readings = sum(s.sampling.size for s in series if s.experiment == e)
+        cells = time_cells(series, leverage, e, max(min(BLOCK_COUNT, readings // least), 1))
+        found.append([cell for cell in cells if cell.size])
     return found
+
+
+def time_cells(series: Sequence[Series], leverage: FloatArray, recording: int, count: int) -> list[Readings]:
+    """Readings of one recording (columns of the whitened slopes) in ``count`` cells that follow each other in time.
+
+    Each cell holds the same sum of the number of readings and of their leverage (N,), both as shares of the
+    recording's. So no cell is empty unless one reading outweighs it, and a transient that tells much is cut into many.
+    """
+    first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
+    own = [k for k, s in enumerate(series) if s.experiment == recording]
+    columns = np.concatenate([np.arange(first[k], first[k + 1]) for k in own])
+    columns = columns[np.argsort(np.concatenate([series[k].sampling.time for k in own]), kind="stable")]
+    share = leverage[columns] / max(float(leverage[columns].sum()), 1e-300) + 1.0 / columns.size
+    cell = np.minimum((np.cumsum(share) - 0.5 * share) / share.sum() * count, count - 1).astype(np.int64)
+    edges = np.searchsorted(cell, np.arange(count + 1)).tolist()
+    return [columns[a:b] for a, b in pairwise(edges)]
 
 
 def leave_blocks_out(

@@ -7,8 +7,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from aero_bayes.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from aero_bayes.export.arrays import Value, scalars
@@ -44,59 +45,6 @@ if TYPE_CHECKING:
     from aero_bayes.export.source_check import refuse_dropped
     from aero_bayes.export.tables import call_table
     from aero_bayes.export.value_sets import possible_values
-
-#: The public names of the folder and the file of each; imported when first used, since SciPy takes long to load.
-_HOME = {
-    "Compiler": "compilers",
-    "export_fmu": "compilers",
-    "first_compiler": "compilers",
-    "explicit_model": "embedded",
-    "export_embedded": "embedded",
-    "export_flat": "embedded",
-    "load_flat": "rumoca_front",
-    "FlatEquation": "flat",
-    "FlatModel": "flat",
-    "FlatVariable": "flat",
-    "EquationSystem": "equation_system",
-    "translate": "equation_system",
-    "ExplicitModel": "causalisation",
-    "causalise": "causalisation",
-    "Builder": "expression",
-    "Node": "expression",
-    "evaluate_nodes": "expression",
-    "Events": "events",
-    "Scope": "scope",
-    "Value": "arrays",
-    "scalars": "arrays",
-    "possible_values": "value_sets",
-    "call_table": "tables",
-    "refuse_dropped": "source_check",
-    "ACTING_SUFFIX": "compose",
-    "TRUE_SUFFIX": "compose",
-    "add_input": "compose",
-    "add_output": "compose",
-    "add_parameter": "compose",
-    "add_term": "compose",
-    "add_variable": "compose",
-    "attribute_value": "compose",
-    "element_names": "compose",
-    "equate": "compose",
-    "instantiate": "compose",
-    "rename_model": "compose",
-    "replace_uses": "compose",
-    "separate_elements": "compose",
-    "set_parameter": "compose",
-    "c_compiler": "build",
-    "compile_kept": "build",
-    "write_archive": "build",
-    "declaration_of": "library",
-    "library_roots": "library",
-    "modelica_root": "library",
-    "needed_libraries": "library",
-    "link_packages": "library_view",
-    "names_used_in": "library_view",
-    "path_in_library": "library_view",
-}
 
 __all__ = [
     "ACTING_SUFFIX",
@@ -151,11 +99,28 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return __all__
+# Imported when first used, since SciPy takes long to load.
+__getattr__, __dir__ = lazy_exports(
+    __name__,
+    {
+        "arrays": "Value scalars",
+        "build": "c_compiler compile_kept write_archive",
+        "causalisation": "ExplicitModel causalise",
+        "compilers": "Compiler export_fmu first_compiler",
+        "compose": "ACTING_SUFFIX TRUE_SUFFIX add_input add_output add_parameter add_term add_variable "
+        "attribute_value element_names equate instantiate rename_model replace_uses "
+        "separate_elements set_parameter",
+        "embedded": "explicit_model export_embedded export_flat",
+        "equation_system": "EquationSystem translate",
+        "events": "Events",
+        "expression": "Builder Node evaluate_nodes",
+        "flat": "FlatEquation FlatModel FlatVariable",
+        "library": "declaration_of library_roots modelica_root needed_libraries",
+        "library_view": "link_packages names_used_in path_in_library",
+        "rumoca_front": "load_flat",
+        "scope": "Scope",
+        "source_check": "refuse_dropped",
+        "tables": "call_table",
+        "value_sets": "possible_values",
+    },
+)

@@ -62,7 +62,7 @@ class ClassWithLaws:
         self.variables: list[str] = []
         self.equations: list[str] = []
         self.edits: list[TextEdit] = []
-        #: by signal, the variable that the rest of the class reads in its place; and signals that the class computes
+        #: by signal, the variable that the rest of the class reads instead; and signals that the class computes
         self.replacements: dict[str, str] = {}
         self.computed: set[str] = set()
         #: by output, and by element of an array that is read in place of inputs, the variable that it equals; the

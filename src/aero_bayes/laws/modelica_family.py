@@ -363,5 +363,5 @@ class ModelicaFamily:
 
 
 def _read_by(placed: PlacedLaw) -> dict[str, str]:
-    """The output on which a law acts, by the name of the variable that the law reads in its place."""
+    """The output on which a law acts, by the name of the variable that the law reads instead."""
     return {f"{placed.instance}.u": placed.port.signals["u"]} if placed.port.attachment == "output" else {}

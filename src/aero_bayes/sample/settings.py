@@ -58,6 +58,12 @@ class SampleSettings(SettingsDisplay):
 
     @property
     def identity(self) -> str:
-        """What of the settings changes the chain; limits only end it."""
+        """The settings that change the chain, as text; limits only end it.
+
+        Examples
+        --------
+        >>> aero_bayes.SampleSettings(ess=2000.0).identity == aero_bayes.SampleSettings().identity
+        True
+        """
         kept = replace(self, max_steps=0, time_limit=0.0, checkpoint_seconds=0.0, r_hat=0.0, lengths=0.0, ess=0.0)
         return repr(asdict(kept))

@@ -44,7 +44,7 @@ class WorkerPool:
         Bytes of its own memory beyond which a worker is recycled: it ends between two runs and another goes on, so
         that a model that leaks does not fill the machine. At twice of it the model gets no more. 0 for no limit.
     engine : type, optional
-        A class with the functions of the compiled engine, to use in its place: workers import it by its name and make
+        A class with the functions of the compiled engine, to use instead: workers import it by its name and make
         one of the loaded engine. See :class:`~aero_bayes.simulation.cosimulation_runs.CosimulationEngine`.
 
     Notes
