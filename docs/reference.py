@@ -85,7 +85,8 @@ KEYS: Mapping[str, str] = {
     "fit.local.tolerance": "predicted decrease of the cost at which it has converged (log-posterior: nats)",
     "fit.local.starts": "points of the swarm that it starts from",
     "noise.process": "diffusion by state, in the state's unit over the square root of a second, or `estimated`; the "
-    "noise of the readings is then white, and estimated beside it",
+    "noise of the readings is then white, and estimated beside it. In `close-loop`: the states that it may drive where "
+    "laws leave something, all `estimated`; left out: every state",
     "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard "
     "deviation)",
     "posterior.ensembles": "independent ensembles of walkers",

@@ -39,7 +39,7 @@ CONCERNS: Mapping[str, tuple[str, ...]] = {
     "data": ALL,
     "parameters": ALL,
     "fit": ALL,
-    "noise": ("fit", "posterior"),
+    "noise": ALL,
     "solver": ALL,
     "posterior": ("posterior",),
     "prediction": ("fit", "posterior"),
@@ -94,8 +94,8 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "fit.local.iterations": (10, 20),
     "fit.local.tolerance": (1e-4, 1e-5),
     "fit.local.starts": (1, 2),
-    "noise.process": ({"y": 0.1}, {"y": "estimated"}),
-    "noise.initial_sd": ({"y": 0.1}, {"y": 0.2}, {"noise.process": {"y": 0.1}}),
+    "noise.process": ({"y": "estimated"}, {"y": 0.1}),
+    "noise.initial_sd": ({"y": 0.1}, {"y": 0.2}, {"noise.process": {"y": "estimated"}}),
     "posterior.ensembles": (4, 5),
     "posterior.walkers": (20, 30),
     "posterior.max_steps": (100, 200),
@@ -120,7 +120,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "solver.time_limit": (1.0, 2.0),
 }  # fmt: skip
 #: Keys that a loop refuses when they have their second value.
-REFUSED = {"fit.cost", "solver.engine"}
+REFUSED = {"fit.cost", "noise.process", "solver.engine"}
 READ_FIRST = ("model", "data", "parameters")
 
 RIG = """model {name}
@@ -282,7 +282,8 @@ def test_what_the_user_says_goes_before_what_is_known_of_the_aero(key, folder, a
         ("fit.cost", "eq6", "cost"),
         ("fit.method", "pso", "method"),
         ("fit.ripple", "describe", "ripple"),
-        ("noise.process", {"y": "estimated"}, "process"),
+        ("noise.process", {"y": 0.1}, "process"),
+        ("noise.process", {"c": "estimated"}, "no state 'c'"),
         ("solver.engine", "fmpy", "fmpy"),
         ("loop.exclude", ["ofset"], "did you mean 'offset'?"),
         ("loop.ports", ["q"], "port 'q'"),

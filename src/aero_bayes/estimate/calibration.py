@@ -27,6 +27,7 @@ from aero_bayes.simulation.interface import (
     Problem,
     ProcessNoise,
     SolverSettings,
+    StartTarget,
 )
 from aero_bayes.simulation.model import Model
 
@@ -214,6 +215,27 @@ class Calibration:
         """The same problem on at most about ``samples`` sample times a recording; inputs stay as they are."""
         return replace(self, experiments=tuple(thin(e, samples) for e in self.experiments))
 
+    def with_process_noise(self, noise: NoiseModel) -> Calibration:
+        """The same problem with process noise; initial values of recordings are integrated out in place of estimated.
+
+        Raises
+        ------
+        InputError
+            For a state that the model does not have.
+        """
+        starts = [p for p in self.parameters if p.recording is not None and isinstance(p.target, StartTarget)]
+        experiments = []
+        for index, e in enumerate(self.experiments):
+            own = [p for p in starts if p.recording == index]
+            start, start_sd = uncertain_start(e.start, own, e, self.model, noise.initial_sd)
+            experiments.append(replace(e, start=start, start_sd=start_sd))
+        process, new = process_parameters(noise, self.model, experiments, self.floors)
+        taken = {p.target for p in self.parameters}
+        kept = [p for p in self.parameters if p not in starts] + [p for p in new if p.target not in taken]
+        return replace(
+            self, experiments=tuple(experiments), parameters=ParameterSet(tuple(kept)), noise=noise, process=process
+        )
+
 
 def _measured(experiment: Experiment) -> FloatArray:
     if experiment.measured is None:
@@ -273,11 +295,7 @@ def calibrate(
         suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
         experiment = _experiment(recording, outputs, floors, settings, known.zero_at_rest)
         start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix)
-        if noise.process:
-            start, start_sd = uncertain_start(start, extra, experiment, model, noise.initial_sd)
-            experiment = replace(experiment, start_sd=start_sd)
-        else:
-            nuisances += extra
+        nuisances += extra
         if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], settings.delay, limit):
             nuisances.append(_delay(limit, index, suffix))
         whole.append(experiment)
@@ -287,14 +305,10 @@ def calibrate(
     if isinstance(limit, Mapping):
         _check_inputs(recordings, limit, "delay")
         nuisances += _delays(whole, limit, settings.delay)
-    process = None
-    if noise.process:
-        process, extra = process_parameters(noise, model, experiments, floors)
-        nuisances += extra
     # What the caller searches as a parameter of his own is no nuisance beside it.
     taken = {(p.target, p.recording) for p in parameters}
     new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
-    return Calibration(
+    found = Calibration(
         model,
         tuple(experiments),
         tuple(recording.name for recording in recordings),
@@ -304,8 +318,8 @@ def calibrate(
         settings.solver,
         tuple(recordings),
         floors,
-        process,
     )
+    return found.with_process_noise(noise) if noise.process else found
 
 
 def _outputs(recordings: Sequence[Recording], model: Model, settings: CalibrationSettings) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
 from aero_bayes.simulation import Model
-from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
+from aero_bayes.simulation.interface import DiffusionTarget, ParameterTarget, Problem, Simulator, StartTarget
 
 FloatArray = NDArray[np.float64]
 OpenSimulator = Callable[[Problem], Simulator]
@@ -170,16 +170,25 @@ class ModelFamily(Protocol):
 
 def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, str]) -> Calibration:
     """A calibration with another model. ``names`` gives the names there of states that are named otherwise."""
+
+    def renamed(by_state: Mapping[str, float]) -> dict[str, float]:
+        return {names.get(state, state): value for state, value in by_state.items()}
+
     experiments = tuple(
-        replace(e, start={names.get(s, s): v for s, v in e.start.items()}) for e in calibration.experiments
+        replace(e, start=renamed(e.start), start_sd=renamed(e.start_sd)) for e in calibration.experiments
     )
     parameters = tuple(
-        replace(p, target=StartTarget(names.get(p.target.state, p.target.state)))
-        if isinstance(p.target, StartTarget)
+        replace(p, target=replace(p.target, state=names.get(p.target.state, p.target.state)))
+        if isinstance(p.target, StartTarget | DiffusionTarget)
         else p
         for p in calibration.parameters
     )
-    return replace(calibration, model=model, experiments=experiments, parameters=ParameterSet(parameters))
+    process = calibration.process
+    if process is not None:
+        process = replace(process, diffusion=renamed(process.diffusion))
+    return replace(
+        calibration, model=model, experiments=experiments, parameters=ParameterSet(parameters), process=process
+    )
 
 
 def effect_parameter(

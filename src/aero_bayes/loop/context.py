@@ -16,6 +16,7 @@ from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.unseen import Unseen
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator
 from aero_bayes.speculative import SpeculativeExecutor
@@ -85,7 +86,8 @@ class LoopContext:
         """The fitted recordings held against a model; ``fixed`` overrides the fixed values of the settings."""
         values = {**self.settings.fixed, **(fixed or {})}
         settings = replace(self.settings.calibration, outputs=self.recordings.outputs)
-        return calibrate(self.recordings.fitted, model, shared, fixed=values, settings=settings)
+        noise = NoiseModel(initial_sd=self.settings.initial_sd)
+        return calibrate(self.recordings.fitted, model, shared, fixed=values, noise=noise, settings=settings)
 
     def open(self, problem: Problem) -> Simulator:
         """A simulator on the loop's workers."""

@@ -26,6 +26,7 @@ from aero_bayes.loop.conclude import checks_of, conclude
 from aero_bayes.loop.context import LoopContext, LoopStatistics, Progress
 from aero_bayes.loop.fixed_values import find_alternatives
 from aero_bayes.loop.forecast import announce_duration
+from aero_bayes.loop.process_noise import find_process_noise, states_of
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import in_order
@@ -34,7 +35,6 @@ from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.explored import Library, SearchControl, SearchResult
 from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
-from aero_bayes.search.parts import Parts
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import WorkerPool
 from aero_bayes.simulation.model import Model, ModelicaSource
@@ -101,6 +101,7 @@ def close_loop(
         recordings = Recordings.of(train, test, settings.held_out, known)
         result_cache = Checkpoint.at(checkpoint) or ResultCache()
         context = LoopContext(family, recordings, settings, pool, folder, progress, LoopStatistics(), result_cache)
+        states = states_of(family.base_model(), settings)
         base = fit_base_model(context)
         cache, choice = search_structures(context, base)
         conclusion = conclude(context, base, choice)
@@ -108,8 +109,9 @@ def close_loop(
         alternatives = (
             find_alternatives(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
         )
+        process_noise = find_process_noise(context, cache, conclusion, states)
         cache.close(context.statistics.add_simulations)
-        result = result_of(context, conclusion, alternatives)
+        result = result_of(context, conclusion, alternatives, process_noise)
         if settings.cache is None:
             shutil.rmtree(folder / "fmu", ignore_errors=True)
         progress("done", 1.0)
@@ -136,7 +138,7 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     announce_duration(context, root, len(library.terms))
     context.statistics.end_stage("models")
     context.statistics.set_time_limit(60.0 * settings.max_minutes)
-    parts = settings.parts or Parts.of(settings.global_search, settings.seed, settings.leave_out)
+    parts = settings.search_parts
 
     def chosen(explored: SearchResult) -> Choice:
         return choose(explored, checks_of(settings), settings.structures.require, searching.complete)

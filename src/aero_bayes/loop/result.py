@@ -19,6 +19,7 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.found_effect import FoundEffect, NewParameter
+from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.steps import Step
 from aero_bayes.loop.structure_average import StructureAverage
 from aero_bayes.plot_backend import plot_backend
@@ -87,6 +88,8 @@ class LoopResult:
         The model that came out with all its values, as Modelica; none where the model came as an FMU.
     averaged : StructureAverage, optional
         The structures that the data do not tell apart, with their odds; none where there is one.
+    process_noise : FoundProcessNoise, optional
+        Process noise of what the laws leave; none where they leave only noise, or it gains nothing.
     readings, effective_samples : mapping of str to int or float
         Readings that the evidence rests on, by output, and how many independent ones they count for.
 
@@ -140,6 +143,7 @@ class LoopResult:
     plain: Model | None = None
     calibrated: CalibratedModel | None = None
     averaged: StructureAverage | None = None
+    process_noise: FoundProcessNoise | None = None
     readings: Mapping[str, int] = field(default_factory=dict)
     effective_samples: Mapping[str, float] = field(default_factory=dict)
 
@@ -281,6 +285,7 @@ class LoopResult:
                 "after": reports_by_recording(self.residual_after),
             },
             "averaged": self.averaged.to_dict() if self.averaged is not None else None,
+            "process_noise": self.process_noise.to_dict() if self.process_noise is not None else None,
             "readings": dict(self.readings),
             "effective_samples": dict(self.effective_samples),
             "separate": list(self.separate),

@@ -62,6 +62,10 @@ class LoopSettings(SettingsDisplay):
         Largest ratio of the error on unseen data to that of the fit for a model to count as adequate.
     leave_out : tuple of str
         Parts of the search that are left out, by their names in ``aero_bayes.search.PARTS`` (ablation).
+    process_noise : tuple of str, optional
+        States that process noise may drive where laws leave structure in the residual; all by default.
+    initial_sd : mapping of str to float
+        With process noise, how far a state's initial value may be off the model's own: its standard deviation.
     parts : Parts, optional
         Edits, start rules and restarts of the search in place of the standard ones.
     checks : tuple of Check, optional
@@ -101,6 +105,8 @@ class LoopSettings(SettingsDisplay):
     max_residual_share: float = 0.3
     max_error_ratio: float = 3.0
     leave_out: tuple[str, ...] = ()
+    process_noise: tuple[str, ...] | None = None
+    initial_sd: Mapping[str, float] = field(default_factory=dict)
     parts: Parts | None = None
     checks: tuple[Check, ...] | None = None
 
@@ -108,9 +114,14 @@ class LoopSettings(SettingsDisplay):
         for name in ("sources", "libraries"):
             object.__setattr__(self, name, paths_of(getattr(self, name), name))
         object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
-        for name in ("free", "effects", "exclude", "ports", "laws", "free_later", "leave_out"):
+        for name in ("free", "effects", "exclude", "ports", "laws", "free_later", "leave_out", "process_noise"):
             given = getattr(self, name)
             object.__setattr__(self, name, given if given is None else names_of(given, name))
+
+    @property
+    def search_parts(self) -> Parts:
+        """The parts of the search: those that are given, else the standard ones but for what is left out."""
+        return self.parts or Parts.of(self.global_search, self.seed, self.leave_out)
 
     def allows(self, port: str) -> bool:
         """Whether effects at a port are tried."""

@@ -24,6 +24,7 @@ from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.extend import fitted_parameters
 from aero_bayes.loop.fixed_values import FixedValueAlternative
 from aero_bayes.loop.found_effect import NewParameter
+from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import equivalents, in_order
@@ -40,7 +41,10 @@ EXPERIMENT_SEARCH = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAM
 
 
 def result_of(
-    context: LoopContext, conclusion: Conclusion, alternatives: Sequence[FixedValueAlternative]
+    context: LoopContext,
+    conclusion: Conclusion,
+    alternatives: Sequence[FixedValueAlternative],
+    process_noise: FoundProcessNoise | None = None,
 ) -> LoopResult:
     """All that the loop found, as plain values."""
     base, written, effects = conclusion.base, conclusion.written, conclusion.effects
@@ -58,6 +62,7 @@ def result_of(
     sentence = (
         conclusion.sentence
         + _alternative_sentence(alternatives)
+        + (f" {process_noise.sentence}" if process_noise is not None and process_noise.explains else "")
         + _time_limit_sentence(context.settings, conclusion.explored.ended)
     )
     return LoopResult(
@@ -81,7 +86,7 @@ def result_of(
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "",
         separate=_separating_experiments(context, conclusion, same),
-        story=(*_restrictions(context.settings), *_story(context, conclusion, sentence)),
+        story=(*_restrictions(context.settings), *_story(context, conclusion, process_noise, sentence)),
         simulations=context.statistics.simulations,
         failures=context.statistics.failures,
         seconds=dict(context.statistics.seconds),
@@ -92,6 +97,7 @@ def result_of(
         plain=context.family.base_model(),
         calibrated=_calibrated(context.family.base_model().source, conclusion, fitted),
         averaged=averaged,
+        process_noise=process_noise,
         readings=_readings_by_output(conclusion.chosen),
         effective_samples=dict(conclusion.explored.noise.effective_samples),
     )
@@ -155,7 +161,9 @@ def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _story(context: LoopContext, conclusion: Conclusion, sentence: str) -> tuple[str, ...]:
+def _story(
+    context: LoopContext, conclusion: Conclusion, process_noise: FoundProcessNoise | None, sentence: str
+) -> tuple[str, ...]:
     explored, base = conclusion.explored, conclusion.base
     worst = max(base.reports, key=lambda r: r.ratio)
     lines = [
@@ -171,6 +179,8 @@ def _story(context: LoopContext, conclusion: Conclusion, sentence: str) -> tuple
     for effect in conclusion.effects:
         values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
         lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
+    if process_noise is not None and not process_noise.explains:
+        lines.append(process_noise.sentence)
     return (*lines, sentence)
 
 

@@ -1,4 +1,4 @@
-"""What the loop's evidence rests on, and the structures that it leaves, with intervals over all of them."""
+"""What the loop's evidence rests on, the structures that it leaves with intervals over all of them, process noise."""
 
 from __future__ import annotations
 
@@ -65,6 +65,25 @@ def averaged_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
         Column("times as wide", "right"),
     )  # fmt: skip
     return html_table(columns, rows, "90 % intervals over the structures that the data leave")
+
+
+def process_noise_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
+    """Parameters with process noise beside those without; None where there is none."""
+    if loop.process_noise is None:
+        return None
+    rows = []
+    for name, found in loop.process_noise.parameters.items():
+        shown, without = parameter_quantity(found)[0], run.result.parameters.get(name)
+        old = parameter_quantity(without)[0] if without is not None else None
+        rows.append((
+            Markup("{}<small>{}</small>").format(symbol(name), without.description if without else ""),
+            old.value if old is not None else NO_VALUE, shown.value, f"{shown.low} … {shown.high}", shown.unit,
+        ))  # fmt: skip
+    columns = (
+        "parameter", Column("without process noise", "right"), Column("with it", "right"),
+        Column("90 % interval", "right"), "unit",
+    )  # fmt: skip
+    return html_table(columns, rows, "Parameters with process noise")
 
 
 def _width(q: QuantilesJson) -> float:

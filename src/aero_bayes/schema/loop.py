@@ -95,6 +95,22 @@ class AveragedStructuresJson(JsonTable):
     parameters: dict[str, AveragedParameterJson] = {}
 
 
+class LoopProcessNoiseJson(JsonTable):
+    """Process noise of what the laws leave: the states that it drives, and the parameters of the model with it.
+
+    ``explains`` is whether the filter's innovations are white; ``equivalent`` are other states that gain as much.
+    """
+
+    states: list[str]
+    explains: bool
+    sentence: str = ""
+    log_evidence_gain: JsonNumber = None
+    needed: JsonNumber = None
+    equivalent: list[list[str]] = []
+    parameters: dict[str, ParameterJson] = {}
+    innovations: dict[str, dict[str, ResidualJson]] = {}
+
+
 RmsByRole = dict[str, dict[str, JsonNumber]]
 
 
@@ -119,6 +135,7 @@ class LoopJson(JsonTable):
     shifts: dict[str, ShiftJson] = {}
     whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
     averaged: AveragedStructuresJson | None = None
+    process_noise: LoopProcessNoiseJson | None = None
     readings: dict[str, int] = {}
     effective_samples: dict[str, JsonNumber] = {}
     separate: list[str] = []

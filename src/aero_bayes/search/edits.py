@@ -54,6 +54,8 @@ class EditContext:
         Whether it is the best structure so far.
     unlisted : bool
         Whether the laws of the library were tried and do not explain the residual.
+    states : tuple of str
+        States of the first model that process noise may drive.
     """
 
     fitted: FittedModel
@@ -67,6 +69,7 @@ class EditContext:
     interpolation_is_free: bool
     best: bool
     unlisted: bool
+    states: tuple[str, ...] = ()
 
     @property
     def structure(self) -> Structure:
@@ -172,10 +175,22 @@ class InputInterpolation:
                 yield other.minus(id_)
 
 
+class AddProcessNoise:
+    """Process noise of each state, if no law and no curve explains the residual."""
+
+    def neighbours(self, here: EditContext) -> Iterable[Structure]:
+        if here.unlisted and not here.adequate:
+            for state in here.states:
+                if state not in here.structure.process_noise:
+                    yield replace(here.structure, process_noise=(*here.structure.process_noise, state))
+
+
 #: The edits of a search, in the order in which they are asked.
 EDITS: tuple[Edit, ...] = (
     DropTerm(), InputInterpolation(), FreeParameter(), AddTerm(), AddCurve(), AddPair(), RefineTerm(), ReplaceTerm(),
 )  # fmt: skip
+#: The edits of the structure that was chosen. A random force explains whatever a missing law would: it is tried last.
+LAST_EDITS: tuple[Edit, ...] = (AddProcessNoise(),)
 
 
 def with_term(here: EditContext, structure: Structure, id_: str) -> Structure:

@@ -1,4 +1,4 @@
-"""The structure of a model: its terms beside the first model, its free parameters, how inputs are read."""
+"""The structure of a model: its terms beside the first model, free parameters, reading of inputs, process noise."""
 
 from __future__ import annotations
 
@@ -18,15 +18,19 @@ class Structure:
         Parameters of the first model that are free beside those of the configuration, sorted.
     other_interpolation : bool
         Whether inputs have the other interpolation: linear in place of zero-order hold, or the reverse.
+    process_noise : tuple of str
+        States of the first model that a random force drives, sorted.
     """
 
     terms: tuple[str, ...] = ()
     freed: tuple[str, ...] = ()
     other_interpolation: bool = False
+    process_noise: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(sorted(set(self.terms))))
         object.__setattr__(self, "freed", tuple(sorted(set(self.freed))))
+        object.__setattr__(self, "process_noise", tuple(sorted(set(self.process_noise))))
 
     def __len__(self) -> int:
         return len(self.terms)
@@ -44,8 +48,8 @@ class Structure:
         return tuple(t for t in self.terms if t not in beside.terms)
 
     def same_setting(self, other: Structure) -> bool:
-        """Whether the freed parameters and the interpolation of the inputs are the same."""
-        return (self.freed, self.other_interpolation) == (other.freed, other.other_interpolation)
+        """Whether all but the terms is the same."""
+        return replace(self, terms=()) == replace(other, terms=())
 
     def contains(self, other: Structure) -> bool:
         """Whether it has all terms of another structure, and perhaps more."""

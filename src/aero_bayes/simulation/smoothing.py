@@ -15,6 +15,9 @@ from aero_bayes.simulation.interface import FilteredStates
 
 FloatArray = NDArray[np.float64]
 
+#: Standard deviations of a normal density on either side of its mean that hold 90 %.
+BAND_DEVIATIONS = 1.6448536269514722
+
 
 @dataclass(frozen=True, eq=False)
 class SmoothedStates:
@@ -22,6 +25,19 @@ class SmoothedStates:
 
     mean: FloatArray
     sd: FloatArray
+
+    @property
+    def band(self) -> tuple[FloatArray, FloatArray]:
+        """Ends (n, s) of the central intervals of 90 %."""
+        return self.mean - BAND_DEVIATIONS * self.sd, self.mean + BAND_DEVIATIONS * self.sd
+
+    def at(self, time: FloatArray, samples: FloatArray) -> SmoothedStates:
+        """The states at times (k,) in s, along straight lines between the ``samples`` (n,); NaN outside of them."""
+        mean, sd = (
+            np.column_stack([np.interp(time, samples, row, np.nan, np.nan) for row in rows.T])
+            for rows in (self.mean, self.sd)
+        )
+        return SmoothedStates(mean, sd)
 
 
 def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:

@@ -198,7 +198,9 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     for entry in result["recordings"]:
         entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
     series = measured_series(job.recordings) | fitted_series(found) | ripple_series(job.recordings, found)
-    return result, series | state_series(found)
+    names = [state.name for state in found.calibration.model.states]
+    states = dict(zip(found.calibration.names, found.states, strict=False))
+    return result, series | state_series(names, states)
 
 
 def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from aero_bayes.data import Recording
 from aero_bayes.estimate.result import Fit
+from aero_bayes.simulation.smoothing import SmoothedStates
 
 FloatArray = NDArray[np.float64]
 Series = dict[str, FloatArray]
-#: Standard deviations of a normal density on either side of its mean that hold 90 %.
-BAND_DEVIATIONS = 1.6448536269514722
 
 
 def measured_series(recordings: Sequence[Recording]) -> Series:
@@ -36,18 +35,16 @@ def fitted_series(fit: Fit) -> Series:
     return series
 
 
-def state_series(fit: Fit) -> Series:
-    """``smoothed/<rec>/<state>`` and its 90 % band, ``smoothed_lower/...`` and ``smoothed_upper/...``."""
+def state_series(names: Sequence[str], states: Mapping[str, SmoothedStates]) -> Series:
+    """``smoothed/<rec>/<state>`` and its 90 % band, ``smoothed_lower/...`` and ``smoothed_upper/...``.
+
+    ``states`` are by recording; their columns have the ``names``.
+    """
     series: Series = {}
-    for name, states in zip(fit.calibration.names, fit.states, strict=False):
-        for column, state in enumerate(fit.calibration.model.states):
-            mean, width = states.mean[:, column], BAND_DEVIATIONS * states.sd[:, column]
-            for group, values in (
-                ("smoothed", mean),
-                ("smoothed_lower", mean - width),
-                ("smoothed_upper", mean + width),
-            ):
-                series[f"{group}/{name}/{state.name}"] = values
+    for recording, found in states.items():
+        low, high = found.band
+        for group, rows in (("smoothed", found.mean), ("smoothed_lower", low), ("smoothed_upper", high)):
+            series |= {f"{group}/{recording}/{name}": rows[:, k] for k, name in enumerate(names)}
     return series
 
 

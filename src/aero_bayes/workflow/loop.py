@@ -16,7 +16,7 @@ from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.sample import Posterior
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.load_model import load_model
-from aero_bayes.workflow.curves import Series
+from aero_bayes.workflow.curves import Series, state_series
 from aero_bayes.workflow.job import Job, later_of
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.settings import fit_settings
@@ -97,6 +97,8 @@ def loop_settings(job: Job) -> LoopSettings:
         overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in (*searched, *free_later)},
         free=tuple(p.name for p in searched),
         free_later=free_later.names,
+        process_noise=tuple(job.config.noise.process) or None,
+        initial_sd=job.config.noise.initial_sd,
     )
 
 
@@ -106,8 +108,9 @@ def _check(job: Job) -> None:
         raise InputError(f"the loop needs the native engine, not {job.engine}")
     if fit_section.cost != "posterior":
         raise InputError(f'the loop compares log-evidences: [fit] cost is "{fit_section.cost}", expected "posterior"')
-    if job.config.noise.process:
-        raise InputError("the loop looks for what process noise would hide: it takes no [noise.process]")
+    for state, diffusion in job.config.noise.process.items():
+        if diffusion != "estimated":
+            raise InputError(f'the loop estimates process noise: [noise.process] {state} is not "estimated"')
     if fit_section.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
     if fit_section.ripple == "describe":
@@ -222,4 +225,6 @@ def _level(loop: LoopResult) -> str:
 def loop_series(job: Job, loop: LoopResult) -> Series:
     """The curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
     fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
-    return fitted | loop.series()
+    found = loop.process_noise
+    states = state_series(found.state_names, found.smoothed) if found is not None else {}
+    return fitted | loop.series() | states

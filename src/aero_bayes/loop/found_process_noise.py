@@ -1,0 +1,79 @@
+"""Process noise that the loop found, as plain typed values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from aero_bayes.check.residual_tests import ResidualReport, reports_by_recording, structured_residuals
+from aero_bayes.display import join_names, with_unit
+from aero_bayes.estimate.process_noise import DIFFUSION_PREFIX
+from aero_bayes.loop.found_effect import NewParameter
+from aero_bayes.simulation.smoothing import SmoothedStates
+
+
+@dataclass(frozen=True, eq=False)
+class FoundProcessNoise:
+    """The process noise that explains most of what the laws leave.
+
+    Parameters
+    ----------
+    states : tuple of str
+        States that a random force drives.
+    explains : bool
+        Whether the innovations of the filter are white, so that nothing else is left.
+    gain, needed : float
+        Log-evidence gained over the same model without process noise, and the least that counts.
+    equivalent : tuple of tuples of str
+        Other states whose process noise gains as much.
+    parameters : mapping of str to NewParameter
+        Of the model with process noise: those of the model, the diffusions and the noise of the readings.
+    innovations : tuple of ResidualReport
+    smoothed : mapping of str to SmoothedStates
+        The model's states given all readings, by recording and at its samples; NaN where it was not fitted.
+    state_names : tuple of str
+    """
+
+    states: tuple[str, ...]
+    explains: bool
+    gain: float
+    needed: float
+    equivalent: tuple[tuple[str, ...], ...]
+    parameters: Mapping[str, NewParameter]
+    innovations: tuple[ResidualReport, ...]
+    smoothed: Mapping[str, SmoothedStates]
+    state_names: tuple[str, ...]
+
+    @property
+    def diffusions(self) -> dict[str, NewParameter]:
+        """By state."""
+        return {s: self.parameters[f"{DIFFUSION_PREFIX}{s}"] for s in self.states}
+
+    @property
+    def sentence(self) -> str:
+        sizes = join_names([f"{s} ({with_unit(f'{p.value:.3g}', p.unit)})" for s, p in self.diffusions.items()])
+        if self.explains:
+            others = [join_names(list(states)) for states in self.equivalent]
+            instead = f" So does process noise of {' or of '.join(others)}." if others else ""
+            return (
+                f"Process noise of {sizes} explains what is left: the filter's innovations are white. A random "
+                f"disturbance that no law describes acts there.{instead}"
+            )
+        outputs = join_names(sorted({r.output for r in structured_residuals(self.innovations)}))
+        return (
+            f"Process noise does not explain what is left: with that of {sizes} the innovations of {outputs} are not "
+            "white."
+        )
+
+    def to_dict(self) -> dict[str, object]:
+        """As ``loop.process_noise`` in result.json."""
+        return {
+            "states": list(self.states),
+            "explains": self.explains,
+            "sentence": self.sentence,
+            "log_evidence_gain": self.gain,
+            "needed": self.needed,
+            "equivalent": [list(states) for states in self.equivalent],
+            "parameters": {name: p.to_dict() for name, p in self.parameters.items()},
+            "innovations": reports_by_recording(self.innovations),
+        }
