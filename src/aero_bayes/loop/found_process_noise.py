@@ -30,7 +30,7 @@ class FoundProcessNoise:
         Of the model with process noise: those of the model, the diffusions and the noise of the readings.
     innovations : tuple of ResidualReport
     smoothed : mapping of str to SmoothedStates
-        The model's states given all readings, by recording and at its samples; NaN where it was not fitted.
+        The model's states given all readings, by recording, at its samples.
     state_names : tuple of str
     """
 
@@ -74,6 +74,6 @@ class FoundProcessNoise:
             "log_evidence_gain": self.gain,
             "needed": self.needed,
             "equivalent": [list(states) for states in self.equivalent],
-            "parameters": {name: p.to_dict() for name, p in self.parameters.items()},
+            "parameters": {name: {**p.to_dict(), "description": p.description} for name, p in self.parameters.items()},
             "innovations": reports_by_recording(self.innovations),
         }

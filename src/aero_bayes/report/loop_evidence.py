@@ -76,7 +76,7 @@ def process_noise_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
         shown, without = parameter_quantity(found)[0], run.result.parameters.get(name)
         old = parameter_quantity(without)[0] if without is not None else None
         rows.append((
-            Markup("{}<small>{}</small>").format(symbol(name), without.description if without else ""),
+            Markup("{}<small>{}</small>").format(symbol(name), found.description),
             old.value if old is not None else NO_VALUE, shown.value, f"{shown.low} … {shown.high}", shown.unit,
         ))  # fmt: skip
     columns = (
