@@ -17,9 +17,6 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import click
-from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files
-from mkdocs.structure.pages import Page
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -30,6 +27,11 @@ from aero_bayes.fleet import FleetFile
 from aero_bayes.laws.law import shipped_laws
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import describe_law
+
+if typing.TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
+    from mkdocs.structure.pages import Page
 
 sys.path.insert(0, str(Path(__file__).parent))
 from docstrings import Public, public
@@ -122,6 +124,8 @@ KEYS: Mapping[str, str] = {
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """The picture of the README stands in ``reports/``; the pages use the same file."""
+    from mkdocs.structure.files import File  # the tables can be written without it
+
     files.append(File.generated(config, "loop.svg", abs_src_path=str(ROOT / "reports" / "example" / "loop.svg")))
     return files
 
@@ -313,7 +317,7 @@ def effects() -> str:
 
 def declaration() -> str:
     """The tables of ``package.toml``, the whole first."""
-    parts: list[type] = [declared.Declaration]
+    parts: list[type] = [declared.PackageDeclaration]
     for part in parts:
         for hint in typing.get_type_hints(part).values():
             parts += [p for p in _tables(hint) if p not in parts]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shutil
@@ -123,3 +124,14 @@ def test_the_help_gives_whole_sentences():
     assert "..." not in said.partition("Commands:")[2]
     for command in main.commands.values():
         assert " ".join(str(command.help).split()) in said
+
+
+def test_every_table_of_the_reference_is_written_from_the_code(monkeypatch, caplog):
+    """Every mark in a page has its table, and every key of the configuration and public name is explained."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    reference = importlib.import_module("reference")
+    marks = {m for page in (ROOT / "docs").rglob("*.md") for m in reference.MARK.findall(page.read_text("utf-8"))}
+    assert marks == set(reference.GENERATORS)
+    for mark in marks:
+        assert "| --- |" in reference.GENERATORS[mark]() or mark in ("command_line", "library")
+    assert not caplog.records

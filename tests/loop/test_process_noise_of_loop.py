@@ -1,4 +1,4 @@
-"""Process noise of what laws leave, on a cart whose random force and readings are drawn from their exact distribution."""
+"""Process noise of what laws leave, on a cart whose random force is drawn from its exact distribution."""
 
 from __future__ import annotations
 
