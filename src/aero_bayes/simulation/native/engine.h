@@ -13,6 +13,7 @@
  *   sink.c         where samples go: a trajectory, a likelihood, Gauss-Newton products
  *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
  *   kalman.c       the extended Kalman filter of a model with process noise
+ *   covariance.c   and its mean and covariance over a step
  *   step.c         the steps of a segment between two jumps or events, with error control
  *   crossing.c     what happens between two segments
  *   run.c          one simulation from initialisation to the last sample
@@ -172,12 +173,14 @@ typedef struct {
     double *phi, *q;              /* of one step */
     double *middle, *end;         /* Jacobians */
     double *omega, *noise, *term, *work, *power, *part, *spare;
+    double *drift;                /* of one step: what a constant slope of one adds to the states, over its length */
     double *last_omega, *last_noise; /* exponents of the last transition */
     double *rate;                 /* variance that each state gains in a second */
     double *x, *before, *gain, *slope;
     double *variance, *y, *h;     /* of the readings, outputs and their slopes by the states (m x n) */
     double log_likelihood;
-    int begun; /* there is a last transition */
+    double reach;  /* steps of the linearisation are not tried beyond */
+    int begun;     /* there is a last transition */
 } Kalman;
 
 /* Everything one run needs; buffers are allocated once for a problem's experiment and reused. */
@@ -308,6 +311,8 @@ int64_t kalman_width(const Experiment *, int n, int mode);
 void kalman_begin(Run *);
 double kalman_next(const Run *);
 int kalman_step(Run *, double h, double fraction);
+int kalman_linearised(Run *, double h, int forced);
+void kalman_advance(Run *, double h);
 int kalman_read(Run *, int *finite);
 
 /* step.c */
@@ -385,6 +390,7 @@ typedef struct {
                         const double *weight, double *mean);
     void (*gradient)(double *g, const double *w, const double *r, int64_t count, int64_t q, int64_t ld);
     void (*syrk)(double *h, const double *w, int64_t count, int64_t q, int64_t ld);
+    void (*product)(double *c, const double *a, const double *b, int n);
 } Kernels;
 extern const Kernels *kernels;
 void kernels_choose(void);

@@ -1,13 +1,9 @@
 /* The continuous-discrete extended Kalman filter of a model with process noise, dx = f dt + diag(sigma) dW:
- * A. H. Jazwinski, Stochastic Processes and Filtering Theory (1970), ch. 8. The mean takes the steps of run.c; over each of
- * them the covariance is P <- Phi P Phi' + Q with the model's Jacobian at the beginning, the middle and the end of the
- * step, by the Magnus expansion of order 4 (Blanes, Casas, Oteo, Ros, Physics Reports 470 (2009) 151), which is exact
- * where the Jacobian does not change. Readings are taken one output at a time, in Joseph's form. */
+ * A. H. Jazwinski, Stochastic Processes and Filtering Theory (1970), ch. 8. Between two samples mean and covariance take
+ * the steps of covariance.c. Readings are taken one output at a time, in Joseph's form. */
 #include "engine.h"
 
 #define LOG_2PI 1.8378770664093454836
-enum { TERMS = 20 };   /* of the exponential series, at a norm of a quarter */
-#define ENOUGH 1e-13   /* a term that is smaller, of the largest number of the sum, ends the series */
 
 static double *reals(size_t count) { return calloc(count + 1, sizeof(double)); }
 
@@ -24,14 +20,15 @@ int kalman_open(Run *r)
     if (r->kalman) return 1;
     const size_t n = (size_t)r->n, m = (size_t)r->e->m, square = n * n;
     Kalman *k = calloc(1, sizeof *k);
-    double *at = k ? reals(15 * square + 5 * n + 2 * m + m * n) : NULL;
+    double *at = k ? reals(16 * square + 5 * n + 2 * m + m * n) : NULL;
     if (!at) {
         free(k);
         return 0;
     }
     k->memory = at;
     double **squares[] = {&k->p, &k->f, &k->phi, &k->q, &k->middle, &k->end, &k->omega,
-                          &k->noise, &k->term, &k->work, &k->power, &k->part, &k->spare, &k->last_omega, &k->last_noise};
+                          &k->noise, &k->term, &k->work, &k->power, &k->part, &k->spare, &k->drift,
+                          &k->last_omega, &k->last_noise};
     for (size_t i = 0; i < sizeof squares / sizeof *squares; i++, at += square) *squares[i] = at;
     double **vectors[] = {&k->rate, &k->x, &k->before, &k->gain, &k->slope};
     for (size_t i = 0; i < sizeof vectors / sizeof *vectors; i++, at += n) *vectors[i] = at;
@@ -74,143 +71,8 @@ void kalman_begin(Run *r)
     }
     k->log_likelihood = 0.0;
     k->begun = 0;
+    k->reach = INFINITY;
     identity(k->f, n);
-}
-
-/* c = a b */
-static inline void product(double *restrict c, const double *restrict a, const double *restrict b, int n)
-{
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) {
-            double v = 0.0;
-            for (int k = 0; k < n; k++) v += a[i * n + k] * b[k * n + j];
-            c[i * n + j] = v;
-        }
-}
-
-/* a p a' into p, with `work` between */
-static inline void sandwich(double *restrict p, const double *restrict a, double *restrict work, int n)
-{
-    product(work, a, p, n);
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double v = 0.0;
-            for (int k = 0; k < n; k++) v += work[i * n + k] * a[j * n + k];
-            p[i * n + j] = p[j * n + i] = v;
-        }
-}
-
-/* The exponents of one step: k->omega of the transition, k->noise of the diffusion, from the Jacobians `begin`,
- * k->middle and k->end. */
-static void exponents(Kalman *k, const double *begin, double h, int n)
-{
-    const double *middle = k->middle, *end = k->end;
-    int changes = 0;
-    memset(k->noise, 0, sizeof *k->noise * (size_t)(n * n));
-    for (int i = 0; i < n * n; i++) {
-        changes |= begin[i] != end[i];
-        k->omega[i] = h / 6.0 * (begin[i] + 4.0 * middle[i] + end[i]);
-    }
-    for (int i = 0; i < n; i++) k->noise[i * n + i] = h * k->rate[i];
-    if (!changes) return;
-    const double w = h * h / 12.0;
-    product(k->work, begin, end, n);
-    product(k->term, end, begin, n);
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < n; j++) {
-            k->omega[i * n + j] -= w * (k->work[i * n + j] - k->term[i * n + j]);
-            const double v = w * (begin[i * n + j] - end[i * n + j]) * k->rate[j];
-            k->noise[i * n + j] -= v;
-            k->noise[j * n + i] -= v;
-        }
-}
-
-static double largest(const double *a, int n)
-{
-    double size = 0.0;
-    for (int i = 0; i < n * n; i++) size = larger(size, fabs(a[i]));
-    return size;
-}
-
-/* Are these the exponents of the last step, up to the rounding of its length? Then so is the transition. */
-static int same(double *last, const double *now, int n)
-{
-    const double near = 1e-12 * largest(now, n);
-    int equal = 1;
-    for (int i = 0; i < n * n; i++) equal &= fabs(last[i] - now[i]) <= near;
-    if (!equal) memcpy(last, now, sizeof *last * (size_t)(n * n));
-    return equal;
-}
-
-/* k->phi = exp(omega) - 1 and k->q = int_0^1 exp(omega s) noise exp(omega' s) ds: series over a part of the interval
- * that is short enough, and as many doublings. */
-static void transition(Kalman *k, int n)
-{
-    double norm = 0.0;
-    for (int i = 0; i < n; i++) {
-        double row = 0.0;
-        for (int j = 0; j < n; j++) row += fabs(k->omega[i * n + j]);
-        norm = larger(norm, row);
-    }
-    int doublings = 0;
-    if (norm > 0.25) (void)frexp(norm / 0.25, &doublings);
-    const double part = ldexp(1.0, -doublings);
-    for (int i = 0; i < n * n; i++) {
-        k->part[i] = k->omega[i] *= part;
-        k->phi[i] = k->power[i] = k->part[i];
-        k->q[i] = k->term[i] = k->noise[i] * part;
-    }
-    for (int order = 2; order < TERMS; order++) {
-        const double scale = 1.0 / order;
-        product(k->work, k->part, k->power, n);
-        product(k->spare, k->part, k->term, n);
-        for (int i = 0; i < n; i++)
-            for (int j = 0; j < n; j++) {
-                k->power[i * n + j] = scale * k->work[i * n + j];
-                k->phi[i * n + j] += k->power[i * n + j];
-                k->term[i * n + j] = scale * (k->spare[i * n + j] + k->spare[j * n + i]);
-                k->q[i * n + j] += k->term[i * n + j];
-            }
-        if (largest(k->power, n) <= ENOUGH * largest(k->phi, n) && largest(k->term, n) <= ENOUGH * largest(k->q, n)) break;
-    }
-    for (int d = 0; d < doublings; d++) {
-        memcpy(k->term, k->q, sizeof *k->q * (size_t)(n * n));
-        memcpy(k->power, k->phi, sizeof *k->phi * (size_t)(n * n));
-        for (int i = 0; i < n; i++) k->power[i * n + i] += 1.0;
-        sandwich(k->term, k->power, k->work, n);
-        product(k->work, k->phi, k->phi, n);
-        for (int i = 0; i < n * n; i++) {
-            k->q[i] += k->term[i];
-            k->phi[i] = 2.0 * k->phi[i] + k->work[i];
-        }
-    }
-    for (int i = 0; i < n; i++) k->phi[i * n + i] += 1.0;
-}
-
-/* The covariance over the step from r->t by h, of the `fraction` of it that was taken; r->x1 is its end. The Jacobian
- * there is left in k->end, the derivatives in r->f1. */
-int kalman_step(Run *r, double h, double fraction)
-{
-    Kalman *k = r->kalman;
-    const int n = r->n;
-    const double half = 0.5 * fraction;
-    int status;
-    for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, method->dense, &half, 1, k->x + i);
-    if (is_error(status = rhs(r, r->t + half * h, k->x, r->f1))) return status;
-    if (is_error(status = jacobian(r, r->t + half * h, k->x, r->f1, k->middle))) return status;
-    if (is_error(status = rhs(r, r->t + fraction * h, r->x1, r->f1))) return status;
-    if (is_error(status = jacobian(r, r->t + fraction * h, r->x1, r->f1, k->end))) return status;
-    exponents(k, r->jac, fraction * h, n);
-    const int known = same(k->last_omega, k->omega, n) & same(k->last_noise, k->noise, n);
-    if (!known || !k->begun) transition(k, n);
-    k->begun = 1;
-    sandwich(k->p, k->phi, k->work, n);
-    for (int i = 0; i < n * n; i++) k->p[i] += k->q[i];
-    if (r->mode == MODE_FILTER_STATES) {
-        product(k->work, k->phi, k->f, n);
-        memcpy(k->f, k->work, sizeof *k->f * (size_t)(n * n));
-    }
-    return FMI_OK;
 }
 
 /* Outputs at (r->t, r->x) to k->y and their slopes by the states to the rows of k->h. */

@@ -9,6 +9,9 @@ void note_sizes(Run *r)
     for (int i = 0; i < r->n; i++) r->largest[i] = larger(r->largest[i], fabs(r->x[i]));
 }
 
+/* In place of the fraction of a segment: a step of the linearisation over all that was left of it. */
+#define LINEARISED 2.0
+
 void remember_step(Run *r, double fraction)
 {
     if (!r->record) return;
@@ -89,14 +92,21 @@ int integrate_segment(Run *r, Segment *g)
             g->fresh = 0;
         }
         double h = g->h;
-        if (r->replay) h = r->at_step < r->n_steps ? r->steps[r->at_step] * (g->end - g->begin) : left;
+        const double recorded = r->replay && r->at_step < r->n_steps ? r->steps[r->at_step] : -1.0;
+        if (r->replay) h = recorded > 0.0 ? fmin(recorded, 1.0) * (g->end - g->begin) : left;
         int last = h >= left * (1.0 - 1e-9);
         if (!r->replay && !last && 2.0 * h > left) h = h > 0.95 * left ? left : 0.5 * left;
         if (r->replay && r->at_step + 1 < r->n_steps && r->steps[r->at_step + 1] < 0.0) last = 1;
         last |= h >= left;
         if (last) h = left;
         double error = 0.0;
-        if (n) {
+        int linearised = filters(r) && last && n && !r->time_dependent && (!r->replay || recorded > 1.0);
+        if (linearised) {
+            linearised = kalman_linearised(r, h, r->replay);
+            if (is_error(r->status)) return outcome_of(r->fmu, r->status);
+            if (linearised && r->nz) linearised = find_event(r, h) > 1.0;
+        }
+        if (n && !linearised) {
             if (r->time_dependent && is_error(r->status = time_derivative(r, h))) {
                 if (r->status != FMI_DISCARD) return outcome_of(r->fmu, r->status);
                 if ((outcome = reject_step(r, g, h, NAN))) return outcome;
@@ -113,7 +123,7 @@ int integrate_segment(Run *r, Segment *g)
         }
         const double t1 = last ? g->end : r->t + h;
         double root = 2.0;
-        if (r->nz) {
+        if (r->nz && !linearised) {
             root = find_event(r, h);
             if (is_error(r->status)) {
                 if (r->status != FMI_DISCARD) return outcome_of(r->fmu, r->status);
@@ -143,13 +153,15 @@ int integrate_segment(Run *r, Segment *g)
         const double reached = root <= 1.0 ? r->t + root * h : t1;
         const double limit = root <= 1.0 ? reached : last ? g->end - r->resolution : t1;
         if (!n) memset(r->dense, 0, sizeof *r->dense);
-        status = filters(r) ? kalman_step(r, h, fmin(root, 1.0)) : emit_until(r, h, limit, 0);
-        if (is_error(status)) return outcome_of(r->fmu, status);
-        if (!r->replay) {
+        if (linearised)
+            kalman_advance(r, h);
+        else if (is_error(status = filters(r) ? kalman_step(r, h, fmin(root, 1.0)) : emit_until(r, h, limit, 0)))
+            return outcome_of(r->fmu, status);
+        if (!r->replay && !linearised) {
             const double growth = error > 0.0 ? 0.9 * pow(error, -0.2) : 8.0;
             g->h = h * fmin(8.0, fmax(0.2, growth));
         }
-        remember_step(r, h / (g->end - g->begin));
+        remember_step(r, linearised ? LINEARISED : h / (g->end - g->begin));
         r->at_step++;
         r->taken++;
         r->t = reached;
@@ -163,7 +175,7 @@ int integrate_segment(Run *r, Segment *g)
             memcpy(r->b_node, r->b_node + 3 * n * r->ld, sizeof *r->jac * (size_t)(n * r->ld));
             g->have_f = g->have_jac = g->have_node = 1;
         }
-        if (filters(r) && n) { /* the filter was there */
+        if (filters(r) && n && !linearised) { /* the filter was there */
             swap(&r->f, &r->f1);
             memcpy(r->jac, r->kalman->end, sizeof *r->jac * (size_t)(n * n));
             g->have_f = g->have_jac = 1;
