@@ -104,7 +104,7 @@ int integrate_segment(Run *r, Segment *g)
         if (linearised) {
             linearised = kalman_linearised(r, h, r->replay);
             if (is_error(r->status)) return outcome_of(r->fmu, r->status);
-            if (linearised && r->nz) linearised = find_event(r, h) > 1.0;
+            if (linearised && r->nz) linearised = find_event(r, h) > 1.0 && !is_error(r->status);
         }
         if (n && !linearised) {
             if (r->time_dependent && is_error(r->status = time_derivative(r, h))) {
