@@ -54,10 +54,10 @@ def find_process_noise(
     control = SearchControl(
         context.statistics.time_is_up, context.ahead, lambda what, share: context.progress(what, 0.92 + 0.04 * share)
     )
-    settings = replace(context.settings.local_fit, floors=cache.source.plain.floors)
+    settings, margin = replace(context.settings.local_fit, hold_noise=True), context.settings.structures.beam_margin
     found: tuple[ProcessNoiseFit, ...] = ()
     with suppress(CannotFinishError):
-        found = fit_process_noise(few, fitted, explored, states, edits, settings, control)
+        found = fit_process_noise(few, fitted, explored, states, edits, settings, control, margin)
     result = _result(context, conclusion, found) if found and found[0].score > 0.0 else None
     few.close(context.statistics.add_simulations)
     context.statistics.end_stage("process noise")

@@ -8,23 +8,23 @@ the same readings. A fit explains the residual only if its innovations are white
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.local_fit import LocalFitSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.search.edits import Edit, EditContext
 from aero_bayes.search.explored import SearchControl, SearchResult
-from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache
+from aero_bayes.search.models import CandidateModel, FittedModel, ModelCache
 from aero_bayes.search.score import common_noise
 from aero_bayes.search.structure import Structure
+from aero_bayes.simulation.interface import DiffusionTarget, ReadingNoiseTarget
 
 #: Readings of an output in a recording that are filtered: a filter stops at each of them.
 MAX_READINGS = 2000
-#: Largest number of states with process noise.
-MAX_STATES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +69,9 @@ def fit_process_noise(
     edits: Sequence[Edit],
     settings: LocalFitSettings,
     control: SearchControl,
+    beam_margin: float,
 ) -> tuple[ProcessNoiseFit, ...]:
-    """Fit a structure with process noise of its states, one state first, then the best with another; best first.
+    """Fit a structure with the process noise that edits offer; best first.
 
     Parameters
     ----------
@@ -83,6 +84,9 @@ def fit_process_noise(
     edits : sequence of Edit
     settings : LocalFitSettings
     control : SearchControl
+    beam_margin : float
+        First only the noise is fitted. All parameters are fitted where that is at most so far behind the best, in
+        tempered log-likelihood.
 
     Raises
     ------
@@ -96,34 +100,38 @@ def fit_process_noise(
     if noise.adequate:
         return ()
     base = base.with_noise(noise.noise)
+    context = EditContext(base, False, (), {}, (), (), (), (), False, True, True, tuple(states))
+    wanted = [s for edit in edits for s in edit.neighbours(context)]
+    tasks = [partial(_with_noise_fitted, cache.of(s), s, base, settings) for s in wanted]
+    sized = _results(tasks, control, 0.0)
+    least = max((f.optimum.log_likelihood / f.temperature for f in sized), default=0.0) - beam_margin
+    near = [f for f in sized if f.optimum.log_likelihood / f.temperature >= least]
+    fitted = _results([partial(f.refitted, noise.noise, settings) for f in near], control, 0.5)
     price = math.log(max(len(states), 1)) + explored.penalty.margin
-    found: list[ProcessNoiseFit] = []
-    here = base
-    for _ in range(MAX_STATES):
-        context = EditContext(here, False, (), {}, (), (), (), (), False, True, True, tuple(states))
-        wanted = [s for edit in edits for s in edit.neighbours(context)]
-        tasks = [partial(_fit, cache.of(s), s, here, noise.noise, settings) for s in wanted]
-        control.precompute(tasks, lambda done: control.report("process noise", done))
-        for task in tasks:
-            if control.time_is_up():
-                break
-            if (fitted := task()) is not None:
-                found.append(_judged(fitted, base, price, explored))
-        found.sort(key=lambda f: (-f.score, f.states))
-        if not found or found[0].explains or found[0].fitted is here:
+    found = [_judged(f, base, price, explored) for f in fitted]
+    return tuple(sorted(found, key=lambda f: (-f.score, f.states)))
+
+
+def _results(tasks: Sequence[Callable[[], FittedModel]], control: SearchControl, done: float) -> list[FittedModel]:
+    """Fits that can be simulated, until the time is up; ``done`` is the share of the work before them."""
+    control.precompute(tasks, lambda share: control.report("process noise", done + 0.5 * share))
+    found = []
+    for task in tasks:
+        if control.time_is_up():
             break
-        here = found[0].fitted
-    return tuple(found)
+        with suppress(CannotFinishError):
+            found.append(task())
+    return found
 
 
-def _fit(
-    model: CandidateModel, structure: Structure, near: FittedModel, noise: FitNoise, settings: LocalFitSettings
-) -> FittedModel | None:
-    """The fit of a structure from the values of another; None where it cannot be simulated."""
-    try:
-        return model.fit(structure, model.at(near.values, structure.terms), noise, settings)
-    except CannotFinishError:
-        return None
+def _with_noise_fitted(
+    model: CandidateModel, structure: Structure, near: FittedModel, settings: LocalFitSettings
+) -> FittedModel:
+    """The fit of a structure's process noise and reading noise, all else held at the values of another fit."""
+    parameters = model.objective.parameters
+    columns = [j for j, p in enumerate(parameters) if isinstance(p.target, DiffusionTarget | ReadingNoiseTarget)]
+    end = local_fit(model.objective, model.at(near.values, structure.terms), columns, settings=settings)
+    return FittedModel(model, structure, end, near.temperature)
 
 
 def _judged(fitted: FittedModel, base: FittedModel, price: float, explored: SearchResult) -> ProcessNoiseFit:
