@@ -109,7 +109,7 @@ def close_loop(
         alternatives = (
             find_alternatives(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
         )
-        process_noise = find_process_noise(context, cache, conclusion, states)
+        process_noise = find_process_noise(context, conclusion, states)
         cache.close(context.statistics.add_simulations)
         result = result_of(context, conclusion, alternatives, process_noise)
         if settings.cache is None:

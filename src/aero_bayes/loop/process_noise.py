@@ -15,8 +15,9 @@ from aero_bayes.loop.extend import fitted_parameters
 from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.search.explored import SearchControl
-from aero_bayes.search.models import ModelCache
+from aero_bayes.search.models import CandidateModel
 from aero_bayes.search.process_noise import MAX_READINGS, ProcessNoiseFit, fit_process_noise
+from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import Model
 
 
@@ -34,44 +35,58 @@ def states_of(model: Model, settings: LoopSettings) -> tuple[str, ...]:
     return tuple(dict.fromkeys(model.states[model.state_index(name)].name for name in wanted))
 
 
-def find_process_noise(
-    context: LoopContext, cache: ModelCache, conclusion: Conclusion, states: Sequence[str]
-) -> FoundProcessNoise | None:
-    """Process noise of some states beside the model that came out; None where there is none to find.
+def find_process_noise(context: LoopContext, conclusion: Conclusion, states: Sequence[str]) -> FoundProcessNoise | None:
+    """Process noise of some states of the model that came out; None where there is none to find.
 
     That is where the model leaves no structure or a single disturbance, and where process noise gains nothing.
     """
     edits = context.settings.search_parts.last_edits
-    left = structured_residuals(conclusion.reports)
-    if not left or not edits or find_disturbance(conclusion.reports) is not None:
+    if not edits or not structured_residuals(conclusion.reports) or find_disturbance(conclusion.reports) is not None:
         return None
-    explored, structure = conclusion.explored, conclusion.chosen.structure
-    structure = structure if conclusion.effects else structure.minus(*structure.terms)
-    fitted = explored.fits.get(structure)
-    if fitted is None:
-        return None
-    few = cache.thinned(MAX_READINGS)
+    made: dict[Structure, CandidateModel] = {}
+
+    def model_of(structure: Structure) -> CandidateModel:
+        if structure not in made:
+            made[structure] = _model(context, conclusion, structure.process_noise)
+        return made[structure]
+
+    parameters = conclusion.calibration.parameters
+    at = parameters.from_search(conclusion.refit.coordinates)
     control = SearchControl(
         context.statistics.time_is_up, context.ahead, lambda what, share: context.progress(what, 0.92 + 0.04 * share)
     )
-    settings, margin = replace(context.settings.local_fit, hold_noise=True), context.settings.structures.beam_margin
     found: tuple[ProcessNoiseFit, ...] = ()
     with suppress(CannotFinishError):
-        found = fit_process_noise(few, fitted, explored, states, edits, settings, control, margin)
-    result = _result(context, conclusion, found) if found and found[0].score > 0.0 else None
-    few.close(context.statistics.add_simulations)
+        found = fit_process_noise(
+            model_of, dict(zip(parameters.names, at.tolist(), strict=True)), conclusion.base.floors, states, edits,
+            context.settings.structures, control,
+        )  # fmt: skip
+    result = _result(context, found) if found and found[0].score > 0.0 else None
+    for model in made.values():
+        context.statistics.add_simulations(model.objective)
+        model.objective.simulator.close()
     context.statistics.end_stage("process noise")
     return result
 
 
-def _result(context: LoopContext, conclusion: Conclusion, found: tuple[ProcessNoiseFit, ...]) -> FoundProcessNoise:
+def _model(context: LoopContext, conclusion: Conclusion, states: Sequence[str]) -> CandidateModel:
+    """The model that came out, on few readings and with process noise of some states."""
+    plain, written, last = conclusion.base.plain.thinned(MAX_READINGS), conclusion.written, conclusion.calibration
+    if states:
+        plain = plain.with_process_noise(plain.noise.with_process(states))
+    calibration = plain
+    if written is not None:
+        calibration = replace(conclusion.base, plain=plain).on(context, written.model, written.parameters)
+    free, known = {last.parameters.names[j] for j in conclusion.refit.free}, set(last.parameters.names)
+    own = tuple(j for j, name in enumerate(calibration.parameters.names) if name in free or name not in known)
+    return CandidateModel(context.open_objective(calibration), {}, own, context.open)
+
+
+def _result(context: LoopContext, found: tuple[ProcessNoiseFit, ...]) -> FoundProcessNoise:
     best, within = found[0], context.settings.structures.equivalence
     objective, fit = best.fitted.model.objective, best.fitted.optimum
     calibration, parameters = objective.calibration, objective.parameters
     rivals = [f for f in found[1:] if f.score > best.score - within and f.explains == best.explains]
-    written = conclusion.written.names.values() if conclusion.written is not None else ()
-    names = {old: new for pairs in written for old, new in pairs}
-    fitted = [replace(p, name=names.get(name, name)) for name, p in fitted_parameters(parameters, fit).items()]
     smoothed = objective.smoothed_states(parameters.from_search(fit.coordinates))
     by_recording = zip(context.recordings.train, calibration.experiments, smoothed, strict=True)
     return FoundProcessNoise(
@@ -79,8 +94,8 @@ def _result(context: LoopContext, conclusion: Conclusion, found: tuple[ProcessNo
         explains=best.explains,
         gain=best.gain,
         needed=best.needed,
-        equivalent=tuple(f.states for f in rivals if len(f.states) == len(best.states)),
-        parameters={p.name: p for p in fitted},
+        equivalent=tuple(f.states for f in rivals),
+        parameters=fitted_parameters(parameters, fit),
         innovations=best.reports,
         smoothed={r.name: states.at(r.time, e.time) for r, e, states in by_recording},
         state_names=tuple(state.name for state in calibration.model.states),

@@ -238,10 +238,6 @@ class ModelCache:
         plain = replace(self.source.plain, parameters=self.source.plain.parameters.extended(tuple(held)))
         return ModelCache(replace(self.source, plain=plain))
 
-    def thinned(self, samples: int) -> ModelCache:
-        """Models held against at most about ``samples`` readings of each output in each recording."""
-        return ModelCache(replace(self.source, plain=self.source.plain.thinned(samples)))
-
     def close(self, count: Callable[[Objective], None] = lambda objective: None) -> None:
         """Close all simulators; ``count`` is told each objective."""
         for model in self._built.values():
@@ -251,8 +247,8 @@ class ModelCache:
 
 
 def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure) -> tuple[Calibration, tuple[int, ...]]:
-    """The first model's calibration with the parameters freed, the inputs read and the process noise as a structure
-    says, and the columns that are free.
+    """The first model's calibration with the parameters freed and the inputs read as a structure says, and the columns
+    that are free.
 
     Raises
     ------
@@ -268,8 +264,4 @@ def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure)
         items = tuple(replace(p, auto=p.auto and p.name not in structure.freed) for p in plain.parameters)
         plain = replace(plain, parameters=ParameterSet(items))
         own = tuple(sorted({*own, *(plain.parameters.index(name) for name in structure.freed)}))
-    if structure.process_noise:
-        before, free = set(plain.parameters.names), {plain.parameters.names[j] for j in own}
-        plain = plain.with_process_noise(plain.noise.with_process(structure.process_noise))
-        own = tuple(j for j, name in enumerate(plain.parameters.names) if name in free or name not in before)
     return plain, own

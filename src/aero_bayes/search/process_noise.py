@@ -8,18 +8,19 @@ the same readings. A fit explains the residual only if its innovations are white
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.search.edits import Edit, EditContext
-from aero_bayes.search.explored import SearchControl, SearchResult
-from aero_bayes.search.models import CandidateModel, FittedModel, ModelCache
+from aero_bayes.search.explored import SearchControl
+from aero_bayes.search.models import CandidateModel, FittedModel
 from aero_bayes.search.score import common_noise
+from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation.interface import DiffusionTarget, ReadingNoiseTarget
 
@@ -62,54 +63,59 @@ class ProcessNoiseFit:
 
 
 def fit_process_noise(
-    cache: ModelCache,
-    chosen: FittedModel,
-    explored: SearchResult,
+    model_of: Callable[[Structure], CandidateModel],
+    values: Mapping[str, float],
+    floors: Mapping[tuple[str, str], float],
     states: Sequence[str],
     edits: Sequence[Edit],
-    settings: LocalFitSettings,
+    settings: StructureSettings,
     control: SearchControl,
-    beam_margin: float,
 ) -> tuple[ProcessNoiseFit, ...]:
-    """Fit a structure with the process noise that edits offer; best first.
+    """Fit a model with the process noise that edits offer; best first.
+
+    First only the noise is fitted. All parameters are fitted where that comes close to the best.
 
     Parameters
     ----------
-    cache : ModelCache
-        Of few enough readings for a filter. The fits live on its models.
-    chosen : FittedModel
-    explored : SearchResult
+    model_of : callable
+        The model that was chosen, with the process noise of a structure, held against few enough readings for a filter.
+    values : mapping of str to float
+        SI values of its parameters.
+    floors : mapping of (recording, output) to float
+        Noise floors of the readings where they are known.
     states : sequence of str
         Those that process noise may drive.
     edits : sequence of Edit
-    settings : LocalFitSettings
+    settings : StructureSettings
+        Its beam margin, in tempered log-likelihood, says what is close.
     control : SearchControl
-    beam_margin : float
-        First only the noise is fitted. All parameters are fitted where that is at most so far behind the best, in
-        tempered log-likelihood.
 
     Raises
     ------
     CannotFinishError
         If the model cannot be simulated.
     """
-    model = cache.of(chosen.structure)
-    start = model.at(chosen.values, chosen.terms)
-    base = model.fit(chosen.structure, start, explored.noise.noise, settings)
-    noise = common_noise(base, explored.floors)
-    if noise.adequate:
-        return ()
-    base = base.with_noise(noise.noise)
+    fit = LocalFitSettings(hold_noise=True)
+    base = _base_fit(model_of(Structure()), values, floors, fit)
     context = EditContext(base, False, (), {}, (), (), (), (), False, True, True, tuple(states))
     wanted = [s for edit in edits for s in edit.neighbours(context)]
-    tasks = [partial(_with_noise_fitted, cache.of(s), s, base, settings) for s in wanted]
-    sized = _results(tasks, control, 0.0)
-    least = max((f.optimum.log_likelihood / f.temperature for f in sized), default=0.0) - beam_margin
-    near = [f for f in sized if f.optimum.log_likelihood / f.temperature >= least]
-    fitted = _results([partial(f.refitted, noise.noise, settings) for f in near], control, 0.5)
-    price = math.log(max(len(states), 1)) + explored.penalty.margin
-    found = [_judged(f, base, price, explored) for f in fitted]
+    sized = _results([partial(_with_noise_fitted, model_of(s), s, base, fit) for s in wanted], control, 0.0)
+    least = max((f.optimum.log_likelihood for f in sized), default=0.0) - settings.beam_margin * base.temperature
+    near = [f for f in sized if f.optimum.log_likelihood >= least]
+    fitted = _results([partial(f.refitted, base.noise, fit) for f in near], control, 0.5)
+    price = math.log(max(len(states), 1)) + settings.margin
+    found = [_judged(f, base, price, floors) for f in fitted]
     return tuple(sorted(found, key=lambda f: (-f.score, f.states)))
+
+
+def _base_fit(
+    model: CandidateModel, values: Mapping[str, float], floors: Mapping[tuple[str, str], float], fit: LocalFitSettings
+) -> FittedModel:
+    """The fit without process noise, under the noise of what it leaves."""
+    at = model.at(values, ())
+    squares = replace(fit, hold_noise=False).least_squares(model.objective.outputs)
+    found = FittedModel(model, Structure(), local_fit(model.objective, at, model.own, settings=squares))
+    return found.with_noise(common_noise(found, floors).noise)
 
 
 def _results(tasks: Sequence[Callable[[], FittedModel]], control: SearchControl, done: float) -> list[FittedModel]:
@@ -134,8 +140,10 @@ def _with_noise_fitted(
     return FittedModel(model, structure, end, near.temperature)
 
 
-def _judged(fitted: FittedModel, base: FittedModel, price: float, explored: SearchResult) -> ProcessNoiseFit:
+def _judged(
+    fitted: FittedModel, base: FittedModel, price: float, floors: Mapping[tuple[str, str], float]
+) -> ProcessNoiseFit:
     objective = fitted.model.objective
-    reports = check_residuals(objective.calibration, objective.series, fitted.optimum, explored.floors)
+    reports = check_residuals(objective.calibration, objective.series, fitted.optimum, floors)
     needed = price * len(fitted.structure.process_noise)
     return ProcessNoiseFit(fitted, fitted.log_evidence - base.log_evidence, needed, reports)
