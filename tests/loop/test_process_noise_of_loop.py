@@ -12,6 +12,7 @@ from scipy.linalg import expm
 from aero_bayes import LoopSettings, close_loop, load_model
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
+from aero_bayes.search import StructureSettings
 from aero_bayes.simulation import Model
 
 CART = """model Cart
@@ -104,3 +105,11 @@ def test_the_engineer_says_which_states_chance_may_drive(cart):
     assert closed(cart, recording, leave_out=("AddProcessNoise",)).process_noise is None
     with pytest.raises(InputError, match="w"):
         closed(cart, recording, process_noise=("w",))
+
+
+def test_a_random_force_is_found_beside_a_law_that_renames_a_state(cart):
+    given = StructureSettings(require=("lag@position",))
+    found = closed(cart, driven(5, DIFFUSION), laws=("lag",), structures=given, initial_sd={"position": 0.01})
+    assert (found.outcome, found.process_noise.states) == ("extended", ("v",))
+    assert {"x", "lag.q"} <= set(found.process_noise.state_names)
+    assert abs(found.process_noise.diffusions["v"].value - DIFFUSION) < 4.0 * found.process_noise.diffusions["v"].sd
