@@ -32,16 +32,22 @@ h = "estimated"
 """
 
 
-def test_diffusion_and_smoothed_states_reach_result_and_page(tmp_path: Path):
+def recorded(tmp_path: Path, config: str) -> np.ndarray:
+    """Write a rig and a recording of it to a folder; the true level."""
     rng, time = np.random.default_rng(8), np.arange(200) * 0.1
     u, level, levels = np.sign(np.sin(time)) + 1.0, 1.0, []
     for k in range(time.size):
         levels.append(level)
         level += 0.1 * (u[k] - 0.5 * level) + 0.3 * np.sqrt(0.1) * rng.standard_normal()
     (tmp_path / "Tank.mo").write_text(RIG)
-    (tmp_path / "rig.toml").write_text(CONFIG)
+    (tmp_path / "rig.toml").write_text(config)
     table = np.column_stack([time, u, np.array(levels) + 0.02 * rng.standard_normal(time.size)])
     np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="time,u,h", comments="")
+    return np.array(levels)
+
+
+def test_diffusion_and_smoothed_states_reach_result_and_page(tmp_path: Path):
+    levels = recorded(tmp_path, CONFIG)
     options = ["--config", tmp_path / "rig.toml", "--data", tmp_path / "run.csv", "--out", tmp_path / "out", "--quiet"]
     done = CliRunner().invoke(main, ["fit", *map(str, options)])
     assert done.exit_code == 0, done.output
@@ -60,3 +66,16 @@ def test_diffusion_and_smoothed_states_reach_result_and_page(tmp_path: Path):
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Process noise of the states" in page
     assert "smoothed" in page
+
+
+def test_the_loop_tries_process_noise_of_the_states_that_are_named(tmp_path: Path):
+    recorded(tmp_path, CONFIG + '[loop]\nlaws = ["gain"]\n')
+    options = ["--config", tmp_path / "rig.toml", "--train", tmp_path / "run.csv", "--out", tmp_path / "out", "--quiet"]
+    done = CliRunner().invoke(main, ["close-loop", *map(str, options)])
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "out" / "result.json").read_text())["loop"]["process_noise"]
+    assert (found["states"], found["explains"]) == (["h"], True)
+    size = found["parameters"]["process.h"]
+    assert abs(size["value"] - 0.3) < 4.0 * size["sd"]
+    assert "smoothed/run/h" in np.load(tmp_path / "out" / "series.npz")
+    assert "Parameters with process noise" in (tmp_path / "out" / "report.html").read_text()

@@ -68,20 +68,21 @@ def averaged_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
 
 
 def process_noise_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
-    """Parameters with process noise beside those without; None where there is none."""
-    if loop.process_noise is None:
+    """Parameters with process noise beside those without; None where process noise does not explain what is left."""
+    if loop.process_noise is None or not loop.process_noise.explains:
         return None
     rows = []
     for name, found in loop.process_noise.parameters.items():
-        shown, without = parameter_quantity(found)[0], run.result.parameters.get(name)
-        old = parameter_quantity(without)[0] if without is not None else None
+        now, without = parameter_quantity(found)[0], run.result.parameters.get(name)
+        was = parameter_quantity(without)[0] if without is not None else None
         rows.append((
             Markup("{}<small>{}</small>").format(symbol(name), found.description),
-            old.value if old is not None else NO_VALUE, shown.value, f"{shown.low} … {shown.high}", shown.unit,
+            f"{was.value} {was.unit}".strip() if was is not None else NO_VALUE,
+            f"{now.value} {now.unit}".strip(), f"{now.low} … {now.high} {now.unit}".strip(),
         ))  # fmt: skip
     columns = (
         "parameter", Column("without process noise", "right"), Column("with it", "right"),
-        Column("90 % interval", "right"), "unit",
+        Column("90 % interval", "right"),
     )  # fmt: skip
     return html_table(columns, rows, "Parameters with process noise")
 

@@ -226,5 +226,5 @@ def loop_series(job: Job, loop: LoopResult) -> Series:
     """The curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
     fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
     found = loop.process_noise
-    states = state_series(found.state_names, found.smoothed) if found is not None else {}
+    states = state_series(found.state_names, found.smoothed) if found is not None and found.explains else {}
     return fitted | loop.series() | states
