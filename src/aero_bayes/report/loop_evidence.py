@@ -5,6 +5,7 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from aero_bayes.display import join_names
+from aero_bayes.report.loop_figures import gain_text
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, parameter_quantity
 from aero_bayes.report.text import NO_VALUE, count, significant, symbol
@@ -65,6 +66,15 @@ def averaged_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
         Column("times as wide", "right"),
     )  # fmt: skip
     return html_table(columns, rows, "90 % intervals over the structures that the data leave")
+
+
+def process_noise_words(loop: LoopJson) -> str:
+    """What process noise explains, and its gain; empty where it gains nothing."""
+    found = loop.process_noise
+    if found is None:
+        return ""
+    gain, needed = gain_text(found.log_evidence_gain), significant(found.needed, 2)
+    return f"{found.sentence} Its gain in log-evidence is {gain} (needed: {needed})."
 
 
 def process_noise_table(run: RunDirectory, loop: LoopJson) -> Markup | None:

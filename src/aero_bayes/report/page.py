@@ -227,7 +227,7 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "equivalents": loop.equivalent, "separate": loop.separate, "evidence": loop_evidence.evidence_words(loop),
         "structures": loop_evidence.structures_words(loop), "averaged": loop_evidence.averaged_table(run, loop),
         "process_noise": loop_evidence.process_noise_table(run, loop),
-        "process_noise_words": loop.process_noise.sentence if loop.process_noise is not None else "",
+        "process_noise_words": loop_evidence.process_noise_words(loop),
         "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
     }  # fmt: skip
 
