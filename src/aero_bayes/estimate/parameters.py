@@ -199,10 +199,13 @@ class ParameterSet:
         """Log-density of the priors in search coordinates, shape (n,) for coordinates (n, p)."""
         coordinates = np.atleast_2d(coordinates)
         low, high = self.box
-        total = np.where(np.all((coordinates >= low) & (coordinates <= high), axis=1), 0.0, -np.inf)
-        values = self.from_search(coordinates)
+        inside = np.all((coordinates >= low) & (coordinates <= high), axis=1)
+        values = self.from_search(coordinates[inside])
+        density = np.sum(np.log(self.jacobian(values)), axis=1)
         for j, item in enumerate(self.items):
-            total = total + item.prior.log_pdf(values[:, j]) + np.log(self.jacobian(values)[:, j])
+            density = density + item.prior.log_pdf(values[:, j])
+        total = np.full(len(coordinates), -np.inf)
+        total[inside] = density
         return total
 
     def prior_derivatives(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
