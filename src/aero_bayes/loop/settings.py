@@ -74,6 +74,8 @@ class LoopSettings(SettingsDisplay):
     Examples
     --------
     >>> settings = aero_bayes.LoopSettings(free=("k", "d"), exclude=("F",))
+    >>> [type(edit).__name__ for edit in settings.search_parts.last_edits]
+    ['AddProcessNoise']
     >>> settings, settings.allows("F"), settings.allows("v")
     (LoopSettings(exclude=('F',), free=('k', 'd')), False, True)
     """
