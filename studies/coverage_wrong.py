@@ -35,7 +35,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from numpy.random import Generator
 
-from aero_bayes import LoopSettings, SampleSettings, close_loop, load_model, sample
+from aero_bayes import LoopResult, LoopSettings, SampleSettings, close_loop, load_model, sample
 from aero_bayes.estimate import FitSettings, fit, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
@@ -196,15 +196,19 @@ def best_values(task: Best, rig: Rig) -> dict[str, Any]:
     return {"values": {name: float(values[name]) for name in rig.truth}}
 
 
+def closed_loop(rig: Rig, model: Model, state: str, size: float, rng: Generator, folder: Path) -> LoopResult:
+    """Close the loop on one recording of a rig in a state and test it on another; ``model`` is the rig's reference."""
+    train, test = (replace(rig.record(state, size, rng)[0], name=name) for name in ("train", "test"))
+    starts = {p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in rig.parameters(model)}
+    settings = LoopSettings(free=tuple(starts), overrides=starts, calibration=rig.calibration)
+    return close_loop(train, test, model=rig.reference, settings=settings, workers=0, out_dir=folder)
+
+
 def mend(task: Mend, rig: Rig) -> dict[str, Any]:
     """What the loop adds to the model, from two recordings in which the law is large."""
     rng = generator(task.seed, "mend", task.rig)
-    train, test = (replace(rig.record("missing", max(SIZES), rng)[0], name=name) for name in ("train", "test"))
     folder = task.folder / f"mended_{rig.name}"
-    base = rig.parameters(built(task, rig))
-    starts = {p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in base}
-    settings = LoopSettings(free=tuple(starts), overrides=starts, calibration=rig.calibration)
-    found = close_loop(train, test, model=rig.reference, settings=settings, workers=0, out_dir=folder)
+    found = closed_loop(rig, built(task, rig), "missing", max(SIZES), rng, folder)
     row: dict[str, Any] = {"effects": [effect.id for effect in found.effects], "sentence": found.sentence}
     if not found.effects:
         return row

@@ -15,16 +15,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from aero_bayes import LoopSettings, close_loop, load_model
-from aero_bayes.estimate.parameters import Override
+from aero_bayes import load_model
 from aero_bayes.fleet import open_executor
-from coverage_wrong import generator
+from coverage_wrong import closed_loop, generator
 from trial_runs import code, executor_options, rate, run_trials, write_summary
 from wrong_rigs import SIZES, rigs
 
@@ -54,12 +53,8 @@ def attempt(task: LoopTask) -> dict[str, Any]:
     rig, began = rigs()[task.rig], time.perf_counter()
     rng = generator(task.seed, task.state, task.rig, task.number)
     size = SIZES[task.number % len(SIZES)]
-    train, test = (replace(rig.record(task.state, size, rng)[0], name=name) for name in ("train", "test"))
-    base = rig.parameters(load_model(rig.reference))
-    starts = {p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in base}
-    settings = LoopSettings(free=tuple(starts), overrides=starts, calibration=rig.calibration)
     with tempfile.TemporaryDirectory() as folder:
-        found = close_loop(train, test, model=rig.reference, settings=settings, workers=0, out_dir=folder)
+        found = closed_loop(rig, load_model(rig.reference), task.state, size, rng, Path(folder))
     noise = found.process_noise
     row: dict[str, Any] = {
         "key": task.key, "state": task.state, "rig": task.rig, "outcome": found.outcome,

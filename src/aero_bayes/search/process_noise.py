@@ -97,7 +97,10 @@ def fit_process_noise(
     """
     fit = LocalFitSettings(hold_noise=True)
     base = _base_fit(model_of(Structure()), values, floors, fit)
-    context = EditContext(base, False, (), {}, (), (), (), (), False, True, True, tuple(states))
+    context = EditContext(
+        fitted=base, adequate=False, offered=(), refines={}, curves=(), rivals=(), free_later=(), directions=(),
+        interpolation_is_free=False, best=True, unlisted=True, states=tuple(states),
+    )  # fmt: skip
     wanted = [s for edit in edits for s in edit.neighbours(context)]
     sized = _results([partial(_with_noise_fitted, model_of(s), s, base, fit) for s in wanted], control, 0.0)
     least = max((f.optimum.log_likelihood for f in sized), default=0.0) - settings.beam_margin * base.temperature
