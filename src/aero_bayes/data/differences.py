@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from math import comb
 
 import numpy as np
+import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 FloatArray = NDArray[np.float64]
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
@@ -225,7 +225,7 @@ def _fit_noise_variances(
 
     def fit(*columns: FloatArray) -> tuple[float, FloatArray]:
         scale = 1.0 / (error * variances)
-        solution, misfit = nnls(np.column_stack(columns) * scale[:, None], variances * scale)
+        solution, misfit = scipy.optimize.nnls(np.column_stack(columns) * scale[:, None], variances * scale)
         return float(misfit**2), solution
 
     if calm and lags.size >= 5:

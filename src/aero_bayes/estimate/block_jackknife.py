@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from aero_bayes.estimate.leave_out import time_cells
 from aero_bayes.estimate.objective import Series
@@ -62,5 +62,5 @@ def jackknife_covariance(series: Sequence[Series], slopes: FloatArray, residual:
             shifts.append(vectors @ (vectors.T @ score[block].sum(axis=0) / left))
     blocks = len(recordings) * cells / STEPS
     moved = np.array(shifts)
-    widening = float(t.ppf(0.95, blocks - 1.0) / norm.ppf(0.95)) ** 2
+    widening = float(stdtrit(blocks - 1.0, 0.95) / ndtri(0.95)) ** 2
     return np.asarray((blocks - 1.0) * widening * moved.T @ moved / len(moved))

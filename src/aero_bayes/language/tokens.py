@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from aero_bayes.errors import InputError
 
@@ -44,6 +45,7 @@ class SourceLocation:
         return f"{self.file}:{self.line}"
 
 
+@lru_cache(maxsize=4096)  # the same text is read at several stages; the result is immutable
 def tokenize(text: str, offset: int = 0, *, strict: bool = True) -> tuple[Token, ...]:
     """Tokens without comments and white space; ``offset`` is added to their positions.
 

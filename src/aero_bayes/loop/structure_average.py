@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
@@ -23,7 +23,7 @@ from aero_bayes.search.models import FittedModel
 FloatArray = NDArray[np.float64]
 
 #: Points of equal probability that stand for a normal distribution.
-NORMAL_POINTS = norm.ppf((np.arange(2000) + 0.5) / 2000)
+NORMAL_POINTS = ndtri((np.arange(2000) + 0.5) / 2000)
 _LEVELS = (0.05, 0.5, 0.95)
 
 

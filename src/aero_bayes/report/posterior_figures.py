@@ -7,9 +7,9 @@ from typing import cast
 
 import contourpy
 import numpy as np
+import scipy  # imports its parts when they are first used
 from markupsafe import Markup
 from scipy.ndimage import gaussian_filter
-from scipy.stats import rankdata
 
 from aero_bayes.report.drawing import Band, FloatArray, Layer, Line, Panel
 from aero_bayes.report.figure import Plate, plate
@@ -125,7 +125,7 @@ def _power(draws: FloatArray) -> float:
 
 def rank_correlation(posterior: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray:
     """Rank correlations of parameters, shape (p, p)."""
-    ranks = np.array([rankdata(posterior[name]) for name in names], dtype=np.float64)
+    ranks = np.array([scipy.stats.rankdata(posterior[name]) for name in names], dtype=np.float64)
     return np.asarray(np.corrcoef(ranks), dtype=np.float64)
 
 

@@ -8,8 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
-from scipy.stats import chi2
+from scipy.special import chdtri, ndtr
 
 from aero_bayes.sample.moves import Surrogate, Warp, WarpedStudentT
 from aero_bayes.sample.moves.warp import KNOT_SCORES
@@ -149,7 +148,7 @@ def adapt(
         All evaluated points: the surrogate is fitted to those near the mode.
     """
     d, dof = adaptation.proposal.mean.size, adaptation.proposal.dof
-    lowest = late[1].max() - 0.5 * float(chi2.isf(1e-7, d)) - 10.0
+    lowest = late[1].max() - 0.5 * float(chdtri(d, 1e-7)) - 10.0
     points, values = late[0][late[1] >= lowest], late[1][late[1] >= lowest]
     if len(np.unique(points[:, 0])) <= 4 * d:
         return adaptation
@@ -163,7 +162,7 @@ def adapt(
         ((independence_acceptance(one.log_density(points) - values), one) for one in fitted), key=lambda pair: pair[0]
     )
     depth = seen[1].max() - seen[1]
-    near = depth < max(0.5 * float(chi2.isf(1e-3, d)) + 2.0, float(np.sort(depth)[: 3 * Surrogate.least(d)][-1]))
+    near = depth < max(0.5 * float(chdtri(d, 1e-3)) + 2.0, float(np.sort(depth)[: 3 * Surrogate.least(d)][-1]))
     if near.sum() <= Surrogate.least(d):
         return Adaptation(proposal)
     where, level = seen[0][near], seen[1][near]

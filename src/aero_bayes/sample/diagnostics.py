@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
 from scipy.special import ndtri
-from scipy.stats import rankdata
 
 from aero_bayes.sensors.whiteness import autocovariance
 
@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 def rank_normalise(samples: FloatArray) -> FloatArray:
     """Replace samples by the normal scores of their ranks over all chains (Blom)."""
-    rank = rankdata(samples, method="average").reshape(samples.shape)
+    rank = scipy.stats.rankdata(samples, method="average").reshape(samples.shape)
     return np.asarray(ndtri((rank - 0.375) / (samples.size + 0.25)))
 
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes
 from aero_bayes.sensors.whitening import log_density_at
@@ -90,7 +90,7 @@ def estimate_noise(
     first = update_output_noise([r for r, _ in pairs], [s for _, s in pairs], floor=floor, longest=longest, start=guess)
     if first.kind == "white":
         first = OutputNoise(0.7 * rms, 0.7 * rms, 3.0 * interval)
-    found = minimize(
+    found = scipy.optimize.minimize(
         lambda x: -total(OutputNoise(*np.exp(np.clip(x, low, high)))), np.clip(np.log(first.as_row()), low, high),
         method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
         options={"eps": 1e-5, "ftol": 1e-10, "maxiter": 40},

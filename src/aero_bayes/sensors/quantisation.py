@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr, logsumexp
 
 from aero_bayes.data.noise import quantisation_step
@@ -168,5 +168,5 @@ def _noise_before_rounding(reading: FloatArray, fitted: FloatArray, step: float)
 
     spread = max(float(np.sqrt(np.mean((reading - fitted) ** 2))), 0.05 * step)
     low, high = math.log(0.01 * step), math.log(3.0 * spread)
-    result = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-4})
+    result = scipy.optimize.minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-4})
     return math.exp(float(result.x)), -float(result.fun)

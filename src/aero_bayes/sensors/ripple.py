@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes
 from aero_bayes.sensors.noise_estimation import estimate_noise
@@ -229,5 +229,5 @@ def _best_variance(terms: list[tuple[FloatArray, FloatArray]]) -> tuple[float, f
 
     information = float(np.median(eigenvalues))
     low, high = math.log(1e-4 / information), math.log(1e8 / information)
-    result = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
+    result = scipy.optimize.minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
     return math.exp(float(result.x)), -float(result.fun)

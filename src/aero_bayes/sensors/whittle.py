@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 FloatArray = NDArray[np.float64]
 
@@ -134,7 +134,7 @@ def maximise_whittle(
     costs = np.sum(count * (np.log(model) + observed / model), axis=1)
     k = int(np.argmin(costs))
     begin = np.clip(np.log([whites[k, 0], drifts[k, 0], taus[k]]), low, high)
-    found = minimize(
+    found = scipy.optimize.minimize(
         objective, begin, jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
         options={"maxiter": 40},
     )  # fmt: skip
