@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import importlib.util
 import os
 import shlex
@@ -14,6 +13,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from aero_bayes.build_cache import make_once
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.files import whole_file
 from aero_bayes.scratch import ScratchFolder
@@ -55,17 +55,24 @@ def fmi_headers() -> Path:
 
 
 def compile_library(source: str, identifier: str, *, quick: bool = False, fmi: int = 2) -> bytes:
-    """Compile a generated model and link it to the runtime; ``quick`` saves time on the optimisation."""
+    """Compile a generated model and link it to the runtime; ``quick`` saves time on the optimisation.
+
+    What was compiled before from the same source is read from the user's cache.
+    """
     command = c_compiler()
     runtime = _runtime(command, fmi)
-    with ScratchFolder() as folder:
-        (folder / "names.map").write_text(f"{{ global: fmi{fmi}*; local: *; }};\n", encoding="utf-8")
-        name = f"{identifier}.c"
-        (folder / name).write_text(source, encoding="utf-8")
-        (folder / "runtime.o").write_bytes(runtime)
-        flags = [*_FLAGS, "-O1" if quick else "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
-        _compile([*command, *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"], folder)
-        return (folder / f"{identifier}.so").read_bytes()
+    flags = [*_FLAGS, "-O1" if quick else "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
+
+    def compile_it() -> bytes:
+        with ScratchFolder() as folder:
+            (folder / "names.map").write_text(f"{{ global: fmi{fmi}*; local: *; }};\n", encoding="utf-8")
+            name = f"{identifier}.c"
+            (folder / name).write_text(source, encoding="utf-8")
+            (folder / "runtime.o").write_bytes(runtime)
+            _compile([*command, *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"], folder)
+            return (folder / f"{identifier}.so").read_bytes()
+
+    return make_once(f"{identifier}.so", (_stamp(command, flags), runtime, source.encode()), compile_it)
 
 
 def _runtime(command: Sequence[str], fmi: int) -> bytes:
@@ -89,34 +96,22 @@ def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, co
         The compiler; found where none is given.
     """
     command = command or c_compiler()
-    program = Path(shutil.which(command[0]) or command[0]).resolve()
-    stamp = f"{command}{program}{program.stat().st_mtime_ns if program.exists() else ''}{_FLAGS}{flags}"
     texts = {path.name: path.read_bytes() for path in sources}
-    key = hashlib.sha256(stamp.encode() + b"".join(texts.values())).hexdigest()[:24]
-    stem, dot, suffix = product.partition(".")
-    kept = user_cache() / f"{stem}-{key}{dot}{suffix}"
-    try:
-        return kept.read_bytes()
-    except OSError:
-        pass
-    with ScratchFolder() as folder:
-        for name, text in texts.items():
-            (folder / name).write_bytes(text)
-        _compile([*command, *_FLAGS, "-O2", f"-I{_NATIVE}", "-o", product, *flags], folder)
-        made = (folder / product).read_bytes()
-    try:
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(kept) as temporary:
-            temporary.write_bytes(made)
-    except OSError:
-        pass  # no room to keep it: the next export compiles it again
-    return made
+
+    def compile_it() -> bytes:
+        with ScratchFolder() as folder:
+            for name, text in texts.items():
+                (folder / name).write_bytes(text)
+            _compile([*command, *_FLAGS, "-O2", f"-I{_NATIVE}", "-o", product, *flags], folder)
+            return (folder / product).read_bytes()
+
+    return make_once(product, (_stamp(command, flags), *texts.values()), compile_it)
 
 
-def user_cache() -> Path:
-    """Folder of what is kept between runs; everything in it can be made again."""
-    home = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(home) if home else Path.home() / ".cache") / "aero-bayes"
+def _stamp(command: Sequence[str], flags: Sequence[str]) -> bytes:
+    """Which compiler is called, and how; an update of it changes the time of its program."""
+    program = Path(shutil.which(command[0]) or command[0]).resolve()
+    return f"{command}{program}{program.stat().st_mtime_ns if program.exists() else ''}{_FLAGS}{flags}".encode()
 
 
 def _compile(command: Sequence[str], folder: Path) -> None:

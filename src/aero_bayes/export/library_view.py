@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from aero_bayes.export.build import user_cache
+from aero_bayes.build_cache import user_cache
 from aero_bayes.files import whole_file
 from aero_bayes.language.tokens import tokenize, without_comments
 

@@ -11,9 +11,11 @@ import subprocess
 import sys
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from aero_bayes.build_cache import make_once
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.imbalance import balanced_model, explain_imbalance
@@ -133,6 +135,25 @@ def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Colle
 
 
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
+    """The answer of rumoca on a model; read from the user's cache where it answered the same question before.
+
+    Answers that depend on libraries outside ``root`` are not kept, since nobody looks whether these change.
+    """
+
+    def ask() -> bytes:
+        return json.dumps(_ask(model, root, files, libraries)).encode()
+
+    if libraries:
+        return _ask(model, root, files, libraries)
+    names = sorted(path for path in root.rglob("*") if path.is_file())
+    question = f"{version('rumoca')}{_CHILD_PROGRAM}{model}{[str(f.relative_to(root)) for f in files]}"
+    texts = [part for path in names for part in (str(path.relative_to(root)).encode(), path.read_bytes())]
+    answer: dict[str, Any] = json.loads(make_once(f"{model}.json", (question.encode(), *texts), ask))
+    return answer
+
+
+def _ask(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
+    """Run rumoca in a process of its own."""
     roots = os.pathsep.join(map(str, (root, *libraries)))
     own = [str(f.relative_to(root)) for f in files[len(rig_packages()) :]]
     # what MODELICAPATH names is linked where it is needed; rumoca would read all of it
