@@ -26,14 +26,18 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from aero_bayes.diagnosis_backend import register_diagnosis
 from aero_bayes.lazy_exports import lazy_exports
 from aero_bayes.plot_backend import register_plot_backend
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from aero_bayes.data import Recording, read_recording, summarise
     from aero_bayes.design import propose_experiment
     from aero_bayes.errors import CannotFinishError, InputError
     from aero_bayes.estimate import Fit, FitSettings
+    from aero_bayes.estimate.diagnosis import Diagnosis
     from aero_bayes.estimate.fit import fit
     from aero_bayes.export import export_fmu
     from aero_bayes.fleet import Rig, fleet
@@ -100,6 +104,15 @@ def _plots() -> PlotBackend:
 
 
 register_plot_backend(_plots)
+
+
+def _diagnosis() -> Callable[[Fit], Diagnosis]:
+    from aero_bayes.diagnosis import diagnose
+
+    return diagnose
+
+
+register_diagnosis(_diagnosis)
 
 
 class _Package(ModuleType):

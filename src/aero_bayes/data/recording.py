@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arguments import names_of
 from aero_bayes.data.checks import check_recording
+from aero_bayes.data.findings import DataFinding
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.plot_backend import plot_backend
@@ -46,6 +47,8 @@ class Recording:
         Hash of the file's bytes, or of the arrays where there is no file.
     path : Path, optional
         Where it was read from.
+    findings : tuple of DataFinding
+        Faults of the readings that were found, see :func:`aero_bayes.data.screen`.
 
     Examples
     --------
@@ -73,6 +76,7 @@ class Recording:
     units: Mapping[str, str] = field(default_factory=dict)
     sha256: str = ""
     path: Path | None = None
+    findings: tuple[DataFinding, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _numbers(self.name, "time", self.time))

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.data import Recording
+from aero_bayes.diagnosis_backend import diagnosis_of
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.band_width import band_factors
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
+from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.fit_statistics import FitStatistics
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.laplace_estimates import laplace_estimates
@@ -105,6 +107,8 @@ class Fit(FitStatistics, EstimateTable):
     ((0, 1, 2), (0, 1, 2))
     >>> fit.covariance.shape
     (3, 3)
+    >>> [row.cause for row in fit.diagnosis if row.found]
+    ['model']
     """
 
     values: FloatArray
@@ -145,6 +149,11 @@ class Fit(FitStatistics, EstimateTable):
         """Every parameter with its Laplace interval, the model's fixed ones included."""
         return laplace_estimates(self.calibration, self.values, self.free, self.identifiability, self.laplace)
 
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """What may be behind a residual that is not noise: data, solver, search, noise, model, in this order."""
+        return diagnosis_of(self)
+
     @property
     def held(self) -> tuple[str, ...]:
         """Parameters that were left at their start since the data does not show them."""
@@ -175,6 +184,7 @@ class Fit(FitStatistics, EstimateTable):
             },
             "identifiability": self.identifiability.to_dict(self.held),
             "failures": self.failures,
+            "diagnosis": self.diagnosis.to_list(),
             "warnings": list(self.warnings),
             "seconds": self.seconds,
         }

@@ -6,7 +6,18 @@ from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
-from aero_bayes.report.text import NO_VALUE, count, duration, pretty_unit, role_words, signed, significant, symbol, tidy
+from aero_bayes.report.text import (
+    NO_VALUE,
+    count,
+    duration,
+    pretty_unit,
+    role_words,
+    sentence,
+    signed,
+    significant,
+    symbol,
+    tidy,
+)
 from aero_bayes.schema import McmcJson
 
 #: Above this, ensembles do not agree.
@@ -31,6 +42,19 @@ def residual_floor_table(run: RunDirectory) -> Markup | None:
         Column("floor │ residual", "centre"), Column("p (white)", "right"), "verdict",
     )  # fmt: skip
     return html_table(columns, rows, "Residual against noise floor")
+
+
+def diagnosis_table(run: RunDirectory) -> Markup | None:
+    """What was looked at and found of each cause of a residual that is not noise."""
+    rows: list[tuple[object, ...]] = []
+    marked = []
+    for row in run.result.diagnosis:
+        if row.found:
+            marked.append(len(rows))
+        detail = Markup("{}<small>{}</small>").format(sentence(row.what), sentence(row.where))
+        rows.append((row.cause, "found" if row.found else "clear", detail, sentence(row.done) or NO_VALUE))
+    columns = ("cause", "", "what was found", "what was done")
+    return html_table(columns, rows, "Diagnosis, in the order of blame", marked) if rows else None
 
 
 def noise_model_table(run: RunDirectory) -> Markup | None:

@@ -103,7 +103,7 @@ def _residual_reading(result: RunJson, output: str) -> KeyFigure:
     ratios = [entry.ratio for entry in entries if entry.ratio is not None]
     structured = any(entry.verdict == "structured" for entry in entries)
     label, level = symbol(output) + Markup(" residual"), "warning" if structured else "good"
-    words = "structured: the model lacks an effect" if structured else "no structure left"
+    words = "structured: more than noise" if structured else "no structure left"
     ratio = max(ratios, default=None)
     sizes = [entry.rms for entry in entries if entry.rms is not None]
     if ratio is None and sizes:

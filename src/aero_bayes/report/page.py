@@ -175,6 +175,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "opening_words": curves.stretch_words(run, scene) if scene else "",
         "diagrams": diagrams,
         "warnings": overview.warnings(result), "readings": overview.readings(result),
+        "diagnosis": findings.diagnosis_table(run),
         "parameters": parameter_table(result.parameters) if result.parameters else None,
         "statuses": status_words(result.parameters), "identifiability": result.identifiability,
         "profiles": profile_figures.profile_plates(run),

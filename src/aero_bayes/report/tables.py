@@ -29,7 +29,7 @@ _STATUS_WORDS = {
     "fixed": "not fitted",
     "at_bound": "the best value lies on a bound of its range",
     "adequate": "the residual is noise",
-    "structured": "the residual is more than noise: the model lacks an effect",
+    "structured": "the residual is more than noise",
 }
 _RANKS = {status: rank for rank, status in enumerate(("identified", "weak", "at_bound", "unidentified", "fixed"))}
 

@@ -97,6 +97,16 @@ class ResidualJson(JsonTable):
     worst_share: JsonNumber = None
 
 
+class DiagnosisJson(JsonTable):
+    """One of the causes of a residual that is not noise: what was looked at, what was found, and what was done."""
+
+    cause: Literal["data", "solver", "search", "noise", "model"]
+    found: bool
+    what: str
+    where: str = ""
+    done: str = ""
+
+
 class ProfileJson(JsonTable):
     """Profile of the log-posterior: its decrease with a parameter fixed at ``values``."""
 

@@ -11,6 +11,7 @@ from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson, Verdict
 from aero_bayes.schema.design import DesignJson
 from aero_bayes.schema.estimate import (
     DataFileJson,
+    DiagnosisJson,
     FitJson,
     IdentifiabilityJson,
     McmcJson,
@@ -50,6 +51,7 @@ class RunJson(JsonTable):
     fit: FitJson = FitJson()
     identifiability: IdentifiabilityJson = IdentifiabilityJson()
     residual: dict[str, dict[str, ResidualJson]] = {}
+    diagnosis: list[DiagnosisJson] = []
     prediction: PredictionJson = PredictionJson()
     mcmc: McmcJson | None = None
     loop: LoopJson | None = None

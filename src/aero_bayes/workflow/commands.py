@@ -36,7 +36,7 @@ from aero_bayes.workflow.curves import (
     ripple_series,
     state_series,
 )
-from aero_bayes.workflow.describe import fit_verdict, preamble, residual_table
+from aero_bayes.workflow.describe import diagnosis_line, fit_verdict, preamble, residual_table
 from aero_bayes.workflow.job import (
     Job,
     RunOptions,
@@ -216,7 +216,7 @@ def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
 
 
 def _closing(result: Json) -> Json:
-    return {"verdict": fit_verdict(result["residual"], result.get("mcmc"), result["identifiability"]["flat"])}
+    return {"verdict": fit_verdict(result["diagnosis"], result.get("mcmc"), result["identifiability"]["flat"])}
 
 
 def _finish(
@@ -232,6 +232,8 @@ def _finish(
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
     page = _page(job, result, series)
     click.echo(result["verdict"]["text"].replace("`", ""))
+    if result.get("diagnosis"):
+        click.echo(diagnosis_line(result["diagnosis"]))
     click.echo(f"wrote {out / 'result.json'} and {page}")
     if calibrated is not None:
         written = calibrated.write(out)

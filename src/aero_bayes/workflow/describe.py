@@ -72,21 +72,42 @@ def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
 
 
 def fit_verdict(
-    residual: Mapping[str, Mapping[str, Mapping[str, Any]]], mcmc: Mapping[str, Any] | None, flat: Sequence[str] = ()
+    diagnosis: Sequence[Mapping[str, Any]], mcmc: Mapping[str, Any] | None, flat: Sequence[str] = ()
 ) -> Json:
-    """Verdict on a fit; ``flat`` has sentences on parameters that are determined only in combination."""
-    structured = sorted(
-        {o for outputs in residual.values() for o, entry in outputs.items() if entry["verdict"] == "structured"}
-    )
+    """Verdict on a fit.
+
+    Parameters
+    ----------
+    diagnosis : sequence of mapping
+        Its rows, as result.json holds them: the first cause found is the sentence.
+    mcmc : mapping, optional
+        The sampler.
+    flat : sequence of str
+        Sentences on parameters that are determined only in combination.
+    """
     if mcmc is not None and not mcmc.get("converged", False):
         return {"level": "bad", "text": f"The sampler has not converged: {mcmc.get('reason', 'no reason given')}."}
+    found = [row for row in diagnosis if row["found"]]
+    structured = any(row["cause"] == "model" for row in found)
+    if structured and len(found) == 1:
+        what = f"{found[0]['what']} Data, solver, search and form of the noise do not explain it: the model lacks an "
+        return {"level": "warning", "text": f"{what}effect."}
+    told = cause_sentence(found[0]) if found else ""
     if structured:
-        names = ", ".join(f"`{name}`" for name in structured)
-        return {
-            "level": "warning",
-            "text": f"The residual of {names} is structured. Sensor noise does not explain it: the model lacks an "
-            "effect.",
-        }
+        rest = "The residual is more than noise; this is looked into before the model is blamed."
+        return {"level": "warning", "text": f"{told} {rest}"}
     sampled = ", and the posterior has converged" if mcmc is not None else ""
-    text = " ".join([f"The model explains the recordings down to the noise{sampled}.", *flat])
-    return {"level": "warning" if flat else "good", "text": text}
+    text = " ".join(filter(None, [f"The model explains the recordings down to the noise{sampled}.", told, *flat]))
+    caution = bool(flat) or any(row["cause"] in ("data", "solver", "search") for row in found)
+    return {"level": "warning" if caution else "good", "text": text}
+
+
+def cause_sentence(row: Mapping[str, Any]) -> str:
+    """A row of a diagnosis as text: the cause, what was found, where, and what was done."""
+    where = f" ({row['where']})" if row["where"] else ""
+    return f"{row['cause'].capitalize()}: {row['what'].removesuffix('.')}{where}. {row['done']}".strip()
+
+
+def diagnosis_line(diagnosis: Sequence[Mapping[str, Any]]) -> str:
+    """One line for a terminal: the state of each cause."""
+    return "diagnosis: " + ", ".join(f"{row['cause']} {'FOUND' if row['found'] else 'clear'}" for row in diagnosis)

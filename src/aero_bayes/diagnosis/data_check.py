@@ -1,0 +1,19 @@
+"""The row of the data: faults of the readings, as they were found before the fit."""
+
+from __future__ import annotations
+
+from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.result import Fit
+
+
+def check_data(fit: Fit) -> DiagnosisRow:
+    """Tell what is wrong with the readings of the fitted recordings."""
+    findings = list(dict.fromkeys(f for recording in fit.calibration.recordings for f in recording.findings))
+    if not findings:
+        return DiagnosisRow(
+            "data", False, "No impossible or stuck readings, outliers, clipping, gaps in time or jumps of a turn."
+        )
+    findings.sort(key=lambda f: f.mended)
+    first, rest = findings[0], findings[1:]
+    others = " ".join(f.sentence for f in rest)
+    return DiagnosisRow("data", True, first.what, first.where, f"{first.done} {others}".strip(), not first.mended)

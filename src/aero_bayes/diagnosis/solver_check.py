@@ -1,0 +1,21 @@
+"""The row of the solver: runs that failed."""
+
+from __future__ import annotations
+
+from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.result import Fit
+from aero_bayes.simulation.interface import Outcome
+
+#: Share of failed runs up to which they are the far corners of a search, which no answer depends on.
+MAX_FAILED_SHARE = 0.2
+
+
+def check_solver(fit: Fit) -> DiagnosisRow:
+    """Tell how many simulations failed, and by which message."""
+    runs = sum(fit.outcomes.values())
+    failed = {o: count for o, count in fit.outcomes.items() if o is not Outcome.OK and count}
+    if not failed:
+        return DiagnosisRow("solver", False, f"All {runs} runs were completed.")
+    share, commonest = sum(failed.values()) / runs, max(failed, key=lambda o: failed[o])
+    what = f"{sum(failed.values())} of {runs} runs failed, most of them since {commonest.text}."
+    return DiagnosisRow("solver", share > MAX_FAILED_SHARE, what, explains=share > MAX_FAILED_SHARE)

@@ -1,0 +1,105 @@
+"""The diagnosis of a fit: which of five causes may be behind a residual that is not noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from aero_bayes.display import table_html
+
+if TYPE_CHECKING:
+    from aero_bayes.estimate.result import Fit
+
+Cause = Literal["data", "solver", "search", "noise", "model"]
+#: In this order causes are looked at. The model comes last: it is blamed only where the others are clear.
+CAUSES: tuple[Cause, ...] = ("data", "solver", "search", "noise", "model")
+
+
+@dataclass(frozen=True)
+class DiagnosisRow:
+    """What was looked at and found of one cause.
+
+    Parameters
+    ----------
+    cause : {"data", "solver", "search", "noise", "model"}
+    found : bool
+        Whether the cause was found.
+    what : str
+        What was found, a sentence; what was looked at if nothing was found.
+    where : str
+        Recordings, outputs, times, rows or parameters.
+    done : str
+        What the program did about it, a sentence; or what the user can do.
+    explains : bool
+        Whether it may explain a structured residual that is left, so that no missing effect is looked for in there. A
+        fault that was mended does not.
+    """
+
+    cause: Cause
+    found: bool
+    what: str
+    where: str = ""
+    done: str = ""
+    explains: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """All of the row as text."""
+        where = f" ({self.where})" if self.where else ""
+        return f"{self.what.removesuffix('.')}{where}.{' ' if self.done else ''}{self.done}"
+
+    def to_dict(self) -> dict[str, object]:
+        """As ``diagnosis`` in result.json holds it."""
+        return {"cause": self.cause, "found": self.found, "what": self.what, "where": self.where, "done": self.done}
+
+
+#: What fills one row of a diagnosis.
+DiagnosisCheck = Callable[["Fit"], DiagnosisRow]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The five causes in order, with what was found of each.
+
+    Examples
+    --------
+    >>> [row.cause for row in fit.diagnosis]
+    ['data', 'solver', 'search', 'noise', 'model']
+    >>> fit.diagnosis.first.cause, fit.diagnosis["data"].found
+    ('model', False)
+    """
+
+    rows: tuple[DiagnosisRow, ...] = field(default=())
+
+    def __iter__(self) -> Iterator[DiagnosisRow]:
+        return iter(self.rows)
+
+    def __getitem__(self, cause: Cause) -> DiagnosisRow:
+        return next(row for row in self.rows if row.cause == cause)
+
+    @property
+    def first(self) -> DiagnosisRow | None:
+        """The first cause that was found; None for a fit without a fault."""
+        return next((row for row in self.rows if row.found), None)
+
+    @property
+    def explanation(self) -> DiagnosisRow | None:
+        """The first cause before the model that may explain a structured residual."""
+        return next((row for row in self.rows if row.found and row.explains and row.cause != "model"), None)
+
+    @property
+    def line(self) -> str:
+        """One line for a terminal: the state of each cause."""
+        return "diagnosis: " + ", ".join(f"{row.cause} {'FOUND' if row.found else 'clear'}" for row in self.rows)
+
+    def to_list(self) -> list[dict[str, object]]:
+        """As ``diagnosis`` in result.json holds it."""
+        return [row.to_dict() for row in self.rows]
+
+    def _repr_html_(self) -> str:
+        rows = [(r.cause, "found" if r.found else "clear", r.what, r.where, r.done) for r in self.rows]
+        return table_html(("cause", "", "what", "where", "done"), rows, "Diagnosis")
+
+    def __repr__(self) -> str:
+        return f"<{self.line[:1].upper()}{self.line[1:]}>"
