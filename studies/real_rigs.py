@@ -21,12 +21,12 @@ import sys
 import time
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import play_drive
-from real_rigs_table import judge_answer, table
+from real_rigs_table import Expectation, judge_answer, table
 from rig_references import residuals_of
 from trial_runs import Row, code, write_summary
 
@@ -37,7 +37,7 @@ RECORDINGS = tuple(HERE.parents[1] / "shared" / name for name in ("rigs", "data"
 
 
 @dataclass(frozen=True)
-class RigCase:
+class RigCase(Expectation):
     """One loop: recordings, the folder of the first model, and what may be named (see ``cases.toml``)."""
 
     name: str
@@ -45,10 +45,6 @@ class RigCase:
     test: tuple[str, ...] = ()
     model: str = ""
     simulated: bool = False
-    expected: tuple[tuple[str, ...], ...] = ()
-    fine: tuple[str, ...] = ()
-    false: tuple[str, ...] = ()
-    truth: dict[str, float] = field(default_factory=dict)
 
     @property
     def folder(self) -> Path:
@@ -100,7 +96,9 @@ def judged_parts(result: dict[str, Any]) -> Row:
     return {
         "outcome": loop["outcome"],
         "named": [effect["id"] for effect in loop["effects"]],
-        "odds": [effect.get("odds") for effect in loop["effects"]],
+        "smaller": [effect["id"] for effect in loop.get("smaller", [])],
+        "share": [effect.get("share") for effect in loop["effects"]],
+        "wins": [effect.get("wins") for effect in loop["effects"]],
         "equivalent": loop.get("equivalent", []),
         **{when: loop.get(when, {}) for when in ("before", "after", "noise_floor")},
         "parameters": {name: {key: one.get(key) for key in ("value", "sd")} for name, one in parameters.items()},
@@ -161,7 +159,7 @@ def main() -> None:
         best = {} if options.no_reference and not kept.exists() else reference_fit(case, files, kept)
         if (path := out / f"{name}.json").exists():
             row = json.loads(path.read_text(encoding="utf-8"))
-            rows.append(judge_answer(row, best, case.expected, case.fine, case.false, case.truth))
+            rows.append(judge_answer(row, best, case))
     text = table(rows)
     print(text)
     write_summary({"rows": rows}, out / "table.json")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 from trial_runs import Row
 
 HEAD = (
-    "rig", "outcome", "named", "missed", "false", "residual, fitted", "residual, unseen",
+    "rig", "verdict", "outcome", "named", "missed", "false", "residual, fitted", "residual, unseen",
     "before over least squares, start free / as read", "s",
 )  # fmt: skip
 #: The two references, and how much larger than them "before" may be.
@@ -19,41 +21,88 @@ STARTS = {"free": "with the start free", "as_read": "with the start as read"}
 LIMIT = 1.02
 
 
-def judge_answer(
-    row: Row,
-    reference: Mapping[str, Any],
-    expected: Sequence[Sequence[str]],
-    fine: Sequence[str],
-    false: Sequence[str],
-    truth: Mapping[str, float],
-) -> Row:
-    """Add to a row what is right, missed, false and other, and "before" over the reference.
+#: What an answer can be, best first; a run that failed is ``failed``.
+VERDICTS = {
+    "right": "all that is expected is named, and nothing false",
+    "silent": "nothing is named where no law is what is missing, or where the readings are too few",
+    "place_right": "a part of what is expected, or a curve or near law where it acts, and nothing false",
+    "false": "something is named that is not missing",
+    "missed": "nothing is named that is expected",
+    "failed": "the run did not end",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expectation:
+    """What is known of a rig, as patterns of ids (see ``cases.toml``)."""
+
+    expected: tuple[tuple[str, ...], ...] = ()
+    silence: bool = False
+    place: tuple[str, ...] = ()
+    fine: tuple[str, ...] = ()
+    false: tuple[str, ...] = ()
+    truth: Mapping[str, float] = field(default_factory=dict)
+
+
+def judge_answer(row: Row, reference: Mapping[str, Any], known: Expectation) -> Row:
+    """Add to a row what is right and false of it, its verdict, and "before" over least squares.
 
     An effect stands for all that the program calls equivalent to it. ``over_reference`` holds "before" over least
     squares with the start ``free`` and ``as_read``, by output and, ``together``, as the geometric mean of these: what
     one output gains where another loses is a matter of their weights.
     """
     if "error" in row:
-        return {**row, "reference": dict(reference)}
-    classes = [_class(row, name) for name in row["named"]]
-    right = [next((n for n, same in enumerate(classes) if _any(same, group)), None) for group in map(tuple, expected)]
-    found = {n for n in right if n is not None}
-    rest = [n for n in range(len(classes)) if n not in found and not _any(classes[n], fine)]
-    wrong = [n for n in rest if _any({row["named"][n]}, false)]
+        return {**row, "verdict": "failed", "reference": dict(reference)}
+    answer = judge_names(row["named"], row["equivalent"], known)
     return {
         **row,
-        "right": [row["named"][n] for n in sorted(found)],
-        "missed": [" or ".join(group) for group, n in zip(expected, right, strict=True) if n is None],
-        "false": [row["named"][n] for n in wrong],
-        "other": [row["named"][n] for n in rest if n not in wrong],
+        **answer,
         "reference": dict(reference),
         "over_reference": {
             start: _over(row["before"].get("train", {}), reference[start]["rms"])
             for start in ("free", "as_read")
             if start in reference
         },
-        "standard_deviations_off": _off(row["parameters"], truth),
+        "standard_deviations_off": _off(row["parameters"], known.truth),
     }
+
+
+def judge_names(named: Sequence[str], equivalent: Sequence[Sequence[str]], known: Expectation) -> Row:
+    """Return what is right, at the right place, missed, false and other among names, and the verdict.
+
+    Parameters
+    ----------
+    named : sequence of str
+        Ids of the effects that are named.
+    equivalent : sequence of sequence of str
+        Ids that the program calls equivalent.
+    known : Expectation
+    """
+    classes = [_class(equivalent, name) for name in named]
+    right = [next((n for n, same in enumerate(classes) if _any(same, group)), None) for group in known.expected]
+    found = {n for n in right if n is not None}
+    rest = [n for n in range(len(classes)) if n not in found and not _any(classes[n], known.fine)]
+    there = [n for n in rest if _any(classes[n], known.place)]
+    rest = [n for n in rest if n not in there]
+    wrong = [n for n in rest if _any({named[n]}, known.false)]
+    answer = {
+        "right": [named[n] for n in sorted(found)],
+        "at_place": [named[n] for n in there],
+        "missed": [" or ".join(group) for group, n in zip(known.expected, right, strict=True) if n is None],
+        "false": [named[n] for n in wrong],
+        "other": [named[n] for n in rest if n not in wrong],
+    }
+    return {**answer, "verdict": _verdict(answer, bool(named), known)}
+
+
+def _verdict(answer: Row, something: bool, known: Expectation) -> str:
+    if answer["false"] or answer["other"]:
+        return "false"
+    if not something and (known.silence or not known.expected):
+        return "silent"
+    if not answer["missed"] and not (answer["at_place"] and not known.expected):
+        return "right"
+    return "place_right" if answer["right"] or answer["at_place"] else "missed"
 
 
 def _over(before: Mapping[str, float], best: Mapping[str, float]) -> dict[str, float]:
@@ -61,8 +110,8 @@ def _over(before: Mapping[str, float], best: Mapping[str, float]) -> dict[str, f
     return {**over, "together": float(np.exp(np.mean(np.log(list(over.values()))))) if over else float("nan")}
 
 
-def _class(row: Row, name: str) -> set[str]:
-    return {name, *(other for same in row["equivalent"] if name in same for other in same)}
+def _class(equivalent: Sequence[Sequence[str]], name: str) -> set[str]:
+    return {name, *(other for same in equivalent if name in same for other in same)}
 
 
 def _any(names: set[str], patterns: Sequence[str]) -> bool:
@@ -85,8 +134,10 @@ def table(rows: Sequence[Row]) -> str:
     lines += ["| " + " | ".join(_cells(row)) + " |" for row in rows]
     good = [row for row in rows if "error" not in row]
     right, missed = (sum(len(row[key]) for row in good) for key in ("right", "missed"))
-    wrong = sum(len(row["false"]) for row in good)
-    lines += ["", f"{right} of {right + missed} expected names found, {wrong} false names"]
+    wrong = sum(len(row["false"]) + len(row["other"]) for row in good)
+    counts = Counter(row["verdict"] for row in rows)
+    lines += ["", ", ".join(f"{counts[verdict]} {verdict.replace('_', ' ')}" for verdict in VERDICTS)]
+    lines += [f"{right} of {right + missed} expected names found, {wrong} false names"]
     for start, words in STARTS.items():
         over = [row["over_reference"][start]["together"] for row in good if row["over_reference"]]
         above = sum(ratio > LIMIT for ratio in over)
@@ -103,8 +154,8 @@ def table(rows: Sequence[Row]) -> str:
 
 def _cells(row: Row) -> list[str]:
     if "error" in row:
-        return [row["key"], f"failed: {row['error']}", *([""] * (len(HEAD) - 3)), f"{row['seconds']:.0f}"]
-    marks = {**{n: "" for n in row["right"]}, **{n: " (other)" for n in row["other"]}}
+        return [row["key"], "failed", f"{row['error']}", *([""] * (len(HEAD) - 4)), f"{row['seconds']:.0f}"]
+    marks = {n: " (place)" for n in row["at_place"]} | {n: " (other)" for n in row["other"]}
     over = [
         ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
         if len(ratios) > 2
@@ -113,10 +164,11 @@ def _cells(row: Row) -> list[str]:
     ]
     return [
         row["key"],
+        row["verdict"].replace("_", " "),
         row["outcome"],
         ", ".join(f"`{name}`{marks.get(name, '')}" for name in row["named"]) or "-",
         ", ".join(row["missed"]) or "-",
-        ", ".join(f"`{name}`" for name in row["false"]) or "-",
+        ", ".join(f"`{name}`" for name in (*row["false"], *row["other"])) or "-",
         _change(row, "train"),
         _change(row, "test"),
         " / ".join(over) or "-",

@@ -17,6 +17,8 @@ Parameters = dict[str, float]
 EVEN = 1e-3
 #: What stays of the AERO's parameters: inductance, inertia of stator and body, arm.
 INDUCTANCE, STATOR, BODY, ARM = 1.16e-3, 4e-6, 0.0219, 0.158
+#: Held constants of the car that rolls out: mass in kg, density of the air in kg/m3.
+CAR, AIR = 150.0, 1.2
 
 
 def linear(matrices: Callable[[Parameters], tuple[Any, ...]]) -> Callable[..., FloatArray]:
@@ -97,13 +99,54 @@ def _runge_kutta(
 
 def tanks(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool) -> FloatArray:
     """Simulate two tanks, one above the other: level of the lower one."""
+    return both_tanks(p, state, time, inputs, straight)[:, 1:]
+
+
+def both_tanks(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool) -> FloatArray:
+    """Simulate two tanks, one above the other: level of either."""
     k1, k2, k3, k4 = (p[name] for name in ("k1", "k2", "k3", "k4"))
 
     def slope(x: list[float], u: float) -> list[float]:
         upper, lower = (max(level, 0.0) ** 0.5 for level in x)
         return [k3 * u - k1 * upper, k2 * upper - k4 * lower]
 
-    return _runge_kutta(slope, state, time, inputs, straight, 1)[:, 1:]
+    return _runge_kutta(slope, state, time, inputs, straight, 1)
+
+
+def falling_ball(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool) -> FloatArray:
+    """Return the height of a ball that falls freely."""
+    since = time - time[0]
+    return (state[0] + state[1] * since - 0.5 * p["g"] * since**2)[:, np.newaxis]
+
+
+def growing_culture(
+    p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool
+) -> FloatArray:
+    """Return the individuals of a culture that grows in proportion to them."""
+    return np.asarray(state[0] * np.exp(p["r"] * (time - time[0])))[:, np.newaxis]
+
+
+def coasting_car(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool) -> FloatArray:
+    """Return the speed of a car that only the air slows down."""
+    drag = 0.5 * AIR * p["C_A"] / CAR
+    return np.asarray(state[0] / (1.0 + state[0] * drag * (time - time[0])))[:, np.newaxis]
+
+
+def viscous_damper(
+    p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool
+) -> FloatArray:
+    """Return the force of a damper with stiffness, from displacement and velocity."""
+    return np.asarray(p["c"] * inputs[:, 1:] + p["k"] * inputs[:, :1] + p["F_0"])
+
+
+def hot_end(p: Parameters, state: FloatArray, time: FloatArray, inputs: FloatArray, straight: bool) -> FloatArray:
+    """Simulate a heated body that gives heat to air of constant temperature."""
+    air = np.full((time.size, 1), p["T_a"])
+    return linear(_heated_body)(p, state, time, np.hstack([inputs, air]), straight)
+
+
+def _heated_body(p: Parameters) -> tuple[Any, ...]:
+    return [[-p["G"] / p["C"]]], [[1 / p["C"], p["G"] / p["C"]]], [[1]], [[0, 0]], [0]
 
 
 def cart_and_pendulum(

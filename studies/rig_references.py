@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import csv
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from rig_motions import aero, cart_and_pendulum, linear, tanks, two_dof
+from rig_motions import (
+    aero,
+    both_tanks,
+    cart_and_pendulum,
+    coasting_car,
+    falling_ball,
+    growing_culture,
+    hot_end,
+    linear,
+    tanks,
+    two_dof,
+    viscous_damper,
+)
 
 FloatArray = NDArray[np.float64]
 #: Parameters by name, initial state (states,), time (n,), inputs (n, inputs), whether these are straight between
@@ -36,6 +48,8 @@ LARGEST_RESIDUAL = 1e3
 STEP = 1e-4
 #: Of how many readings one is kept for the starts, how many of these go on with all, and how often weights are renewed.
 THINNING, KEPT_STARTS, MAX_REWEIGHTINGS = 20, 2, 8
+#: Readings of a recording that stay at least, where it has as many.
+MIN_READINGS = 50
 
 
 @dataclass(frozen=True)
@@ -60,6 +74,8 @@ class FirstModel:
     held : bool
         Whether the inputs are known to hold between samples.
     starts : int
+    limits : mapping of str to (float, float)
+        Bounds of parameters that are known closer than by a factor.
     """
 
     motion: Motion
@@ -72,6 +88,7 @@ class FirstModel:
     delayed: bool = False
     held: bool = False
     starts: int = 6
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +159,7 @@ def _fit(rig: FirstModel, recordings: Sequence[Readings], straight: bool) -> dic
     The first fits use fewer readings where the inputs rarely change; the best go on with all of them.
     """
     rng = np.random.default_rng(36)
-    scale = np.concatenate([r.outputs for r in recordings]).std(axis=0)
+    scale = np.nanstd(np.concatenate([r.outputs for r in recordings]), axis=0)
     few = [_thinned(recording) for recording in recordings]
     points = [_start(rig, recordings, rng, number) for number in range(rig.starts)]
     fits = [_local_fit(rig, few, straight, point, scale, scale, MAX_REWEIGHTINGS // 2) for point in points]
@@ -160,7 +177,8 @@ def _fit(rig: FirstModel, recordings: Sequence[Readings], straight: bool) -> dic
 def _thinned(recording: Readings) -> Readings:
     """Every so many readings, and those about each change of an input."""
     changes = np.any(np.diff(recording.inputs, axis=0) != 0.0, axis=1)
-    keep = np.arange(recording.time.size) % THINNING == 0
+    every = int(np.clip(recording.time.size // MIN_READINGS, 1, THINNING))
+    keep = np.arange(recording.time.size) % every == 0
     keep[:-1] |= changes
     keep[1:] |= changes
     return Readings(recording.time[keep], recording.inputs[keep], recording.outputs[keep])
@@ -188,17 +206,22 @@ def _local_fit(
     low, high = (np.full(point.size, sign * np.inf) for sign in (-1, 1))
     nominal = np.log(list(rig.start.values()))
     low[:count], high[:count] = nominal - SEARCH_RANGE, nominal + SEARCH_RANGE
+    for k, name in enumerate(rig.start):
+        if name in rig.limits:
+            low[k], high[k] = np.log(rig.limits[name])
     spans = np.ones(point.size)
     if rig.delayed:
         low[count], high[count], spans[count] = 0.0, 0.02, 0.01
     loss = np.inf
+    seen = sum(np.isfinite(recording.outputs).sum(axis=0) for recording in recordings)
     for _ in range(rounds if len(rig.outputs) > 1 else 1):
         weights = np.maximum(left, 1e-6 * scale)
         misfit = lambda x, weights=weights: _misfit(rig, recordings, straight, x, weights)  # noqa: E731
         slopes = lambda x, misfit=misfit: _slopes(misfit, x, STEP * spans)  # noqa: E731
         point = np.clip(point, low, high)
         point = least_squares(misfit, point, slopes, (low, high), x_scale=spans, ftol=1e-7, max_nfev=60).x
-        left = np.sqrt(np.mean(misfit(point).reshape(-1, len(rig.outputs)) ** 2, axis=0)) * weights
+        squares = np.sum(misfit(point).reshape(-1, len(rig.outputs)) ** 2, axis=0)
+        left = np.sqrt(squares / seen) * weights
         before, loss = loss, float(np.mean(np.log(left)))
         if before - loss < 1e-4:
             break
@@ -265,6 +288,28 @@ def _drive(p: dict[str, float]) -> tuple[Any, ...]:
     return [[0, 1], [-p["c"] / inertia, -p["D"] / inertia]], [[0], [p["k_m"] / inertia]], [[1, 0]], [[0]], [0]
 
 
+def _servo_motors(p: dict[str, float]) -> tuple[Any, ...]:
+    return [[-p["B"] / p["J"]]], [[1 / p["J"]]], [[1]], [[0]], [0]
+
+
+def _heaters(p: dict[str, float]) -> tuple[Any, ...]:
+    capacity = 5.0
+    cooling, first, second = (p[name] / capacity for name in ("U", "a1", "a2"))
+    return (
+        [[-cooling, 0], [0, -cooling]],
+        [[first, 0, cooling], [0, second, cooling]],
+        [[1, 0], [0, 1]],
+        [[0, 0, 0], [0, 0, 0]],
+        [0, 0],
+    )
+
+
+def _coupled_drives(p: dict[str, float]) -> tuple[Any, ...]:
+    square = p["w0"] ** 2
+    motion = [[-1 / p["T"], 0, 0], [0, 0, 1], [square, -square, -2 * p["zeta"] * p["w0"]]]
+    return motion, [[p["K"] / p["T"]], [0], [0]], [[0, 1, 0]], [[0]], [0]
+
+
 _MOTOR = {"R_a": 8.4, "c_m": 0.042, "J_r": 1.1e-5, "k_d": 1e-7, "k_t": 1.2e-6, "D_p": 0.0071, "K_sp": 0.0375}
 _FREE = {
     "c_m": 0.042, "J_r": 1e-5, "k_d": 1e-7, "k_dt": 1e-7, "k_t": 1.2e-6, "k_tt": 1.2e-6, "D_p": 0.0071,
@@ -293,6 +338,33 @@ RIGS = {
         cart_and_pendulum, ("v",), ("z", "phi"), {"b": 5.0, "a": 10.0, "l": 4.0, "w2": 40.0, "c": 0.05},
         (0.01, 0.1, 0.1, 0.5), lambda y: (y[0], 0.0, y[1], 0.0), shown=(0, 2),
     ),
+    "motor": FirstModel(
+        linear(_servo_motors), ("tau",), ("w",), {"J": 3e-4, "B": 1e-4}, (10.0,), lambda y: (y[0],), held=True
+    ),
+    "tclab": FirstModel(
+        linear(_heaters), ("Q1", "Q2", "T_a"), ("T1", "T2"), {"a1": 0.01, "a2": 0.005, "U": 0.04}, (1.0, 1.0),
+        lambda y: (y[0], y[1]), shown=(0, 1), held=True,
+    ),
+    "tank2006": FirstModel(
+        both_tanks, ("u",), ("y1", "y2"), {"k1": 0.05, "k2": 0.05, "k3": 0.1, "k4": 0.05}, (1.0, 1.0),
+        lambda y: (y[0], y[1]), shown=(0, 1), held=True,
+    ),
+    "drives": FirstModel(
+        linear(_coupled_drives), ("u",), ("y",), {"T": 0.2, "K": 2.0, "w0": 15.0, "zeta": 0.3}, (1.0, 1.0, 10.0),
+        lambda y: (0.0, y[0], 0.0), shown=(1,), held=True,
+    ),
+    "whiffle": FirstModel(
+        falling_ball, (), ("height",), {"g": 9.81}, (1.0, 1.0), lambda y: (y[0], 0.0), limits={"g": (9.79, 9.82)}
+    ),
+    "paramecium": FirstModel(growing_culture, (), ("count",), {"r": 1e-5}, (1.0,), lambda y: (y[0],)),
+    "damper": FirstModel(
+        viscous_damper, ("x", "v"), ("F",), {"c": 200.0, "k": 200.0, "F_0": 50.0}, (), lambda _: (), shown=()
+    ),
+    "hotend": FirstModel(
+        hot_end, ("u",), ("T",), {"C": 10.0, "G": 0.1, "T_a": 25.0}, (1.0,), lambda y: (y[0],), held=True,
+        limits={"T_a": (15.0, 40.0)},
+    ),
+    "coastdown": FirstModel(coasting_car, (), ("speed",), {"C_A": 1.0}, (1.0,), lambda y: (y[0],)),
     "aero_step": FirstModel(
         aero(2), ("V_m",), ("i_m", "omega_m", "theta"), _MOTOR, (0.0,) * 4, lambda y: (0.0, 0.0, y[2], 0.0),
         delayed=True, held=True, starts=12,

@@ -15,9 +15,14 @@ import real_rigs
 import rig_references
 from aero_bayes.config import load_config
 from aero_bayes.export import export_fmu
-from real_rigs_table import judge_answer, table
+from real_rigs_table import Expectation, judge_answer, judge_names, table
 
-STARTS = {"tanks": (5.0, 5.0)}
+STARTS = {
+    "tanks": (5.0, 5.0), "tank2006": (1.0, 1.0), "tclab": (20.0, 20.0), "whiffle": (47.0, 0.0), "paramecium": (2.0,),
+    "hotend": (25.0,), "coastdown": (8.0,),
+}  # fmt: skip
+#: How fast a rig moves, in 1/s, where a second is too long or too short for it.
+RATES = {"silverbox": 400.0, "paramecium": 1e-5, "hotend": 0.01, "tclab": 0.01}
 STEPS = {"play": 0.05, "aero_step": 16.5, "aero_pulse": 16.5, "aero_2dof": 10.0}
 
 
@@ -28,14 +33,17 @@ def test_the_equations_of_a_reference_are_those_of_the_first_model(name: str, tm
     config = load_config(real_rigs.MODELS / name / "rig.toml")
     assert set(rig.start) == {n for n, p in config.parameters.items() if p.free} or name in ("aero_step", "aero_pulse")
     fmu = export_fmu(config.model.name, tmp_path / "Rig.fmu", compiler="embedded", sources=config.model.sources)
-    rate = np.sqrt(rig.start["a"] / rig.start["m"]) if name == "silverbox" else 1.0
+    rate = RATES.get(name, 1.0)
     time = np.arange(0.0, 4.0, 0.01) / rate
     waves = STEPS[name] + 0.0 * time if name in STEPS else 1.0 + 0.5 * np.sin(3.0 * rate * time)
-    inputs = np.column_stack([waves] * len(rig.inputs))
-    table = np.array([(t, *u) for t, u in zip(time, inputs, strict=True)], [(n, "f8") for n in ("time", *rig.inputs)])
+    inputs = np.tile(waves[:, np.newaxis], len(rig.inputs))
+    rows = np.column_stack([time, *inputs.T])
+    table = np.array([*map(tuple, rows)], [(n, "f8") for n in ("time", *rig.inputs)]) if rig.inputs else None
     parameters = {n: 1.1 * value for n, value in rig.start.items()}
+    # In co-simulation an output that is no state shows the input of the step before.
+    kind = "CoSimulation" if rig.steps else "ModelExchange"
     found = fmpy.simulate_fmu(
-        str(fmu), fmi_type="CoSimulation", stop_time=time[-1], output_interval=time[1], input=table,
+        str(fmu), fmi_type=kind, stop_time=time[-1], output_interval=time[1], input=table,
         start_values=parameters, output=rig.outputs, relative_tolerance=1e-8,
     )  # fmt: skip
     start = np.array(STARTS.get(name, (0.0,) * len(rig.steps)))
@@ -74,6 +82,18 @@ def test_a_reference_comes_down_to_the_noise_where_nothing_is_missing(tmp_path: 
     assert found["free"]["rms"]["angle"] <= found["as_read"]["rms"]["angle"] < 0.0115
 
 
+def test_a_reference_leaves_gaps_and_keeps_all_of_a_few_readings(tmp_path: Path) -> None:
+    path = tmp_path / "train.csv"
+    days = np.arange(12)
+    counts = [f"{2.0 * np.exp(0.4 * day) * (1.0 + 0.01 * (-1) ** day):.6g}" if day != 3 else "" for day in days]
+    lines = [f"{86400 * day},{count}" for day, count in zip(days, counts, strict=True)]
+    path.write_text("\n".join(["time,count", *lines]), encoding="utf-8")
+    found = rig_references.residuals_of("paramecium", [path], whole=True)["free"]
+    assert found["parameters"]["r"] == pytest.approx(0.4 / 86400, rel=0.01)
+    sizes = [0.01 * 2.0 * np.exp(0.4 * day) for day in days if day != 3]
+    assert 0.3 * np.sqrt(np.mean(np.square(sizes))) < found["rms"]["count"] < np.sqrt(np.mean(np.square(sizes)))
+
+
 def test_the_drive_moves_freely_within_its_play_and_rests_on_its_spring_outside() -> None:
     a = play_drive.FRICTION / play_drive.INERTIA
     time = play_drive.INTERVAL * np.arange(30)
@@ -102,21 +122,51 @@ def row(*named: str, equivalent: tuple[tuple[str, ...], ...] = ()) -> dict[str, 
 
 
 def test_names_are_right_missed_false_or_other() -> None:
-    expected, fine, false = [["overflow@h1"], ["lag@u", "delay@u"]], ["offset@*"], ["gain@*"]
+    known = Expectation(
+        expected=(("overflow@h1",), ("lag@u", "delay@u")), fine=("offset@*",), false=("gain@*",),
+        truth={"x_b": 0.03, "gone": 1.0},
+    )  # fmt: skip
     best = {start: {"rms": {"y": rms}} for start, rms in (("free", 0.2), ("as_read", 0.3))}
     answer = row("overflow@h1", "offset@h2", "gain@u", "curve@y")
-    one = judge_answer(answer, best, expected, fine, false, {"x_b": 0.03, "gone": 1.0})
+    one = judge_answer(answer, best, known)
     assert (one["right"], one["missed"]) == (["overflow@h1"], ["lag@u or delay@u"])
-    assert (one["false"], one["other"]) == (["gain@u"], ["curve@y"])
+    assert (one["false"], one["other"], one["verdict"]) == (["gain@u"], ["curve@y"], "false")
     assert one["over_reference"]["free"]["together"] == pytest.approx(1.5)
     assert one["standard_deviations_off"] == {"x_b": pytest.approx(2.0), "gone": None}
-    same = judge_answer(row("gain@u", equivalent=(("gain@u", "delay@u"),)), {}, expected, fine, false, {})
+    same = judge_answer(row("gain@u", equivalent=(("gain@u", "delay@u"),)), {}, known)
     assert (same["right"], same["false"]) == (["gain@u"], [])
-    alone = judge_answer(row("backlash@w", "offset@w"), {}, [["backlash@w"]], [], ["*"], {})
+    alone = judge_answer(row("backlash@w", "offset@w"), {}, Expectation(expected=(("backlash@w",),), false=("*",)))
     assert (alone["right"], alone["false"]) == (["backlash@w"], ["offset@w"])
-    text = table([one, {"key": "other", "code": "0", "seconds": 2.0, "error": "stopped"}])
-    assert re.search(facts("1 of 2", "1 false", "1 of 1"), text)
-    assert "failed: stopped" in text
+    failed = judge_answer({"key": "other", "code": "0", "seconds": 2.0, "error": "stopped"}, {}, known)
+    text = table([one, failed])
+    assert re.search(facts("1 of 2", "2 false", "1 of 1"), text)
+    assert re.search(facts("1 false", "1 failed", "stopped"), text)
+
+
+@pytest.mark.parametrize(
+    ("named", "verdict"),
+    [
+        (["square_law@u"], "right"),
+        (["square_law@u", "lag@u"], "right"),
+        (["curve@u"], "place_right"),
+        (["lag@u"], "missed"),
+        ([], "missed"),
+        (["square_law@u", "dead_zone@u"], "false"),
+        (["curve@u", "offset@y"], "false"),
+    ],
+)
+def test_the_verdict_tells_a_name_from_a_place(named: list[str], verdict: str) -> None:
+    known = Expectation(expected=(("square_law@u",),), place=("curve@u",), fine=("lag@u",), false=("dead_zone@u",))
+    assert judge_names(named, [], known)["verdict"] == verdict
+
+
+def test_silence_is_right_where_no_law_is_missing_or_readings_are_too_few() -> None:
+    few = Expectation(expected=(("square_loss@N",),), silence=True)
+    none = Expectation(place=("curve@i",), fine=("dead_zone@v",))
+    assert [judge_names([], [], known)["verdict"] for known in (few, none)] == ["silent", "silent"]
+    assert judge_names(["curve@i"], [], none)["verdict"] == "place_right"
+    assert judge_names(["dead_zone@v"], [], none)["verdict"] == "right"
+    assert judge_names(["lag@i"], [], none)["verdict"] == "false"
 
 
 def test_a_case_whose_recordings_are_not_there_is_left_out(tmp_path: Path) -> None:
