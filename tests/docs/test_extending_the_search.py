@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from test_documentation import ROOT, blocks
 
-from aero_bayes.checkpoint import ResultCache
 from aero_bayes.data import Layout, read_recording
 from aero_bayes.judge import Choice, Recordings, choose
 from aero_bayes.laws import CandidateFilter, ModelicaFamily
@@ -47,9 +46,7 @@ def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[Sea
     family = ModelicaFamily("Rig", (CART / "Rig.mo",), folder, candidate_filter=CandidateFilter(laws=settings.laws))
     recordings = Recordings.of([recording], [], settings.held_out, ["position"])
     with WorkerPool(0) as pool:
-        context = LoopContext(
-            family, recordings, settings, pool, folder, lambda *told: None, LoopStatistics(), ResultCache()
-        )
+        context = LoopContext(family, recordings, settings, pool, folder, lambda *told: None, LoopStatistics())
         base = fit_base_model(context)
         family.prepare(base.plain, base.fit, context.open)
         library = Library(family.candidate_groups(), family.refinements(), tuple(family.curves()))

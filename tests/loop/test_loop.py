@@ -9,7 +9,6 @@ import pytest
 from facts import facts
 
 from aero_bayes.bench import Parameters, Truth, effect, random_levels, real, simulate_recording, white
-from aero_bayes.checkpoint import ResultCache
 from aero_bayes.errors import InputError
 from aero_bayes.judge import Recordings
 from aero_bayes.laws import ModelicaFamily
@@ -138,7 +137,7 @@ def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp
     context = LoopContext(
         ModelicaFamily("Aero.Systems.OneDof", (), fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
         replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None,
-        LoopStatistics(), ResultCache(),
+        LoopStatistics(),
     )  # fmt: skip
     plain = fit_base_model(context).plain
     (raw,) = context.recordings.fitted

@@ -1,4 +1,4 @@
-"""A loop that is interrupted and killed ends, resumed, as it would have ended; Ctrl-C says in one line how to go on."""
+"""A posterior that is stopped ends, resumed, as it would have ended; Ctrl-C says in one line how to go on."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CART = Path(__file__).parents[2] / "examples" / "cart"
 EAGER = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
 EAGER += "import aero_bayes.checkpoint as c; c.MIN_WRITE_INTERVAL = c.MIN_INTERVAL_RATIO = 0.0; "
 EAGER += "from aero_bayes.cli import main; main()"
-FEW = '\n[loop]\nlaws = ["coulomb_friction", "cubic_stiffness", "quadratic_drag"]\n'
+FEW = "\n[posterior]\ness = 1e9\nmax_steps = 200\n[prediction]\nmax_seconds = 0\n"
 
 
 @pytest.fixture
@@ -32,8 +32,8 @@ def rig(tmp_path: Path) -> Path:
 
 
 def begin(rig: Path, out: str, *more: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", EAGER, "close-loop", "--config", "rig.toml", "--train", "train.csv", "--test",
-               "test.csv", "--out", out, "--workers", "1", *more]  # fmt: skip
+    command = [sys.executable, "-c", EAGER, "posterior", "--config", "rig.toml", "--data", "train.csv"]
+    command += ["--out", out, "--workers", "1", *more]
     return subprocess.Popen(
         command, cwd=rig, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -62,7 +62,7 @@ def told(folder: Path) -> Any:
     return timeless(json.loads((folder / "result.json").read_text("utf-8")))
 
 
-def test_a_loop_that_was_stopped_ends_as_if_it_had_not_been(rig: Path):
+def test_a_posterior_that_was_stopped_ends_as_if_it_had_not_been(rig: Path):
     whole = begin(rig, "whole")
     whole.communicate(timeout=300)
     assert whole.returncode == 0

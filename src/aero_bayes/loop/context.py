@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from aero_bayes.checkpoint import ResultCache
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
@@ -16,10 +15,10 @@ from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.unseen import Unseen
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.parallel import ParallelMap
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator
-from aero_bayes.speculative import SpeculativeExecutor
 
 Progress = Callable[[str, float], None]
 
@@ -64,8 +63,7 @@ class LoopStatistics:
 class LoopContext:
     """What all stages of a loop share.
 
-    ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1);
-    ``result_cache`` keeps the results of searches.
+    ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1).
     """
 
     family: ModelFamily
@@ -75,7 +73,6 @@ class LoopContext:
     folder: Path
     progress: Progress
     statistics: LoopStatistics
-    result_cache: ResultCache
 
     @property
     def units(self) -> dict[str, str]:
@@ -98,13 +95,13 @@ class LoopContext:
         return self.objective(calibration, self.open(calibration.problem()))
 
     def objective(self, calibration: Calibration, simulator: Simulator) -> Objective:
-        """A calibration on a simulator that is open; what its searches find is kept."""
-        return Objective(calibration, simulator, result_cache=self.result_cache)
+        """A calibration on a simulator that is open."""
+        return Objective(calibration, simulator)
 
     @property
-    def ahead(self) -> SpeculativeExecutor:
-        """Helpers, one a worker, that compute results before they are needed."""
-        return SpeculativeExecutor(self.result_cache, self.pool, self.statistics.time_is_up)
+    def map(self) -> ParallelMap:
+        """A map over independent fits, one process a worker; none is begun after the time limit."""
+        return ParallelMap(self.pool, self.statistics.time_is_up)
 
     @property
     def unseen(self) -> Unseen:

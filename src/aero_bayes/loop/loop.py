@@ -10,7 +10,6 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.arguments import paths_of, require_all, require_type
-from aero_bayes.checkpoint import Checkpoint, ResultCache
 from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
@@ -51,7 +50,6 @@ def close_loop(
     workers: int | None = None,
     out_dir: Path | str | None = None,
     progress: Progress | None = None,
-    checkpoint: Checkpoint | Path | str | None = None,
 ) -> LoopResult:
     """Find the effect that a model lacks, add it to the model, and judge the gain on data that was not fitted.
 
@@ -69,8 +67,6 @@ def close_loop(
         Where the extended model's Modelica file is written.
     progress : callable, optional
         Told what happens and how far it is (0 to 1); a sentence with a full stop is for the reader to keep.
-    checkpoint : Checkpoint or path, optional
-        File to resume from and to keep up to date.
 
     Raises
     ------
@@ -99,8 +95,7 @@ def close_loop(
         family = _family(name, settings.cache or folder / "fmu", settings)
         known = [v.name for v in family.base_model().outputs]
         recordings = Recordings.of(train, test, settings.held_out, known)
-        result_cache = Checkpoint.at(checkpoint) or ResultCache()
-        context = LoopContext(family, recordings, settings, pool, folder, progress, LoopStatistics(), result_cache)
+        context = LoopContext(family, recordings, settings, pool, folder, progress, LoopStatistics())
         states = states_of(family.base_model(), settings)
         base = fit_base_model(context)
         cache, choice = search_structures(context, base)
@@ -130,7 +125,7 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     library = Library(family.candidate_groups(), family.refinements(), curves)
     fit = replace(settings.local_fit, floors=plain.floors)
     work = SearchControl(
-        context.statistics.time_is_up, context.ahead, lambda what, share: context.progress(what, 0.2 + 0.5 * share)
+        context.statistics.time_is_up, context.map, lambda what, share: context.progress(what, 0.2 + 0.5 * share)
     )
     context.progress("trying each candidate", 0.15)
     model = cache.of(Structure(), library.groups[0])

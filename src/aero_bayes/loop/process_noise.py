@@ -53,7 +53,7 @@ def find_process_noise(context: LoopContext, conclusion: Conclusion, states: Seq
     parameters = conclusion.calibration.parameters
     at = parameters.from_search(conclusion.refit.coordinates)
     control = SearchControl(
-        context.statistics.time_is_up, context.ahead, lambda what, share: context.progress(what, 0.92 + 0.04 * share)
+        context.statistics.time_is_up, context.map, lambda what, share: context.progress(what, 0.92 + 0.04 * share)
     )
     found: tuple[ProcessNoiseFit, ...] = ()
     with suppress(CannotFinishError):

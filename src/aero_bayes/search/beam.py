@@ -14,17 +14,17 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.local_fit import LocalFitSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum
+from aero_bayes.parallel import Task, doubling_batches
 from aero_bayes.search.edits import Direction, EditContext, term_directions
 from aero_bayes.search.explored import Library, SearchControl, SearchResult, ranked
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.search.parts import Parts
-from aero_bayes.search.refit import aim_at, refit
+from aero_bayes.search.refit import aim_at, refit, refit_from_here
 from aero_bayes.search.score import CommonNoise, Penalty, common_noise
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import KnownTerms, Start, starting_points
 from aero_bayes.search.structure import Structure, by_size
-from aero_bayes.speculative import doubling_batches
 
 #: Number of the best structures whose terms are tried in place of others.
 MAX_RIVALS = 10
@@ -204,31 +204,28 @@ class StructureSearch:
         """Fit structures with new terms in the order of their predicted gain; skip those that cannot matter."""
         bases = {s: found for s, origin in targets.items() if (found := self._base_model(s, origin)) is not None}
         rules = (*self.parts.start_rules, *([KnownTerms(self._best_values())] if self.parts.known_terms else []))
-        searches = {s: partial(starting_points, rules, base, s) for s, base in bases.items()}
-        self.control.precompute(list(searches.values()), lambda done: self.control.report(what, 0.2 + 0.3 * done))
-        starts: dict[Structure, list[Start]] = {}
-        for structure, find in searches.items():
-            if self._time_is_up(what):
-                break
-            starts[structure] = find()
-            self._predicted_gains[structure] = max(_max_gain(starts[structure]), 0.0) / bases[structure].temperature
+        searches = [
+            Task(partial(starting_points, rules, base, s), base.model.objective.outcomes) for s, base in bases.items()
+        ]
+        points_of = self.control.map(searches, lambda done: self.control.report(what, 0.2 + 0.3 * done))
+        starts = {s: points for s, points in zip(bases, points_of, strict=True) if points is not None}
+        self._time_is_up(what)
+        for structure, points in starts.items():
+            self._predicted_gains[structure] = max(_max_gain(points), 0.0) / bases[structure].temperature
         order = sorted(starts, key=lambda s: (-self._predicted_evidence(bases[s], starts[s]), s.terms))
         tried: list[Structure] = []
         for wave in doubling_batches(order, self.settings.beam_width):
             fitted = [self._fits[s] for s in tried if s in self._fits]
             least = {s: self._min_evidence(fitted, len(s)) for s in wave}
-            likely = {
-                s: partial(refit, bases[s], s, starts[s], self.settings, self._with_target(bases[s], least[s]))
-                for s in wave
-                if self._may_reach(bases[s], starts[s], least[s])
-            }
-            self.control.precompute(list(likely.values()), lambda done: None)
-            for structure, task in likely.items():
-                if tried and self._time_is_up(what):
-                    break
-                if (found := task()) is not None:
-                    self._keep_better(found)
-                tried.append(structure)
+            if tried and self._time_is_up(what):
+                break
+            likely = [s for s in wave if self._may_reach(bases[s], starts[s], least[s])]
+            works = [
+                partial(refit, bases[s], s, starts[s], self.settings, self._with_target(bases[s], least[s]))
+                for s in likely
+            ]
+            self._fit_all([replace(bases[s], structure=s) for s in likely], works)
+            tried += likely
             self.control.report(what, 0.5 + 0.5 * len(tried) / max(len(order), 1))
         return [s for s in dict.fromkeys((*tried, *starts)) if s in self._fits]
 
@@ -343,11 +340,15 @@ class StructureSearch:
             own.sort(key=lambda s: (-self._penalty.score(self._fits[s]), s.terms))
             again |= set(own[: self.settings.beam_width])
         known = [s for s in self._fits if s in again]
-        tasks = [partial(self._fits[s].refitted, self._noise.noise, self._settings) for s in known]
-        self.control.precompute(tasks, lambda done: None)
-        for task in tasks:
-            with suppress(CannotFinishError):
-                self._keep_better(task())
+        works = [partial(refit_from_here, self._fits[s], self._noise.noise, self._settings) for s in known]
+        self._fit_all([replace(self._fits[s], temperature=self._noise.noise.temperature) for s in known], works)
+
+    def _fit_all(self, like: Sequence[FittedModel], works: Sequence[Callable[[], Optimum | None]]) -> None:
+        """Do independent fits, each on the model and of the structure of one of ``like``, and keep the better ones."""
+        tasks = [Task(work, f.model.objective.outcomes) for f, work in zip(like, works, strict=True)]
+        for fitted, end in zip(like, self.control.map(tasks, lambda done: None), strict=True):
+            if end is not None:
+                self._keep_better(replace(fitted, optimum=end))
 
     def _restart(self, tried: Sequence[Structure], what: str) -> None:
         """Restart the fits of the best structures of a level while the residual is structured."""
@@ -378,7 +379,7 @@ class StructureSearch:
                 off = Start(base.optimum.coordinates, 0.0, 0.0)
                 starts = [*starting_points(self.parts.start_rules, base, structure), off]
                 if (found := refit(base, structure, starts, self.settings, self._settings)) is not None:
-                    self._keep_better(found)
+                    self._keep_better(replace(base, structure=structure, optimum=found))
             if structure not in self._fits:
                 raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require asks for")
             root = structure

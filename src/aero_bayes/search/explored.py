@@ -4,14 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
+from aero_bayes.parallel import Task
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import CommonNoise, Penalty
 from aero_bayes.search.structure import Structure
-from aero_bayes.speculative import Task
 
-#: Computes tasks whose results will be needed, and reports the share that is done.
-Precompute = Callable[[Sequence[Task], Callable[[float], None]], None]
+R = TypeVar("R")
+
+
+class Mapper(Protocol):
+    """Does independent tasks; None in place of the result of those that were not begun because the time was up."""
+
+    def __call__(self, tasks: Sequence[Task[R]], told: Callable[[float], None]) -> list[R | None]: ...
+
+
+def one_by_one(tasks: Sequence[Task[R]], told: Callable[[float], None]) -> list[R | None]:
+    """Do tasks one after the other; ``told`` is the share that is done."""
+    found: list[R | None] = []
+    for k, task in enumerate(tasks):
+        found.append(task.work())
+        told((k + 1) / len(tasks))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +57,14 @@ class Library:
 
 @dataclass(frozen=True, eq=False)
 class SearchControl:
-    """How a search is run: its time limit, its helper processes, and the report of its progress.
+    """How a search is run: its time limit, the map over independent fits, and the report of its progress.
 
-    ``time_is_up`` says whether the time limit has passed. ``precompute`` lets helpers compute tasks that the search
-    will need, which does not change any result. ``report`` is called with what is being done and its share.
+    ``time_is_up`` says whether the time limit has passed. ``map`` does independent tasks, perhaps in parallel, with the
+    same results. ``report`` is called with what is being done and its share.
     """
 
     time_is_up: Callable[[], bool] = lambda: False
-    precompute: Precompute = lambda tasks, done: None
+    map: Mapper = one_by_one
     report: Callable[[str, float], None] = lambda what, share: None
 
 

@@ -15,10 +15,12 @@ from functools import partial
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
+from aero_bayes.parallel import Task
 from aero_bayes.search.edits import Edit, EditContext
 from aero_bayes.search.explored import SearchControl
 from aero_bayes.search.models import CandidateModel, FittedModel
+from aero_bayes.search.refit import refit_from_here
 from aero_bayes.search.score import common_noise
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.structure import Structure
@@ -102,10 +104,13 @@ def fit_process_noise(
         interpolation_is_free=False, best=True, unlisted=True, states=tuple(states),
     )  # fmt: skip
     wanted = [s for edit in edits for s in edit.neighbours(context)]
-    sized = _results([partial(_with_noise_fitted, model_of(s), s, base, fit) for s in wanted], control, 0.0)
+    built = [(model_of(s), s) for s in wanted]
+    works = [partial(_noise_fit, model, s, base.values, fit) for model, s in built]
+    sized = _fits(built, works, base.temperature, control, 0.0)
     least = max((f.optimum.log_likelihood for f in sized), default=0.0) - settings.beam_margin * base.temperature
     near = [f for f in sized if f.optimum.log_likelihood >= least]
-    fitted = _results([partial(f.refitted, base.noise, fit) for f in near], control, 0.5)
+    again = [partial(refit_from_here, f, base.noise, fit) for f in near]
+    fitted = _fits([(f.model, f.structure) for f in near], again, base.temperature, control, 0.5)
     price = math.log(max(len(states), 1)) + settings.margin
     found = [_judged(f, base, price, floors) for f in fitted]
     return tuple(sorted(found, key=lambda f: (-f.score, f.states)))
@@ -121,26 +126,32 @@ def _base_fit(
     return found.with_noise(common_noise(found, floors).noise)
 
 
-def _results(tasks: Sequence[Callable[[], FittedModel]], control: SearchControl, done: float) -> list[FittedModel]:
+def _fits(
+    built: Sequence[tuple[CandidateModel, Structure]],
+    works: Sequence[Callable[[], Optimum | None]],
+    temperature: float,
+    control: SearchControl,
+    done: float,
+) -> list[FittedModel]:
     """Fits that can be simulated, until the time is up; ``done`` is the share of the work before them."""
-    control.precompute(tasks, lambda share: control.report("process noise", done + 0.5 * share))
-    found = []
-    for task in tasks:
-        if control.time_is_up():
-            break
-        with suppress(CannotFinishError):
-            found.append(task())
-    return found
+    tasks = [Task(work, model.objective.outcomes) for (model, _), work in zip(built, works, strict=True)]
+    ends = control.map(tasks, lambda share: control.report("process noise", done + 0.5 * share))
+    return [
+        FittedModel(model, structure, end, temperature)
+        for (model, structure), end in zip(built, ends, strict=True)
+        if end is not None
+    ]
 
 
-def _with_noise_fitted(
-    model: CandidateModel, structure: Structure, near: FittedModel, settings: LocalFitSettings
-) -> FittedModel:
-    """The fit of a structure's process noise and reading noise, all else held at the values of another fit."""
+def _noise_fit(
+    model: CandidateModel, structure: Structure, values: Mapping[str, float], settings: LocalFitSettings
+) -> Optimum | None:
+    """The optimum of a structure's process noise and reading noise, all else held at SI values of another fit."""
     parameters = model.objective.parameters
     columns = [j for j, p in enumerate(parameters) if isinstance(p.target, DiffusionTarget | ReadingNoiseTarget)]
-    end = local_fit(model.objective, model.at(near.values, structure.terms), columns, settings=settings)
-    return FittedModel(model, structure, end, near.temperature)
+    with suppress(CannotFinishError):
+        return local_fit(model.objective, model.at(values, structure.terms), columns, settings=settings)
+    return None
 
 
 def _judged(

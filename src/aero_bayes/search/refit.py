@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.levenberg_marquardt import Stop
-from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
-from aero_bayes.search.models import FittedModel
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
+from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import Start
 from aero_bayes.search.structure import Structure
@@ -24,21 +25,24 @@ def aim_at(like: FittedModel, log_evidence: float) -> float:
 
 def refit(
     base: FittedModel, structure: Structure, starts: Sequence[Start], settings: StructureSettings, fit: LocalFitSettings
-) -> FittedModel | None:
+) -> Optimum | None:
     """The best local fit of a structure on the model of ``base``.
 
     The first ``settings.starts`` starts are followed. A fit that converges to an optimum that an earlier start led to
     is stopped.
     """
     free, objective = base.model.free(structure.terms), base.model.objective
-    ends: list[FittedModel] = []
+    ends: list[Optimum] = []
     for start in starts[: settings.starts]:
-        try:
-            end = local_fit(
-                objective, start.point, free, noise=base.optimum.noise, settings=fit, known=[e.optimum for e in ends]
-            )
-        except CannotFinishError:
-            continue
-        if end.reason is not Stop.KNOWN_OPTIMUM:
-            ends.append(replace(base, structure=structure, optimum=end))
-    return max(ends, key=lambda e: e.log_evidence, default=None)
+        with suppress(CannotFinishError):
+            end = local_fit(objective, start.point, free, noise=base.optimum.noise, settings=fit, known=ends)
+            if end.reason is not Stop.KNOWN_OPTIMUM:
+                ends.append(end)
+    return max(ends, key=lambda e: replace(base, structure=structure, optimum=e).log_evidence, default=None)
+
+
+def refit_from_here(fitted: FittedModel, noise: FitNoise, settings: LocalFitSettings) -> Optimum | None:
+    """The optimum of a fitted structure under another noise, from where it is."""
+    with suppress(CannotFinishError):
+        return fitted.refitted(noise, settings).optimum
+    return None

@@ -12,7 +12,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.checkpoint import pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
@@ -59,22 +58,15 @@ class StartRule(Protocol):
 
 
 def starting_points(rules: Sequence[StartRule], fitted: FittedModel, structure: Structure) -> list[Start]:
-    """Collect the starts of all rules; a resumed search takes them from its checkpoint.
+    """Collect the starts of all rules.
 
     The start with the best simulated gain comes first, because a simulation may refute a linear prediction. The
     others follow by their predicted gain.
     """
-
-    def find() -> dict[str, NDArray[np.generic]]:
-        found = [start for rule in rules for start in rule.starts(fitted, structure)]
-        found.sort(key=lambda s: -s.predicted_gain)
-        confirmed = max(found, key=lambda s: s.simulated_gain, default=None)
-        return pack_all(sorted(found, key=lambda s: s is not confirmed))
-
-    candidates = [fitted.model.candidates[t] for t in structure.new_terms(fitted.structure)]
-    base = fitted.optimum
-    asked = base.coordinates, base.free, base.noise, candidates, structure, list(rules)
-    return unpack_all(Start, fitted.model.objective.cached("starts", asked, find))
+    found = [start for rule in rules for start in rule.starts(fitted, structure)]
+    found.sort(key=lambda s: -s.predicted_gain)
+    confirmed = max(found, key=lambda s: s.simulated_gain, default=None)
+    return sorted(found, key=lambda s: s is not confirmed)
 
 
 def _single_new_term(fitted: FittedModel, structure: Structure) -> CandidateTerm | None:

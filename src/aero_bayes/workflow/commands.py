@@ -89,9 +89,9 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
     """``aero-bayes close-loop``: the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
     job = open_job(train, options, tests=test)
-    with resumable(job, "close-loop") as checkpoint:
+    with resumable(job, "close-loop"):
         with ProgressBar(options.quiet) as progress:
-            loop = run_loop(job, progress, checkpoint)
+            loop = run_loop(job, progress)
         series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
         parts = [preamble(job, "close-loop"), loop_part(job, loop)]
         _finish(job, "close-loop", began, parts, series, loop.calibrated)
@@ -111,7 +111,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     with resumable(job, "all") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             base = fit_job(job, progress, checkpoint)
-            loop = run_loop(job, progress, checkpoint) if job.modelica else None
+            loop = run_loop(job, progress) if job.modelica else None
             final = extended_job(job, loop) if loop is not None else job
             found = base if final is job else fit_job(final, progress, checkpoint, again=True)
             checks = _checks(final, found, progress)

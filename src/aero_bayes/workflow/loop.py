@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.check.residual_tests import reports_by_recording, structured_residuals
-from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import Override
@@ -27,7 +26,7 @@ Json = dict[str, Any]
 MAX_START_FLOOR_RATIO = 1.2
 
 
-def run_loop(job: Job, progress: ProgressBar, checkpoint: Checkpoint) -> LoopResult:
+def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
     """Close the loop on a job.
 
     Raises
@@ -44,7 +43,6 @@ def run_loop(job: Job, progress: ProgressBar, checkpoint: Checkpoint) -> LoopRes
         workers=job.options.workers,
         out_dir=job.options.out,
         progress=lambda what, share: progress(f"loop: {what}", share),
-        checkpoint=checkpoint,
     )
 
 
