@@ -23,6 +23,7 @@ from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Builder, Node, evaluate_nodes
 from aero_bayes.export.layout import VariableLayout
 from aero_bayes.export.parameter_stage import ParameterStage
+from aero_bayes.export.switching_surfaces import SwitchingModel
 
 
 class _Memory:
@@ -40,8 +41,9 @@ class _Memory:
         return f"m->data[{self.at[group] + k}]"
 
 
-def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
+def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> str:
     """The complete C source of one model; native/fmi2.c is linked to it."""
+    model, surfaces = switching.model, switching.surfaces
     b = model.system.builder
     events = model.discrete
     nx, nu, np_ = len(layout.states), len(layout.inputs), len(layout.parameters)
@@ -86,6 +88,7 @@ def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
         "DIFF": len(events.relations) + len(events.roundings), "TICK": 2 * len(events.samplings),
         "DUE": len(events.relations), "SLOPE": len(events.relations),
         "START": len(model.initial.unknowns) if model.initial is not None else 0,
+        **_surface_sizes(len(surfaces), nrow, nx, nu, np_),
     }  # fmt: skip
     for name, size in sizes.items():
         memory.add(name, size)
@@ -105,6 +108,8 @@ def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
     def jacobian(group: str, of: Sequence[Node], by: Sequence[Node]) -> list[StoredValue]:
         return _jacobian(b, of, by, stage, memory.at[group])
 
+    leaves |= {s: memory.place("R", nx + i) for i, s in enumerate(switching.rates)}
+    rises = prepare(s.rise for s in surfaces)
     differences = prepare(r.difference for r in events.relations)
     instants = {i: t for i, r in enumerate(events.relations) if (t := model.time_of_change(r.difference)) is not None}
     groups = {
@@ -124,6 +129,12 @@ def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
             *targets("TICK", prepare(x for s in events.samplings for x in (s.start, s.interval))),
             *(StoredValue(memory.place("DUE", i), prepare([t[0]])[0]) for i, t in instants.items()),
             *(StoredValue(memory.place("SLOPE", i), prepare([t[1]])[0]) for i, t in instants.items()),
+        ],
+        "rise": targets("RISE", rises),
+        "rise_slopes": [
+            *jacobian("RISE_RATE", rises, switching.rates),
+            *jacobian("RISE_X", rises, moving),
+            *jacobian("RISE_P", rises, parameters),
         ],
     }
     reinits = prepare(x for r in events.reinits for x in (r.active, r.value))
@@ -168,6 +179,7 @@ def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
         "nx": nx, "nu": nu, "np": np_, "nq": nq, "ny": ny, "nw": nw, "nd": len(steps),
         "conditions": sum(s.name.startswith("when#") for s in steps), "relations": len(events.relations),
         "roundings": len(events.roundings), "samples": len(events.samplings), "blocks": len(loops),
+        "surfaces": len(surfaces),
         "assertions": len(assertions), "time_varying": int(any(model.system.time in b.symbols(n) for n in late)),
         "size": max(memory.size, 1),
     }  # fmt: skip
@@ -176,6 +188,7 @@ def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
         "double nominal": [repr(x) for x in nominals],
         "unsigned char below": [str(int(r.below)) for r in events.relations],
         "unsigned char timed": [str(int(i in instants)) for i in range(len(events.relations))],
+        **_surface_tables(switching, steps),
         "Block block": _blocks(b, model.loops),
         "int initial_at": [
             leaves[u].removeprefix("m->data[").removesuffix("]")
@@ -204,6 +217,28 @@ def generate(model: ExplicitModel, layout: VariableLayout, guid: str) -> str:
         "};",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _surface_sizes(surfaces: int, rows: int, nx: int, nu: int, np_: int) -> dict[str, int]:
+    """Sizes of the groups that sliding needs (native/sliding.h)."""
+    return {
+        "RISE": surfaces, "RISE_RATE": surfaces * nx, "RISE_X": surfaces * (nx + nu), "RISE_P": surfaces * np_,
+        "SIDES": (surfaces + 1) * rows if surfaces else 0, "ACROSS": surfaces * surfaces, "SHARE": surfaces,
+        "CONTACT": surfaces, "NEAR": surfaces,
+    }  # fmt: skip
+
+
+def _surface_tables(switching: SwitchingModel, steps: Sequence[Node]) -> dict[str, list[str]]:
+    """On which surface each relation changes, its truth above it, and which discrete variables have no memory."""
+    if not switching.surfaces:
+        return {"int surface": [], "unsigned char above": [], "unsigned char instant": []}
+    place = {i: (k, above) for k, s in enumerate(switching.surfaces) for i, above in s.relations}
+    relations = range(len(switching.model.discrete.relations))
+    return {
+        "int surface": [str(place[i][0] if i in place else -1) for i in relations],
+        "unsigned char above": [str(int(i in place and place[i][1])) for i in relations],
+        "unsigned char instant": [str(int(s in switching.instant)) for s in steps],
+    }
 
 
 def _blocks(b: Builder, loops: Sequence[AlgebraicLoop]) -> list[str]:

@@ -19,6 +19,7 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.layout import lay_out
 from aero_bayes.export.library import declared_members, identifier
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.export.switching_surfaces import find_surfaces
 
 _PLACED = re.compile(r"[^ :]+\.mo:\d+: ")
 _NO_GUID = "{00000000-0000-0000-0000-000000000000}"
@@ -85,11 +86,12 @@ def export_flat(
     """
     out, name = Path(out), identifier(flat.name)
     with _placed(flat):
-        solved = causalise(translate(flat))
+        switching = find_surfaces(causalise(translate(flat)))
+        solved = switching.model
         layout = lay_out(solved, sharing=fmi == 2)
         if not layout.states and not layout.outputs:
             raise InputError(f"{flat.name}: the model has neither states nor outputs")
-        source = generate(solved, layout, _NO_GUID)
+        source = generate(switching, layout, _NO_GUID)
         description = write_fmi2_description(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
     if fmi == 3:
         description = convert_to_fmi3(description, solved.indicators)

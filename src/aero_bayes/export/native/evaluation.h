@@ -42,12 +42,6 @@ static inline void need_loops(Model *m) {
         }
     m->fresh |= FRESH_W;
 }
-static inline void need_derivatives(Model *m) {
-    if (!(m->fresh & FRESH_DX)) { need_loops(m); INFO.dx(m); m->fresh |= FRESH_DX; }
-}
-static inline void need_outputs(Model *m) {
-    if (!(m->fresh & FRESH_Y)) { need_loops(m); INFO.y(m); m->fresh |= FRESH_Y; }
-}
 
 /* Adds what the loops' unknowns pass on: dw/dv = -FW^-1 FV for every column v of the Jacobian. */
 static void add_loop_derivatives(Model *m, double *jacobian, const double *by, int columns) {
@@ -63,29 +57,27 @@ static void add_loop_derivatives(Model *m, double *jacobian, const double *by, i
             for (int i = 0; i < rows; i++) jacobian[(size_t)c * rows + i] += group(m, JW)[(size_t)k * rows + i] * s[k];
     }
 }
-static void need_jacobian(Model *m) {
-    if (m->fresh & FRESH_JX) return;
+/* The Jacobian by inputs and states with the relations as they stand. What is structurally zero is never written: it is
+   cleared where something else may have been there. */
+static void plain_jacobian(Model *m) {
     need_loops(m);
-    const int rows = INFO.nx + INFO.ny + INFO.nq, columns = INFO.nx + INFO.nu;
-    if (INFO.nw) memset(group(m, JX), 0, sizeof(double) * rows * columns);
+    const int columns = INFO.nx + INFO.nu;
+    if (INFO.nw || INFO.surfaces) memset(group(m, JX), 0, sizeof(double) * NROW * columns);
     INFO.jx(m);
     if (INFO.nw) {
         INFO.jw(m);
         add_loop_derivatives(m, group(m, JX), group(m, FX), columns);
     }
-    m->fresh |= FRESH_JX;
 }
-static void need_parameter_jacobian(Model *m) {
-    if (m->fresh & FRESH_JP) return;
+static void plain_parameter_jacobian(Model *m) {
     need_loops(m);
-    if (INFO.nw) memset(group(m, JP), 0, sizeof(double) * NROW * INFO.np);
+    if (INFO.nw || INFO.surfaces) memset(group(m, JP), 0, sizeof(double) * NROW * INFO.np);
     INFO.jp(m);
     if (INFO.nw) {
         INFO.jw(m);
         INFO.fp(m);
         add_loop_derivatives(m, group(m, JP), group(m, FP), INFO.np);
     }
-    m->fresh |= FRESH_JP;
 }
 
 #endif

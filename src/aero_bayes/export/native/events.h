@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "evaluation.h"
+#include "sliding.h"
 
 /* Discrete values for the present relations; whether they and the loops come to agree. Earlier values stay in PRE. */
 static int iterate_discrete(Model *m) {
@@ -29,6 +29,7 @@ static int update_relations(Model *m, int singly) {
     const double *d = group(m, DIFF);
     for (int i = 0; i < INFO.relations; i++) {
         double value = d[i];
+        if (is_held(m, i, value)) continue;
         if (INFO.timed[i]) value += group(m, SLOPE)[i] * 1e-12 * fmax(1, fabs(m->time));
         double now = INFO.below[i] ? value < 0 : value > 0;
         if (now == group(m, REL)[i]) continue;
@@ -96,15 +97,24 @@ static void schedule_next_event(Model *m) {
         if (INFO.timed[i] && group(m, DUE)[i] > m->time + 1e-12 * fmax(1, fabs(m->time)))
             m->next_event = fmin(m->next_event, group(m, DUE)[i]);
 }
+/* One event, with what it lets begin or end to slide: a surface that is left changes relations. */
+static int settle_event(Model *m) {
+    int states = iterate_event(m);
+    for (int round = 0; INFO.surfaces && round < 8 && states >= 0 && settle_surfaces(m); round++) {
+        int more = iterate_event(m);
+        states = more < 0 ? more : states | more;
+    }
+    return states;
+}
 static int handle_event(Model *m) {
     if (!INFO.nd && !INFO.relations && !INFO.roundings && !INFO.samples) return 0;
     need_constants(m);
-    int fired = update_samples(m), states = iterate_event(m);
+    int fired = update_samples(m), states = settle_event(m);
     if (fired || *group(m, INITIAL)) {
         memset(group(m, SAMPLE), 0, sizeof(double) * INFO.samples);
         *group(m, INITIAL) = 0;
         invalidate(m, DEPENDS_ON_STATE);
-        int more = states < 0 ? states : iterate_event(m);
+        int more = states < 0 ? states : settle_event(m);
         states = more < 0 ? more : states | more;
     }
     schedule_next_event(m);
@@ -118,6 +128,7 @@ static int handle_first_event(Model *m) {
     memset(group(m, REL), 0, sizeof(double) * INFO.relations);
     memset(group(m, SAMPLE), 0, sizeof(double) * INFO.samples);
     memset(group(m, LAST), 0, sizeof(double) * INFO.samples);
+    memset(group(m, CONTACT), 0, sizeof(double) * INFO.surfaces);
     for (int i = first; i < INFO.nd; i++) d[i] = pre[i] = 1;
     *group(m, INITIAL) = 0;
     invalidate(m, DEPENDS_ON_STATE);
@@ -135,21 +146,32 @@ static int count_indicators(void) {
     for (int i = 0; i < INFO.relations; i++) n += !INFO.timed[i];
     return n;
 }
-/* A relation changes once its difference is beyond zero by a little, so that it does not flicker around it. */
+/* A relation changes once its difference is beyond zero by a little, so that it does not flicker around it. One that
+   slides changes when its surface is left: at once for all relations of the surface, by the indicator of the first. */
 static void event_indicators(Model *m, double *z) {
-    const double little = 1e-11;
+    double told[INFO.surfaces + 1];
+    for (int k = 0; k < INFO.surfaces; k++) told[k] = 0;
+    if (slides(m)) need_derivatives(m);
     need_loops(m);
     INFO.watch(m);
     const double *d = group(m, DIFF);
     for (int i = 0; i < INFO.relations; i++) {
         if (INFO.timed[i]) continue;
+        int k = INFO.surfaces ? INFO.surface[i] : -1;
+        if (k >= 0 && group(m, CONTACT)[k] == SLIDING) {
+            double share = group(m, SHARE)[k];
+            *z++ = told[k] ? 1 : share * (1 - share) + LITTLE;
+            told[k] = 1;
+            continue;
+        }
+        double little = k >= 0 && group(m, CONTACT)[k] == RELEASED ? group(m, NEAR)[k] : LITTLE;
         int negative = INFO.below[i] ? group(m, REL)[i] != 0 : group(m, REL)[i] == 0;
         *z++ = d[i] + (negative ? -little : little);
     }
     for (int i = 0; i < INFO.roundings; i++) {
         double a = d[INFO.relations + i], n = group(m, ROUND)[i];
-        *z++ = a - n + little;
-        *z++ = n + 1 - a + little;
+        *z++ = a - n + LITTLE;
+        *z++ = n + 1 - a + LITTLE;
     }
 }
 

@@ -8,7 +8,8 @@
 #define AERO_BAYES_MODEL_H
 #include <math.h>
 
-enum Group { R, K, W, D, PRE, REL, ROUND, SAMPLE, LAST, INITIAL, STARTED, JX, JP, JW, FW, FX, FP, DIFF, TICK, DUE, SLOPE, START, GROUPS };
+enum Group { R, K, W, D, PRE, REL, ROUND, SAMPLE, LAST, INITIAL, STARTED, JX, JP, JW, FW, FX, FP, DIFF, TICK, DUE, SLOPE, START,
+             RISE, RISE_RATE, RISE_X, RISE_P, SIDES, ACROSS, SHARE, CONTACT, NEAR, GROUPS };
 
 typedef struct Model {
     double time, tolerance, step, next_event;
@@ -24,10 +25,13 @@ typedef struct {
 
 typedef struct {
     const char *guid;
-    int nx, nu, np, nq, ny, nw, nd, conditions, relations, roundings, samples, blocks, assertions, time_varying, size;
+    int nx, nu, np, nq, ny, nw, nd, conditions, relations, roundings, samples, blocks, surfaces, assertions, time_varying, size;
     int at[GROUPS];
     const double *nominal;
     const unsigned char *below, *timed; /* of relations: which side of zero they hold on; known in advance */
+    const int *surface;          /* of relations: the surface that they change on, or -1 */
+    const unsigned char *above;  /* of relations: whether they hold where the surface's difference is positive */
+    const unsigned char *instant; /* of discrete values: whether they follow from relations of the same instant */
     const Block *block;
     Block initial; /* initial equations in START, copies of the values at initial_at */
     const int *initial_at;
@@ -45,6 +49,8 @@ typedef struct {
     int (*reinit)(Model *m);    /* states anew; whether any is */
     void (*watch)(Model *m);    /* DIFF: differences of relations, arguments of roundings */
     void (*times)(Model *m);    /* TICK: start and interval of samples; DUE, SLOPE: instants of timed relations */
+    void (*rise)(Model *m);     /* RISE: how fast the surfaces' differences grow, by the derivatives in R */
+    void (*rise_slopes)(Model *m); /* its derivatives by these, by states and inputs, and by parameters */
     int (*violated)(Model *m, unsigned char *bad);
 } Info;
 
