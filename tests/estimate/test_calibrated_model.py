@@ -115,3 +115,35 @@ def test_a_fit_of_an_fmu_says_where_its_values_are(recording: aero_bayes.Recordi
     fit = aero_bayes.fit(recording, again, parameters=free, settings=aero_bayes.FitSettings("local"), workers=0)
     fitted = aero_bayes.load_model(fit.export_fmu(str(tmp_path / "fitted.fmu")))
     assert fitted.parameter("k").start == pytest.approx(fit.value("k"), rel=1e-11)
+
+
+ZONES = """
+model Zones
+  model Zone
+    parameter Real C(unit = "J/K", min = 1) = 100;
+    Real T(unit = "K", start = 300, fixed = true);
+    input Real q;
+  equation
+    C * der(T) = q;
+  end Zone;
+  parameter Real g = 1;
+  parameter Real k[2] = {1, 2};
+  Zone z[2](each C = g * 100);
+  input Real u;
+  output Real y = z[1].T + z[2].T;
+equation
+  z[1].q = k[1] * u;
+  z[2].q = k[2] * u;
+end Zones;
+"""
+
+
+@pytest.mark.parametrize("second", [150.0, 170.0])
+def test_components_that_are_declared_with_each(tmp_path: Path, second: float):
+    """An array in the place of `each` does not compile everywhere."""
+    (tmp_path / "Zones.mo").write_text(ZONES)
+    values = {"z[1].C": 150.0, "z[2].C": second, "k[1]": 3.0, "k[2]": 4.0}
+    written = CalibratedModel(ModelicaSource("Zones", (tmp_path / "Zones.mo",)), values)
+    fmu = aero_bayes.load_model(written.export_fmu(tmp_path / "fitted.fmu"))
+    assert fmu.name == "Zones_fitted"
+    assert {name: fmu.parameter(name).start for name in values} == values

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.export import export_fmu
+from aero_bayes.export import export_flat, export_fmu, load_flat, rename_model, set_elements
 from aero_bayes.files import whole_file
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
@@ -96,8 +96,17 @@ class CalibratedModel:
         """Compile the class to the FMU ``path``."""
         with ScratchFolder() as scratch:
             written = self.write(scratch)
-            sources = [*self.base.files, *(scratch / name for name in self.added), written]
-            return export_fmu(self.name, Path(path), sources=sources, libraries=self.base.libraries)
+            sources = [*self.base.files, *(scratch / name for name in self.added)]
+            libraries = self.base.libraries
+            try:
+                return export_fmu(self.name, Path(path), sources=[*sources, written], libraries=libraries)
+            except InputError:
+                if not any("[" in name for name in self.parameters):
+                    raise
+            # The embedded compiler cannot give components that are declared with `each` values of their own: they
+            # are set after the model has been made flat.
+            flat = rename_model(load_flat(self.base.name, sources, libraries), self.name)
+            return export_flat(set_elements(flat, self.parameters), path)
 
 
 def calibrated_model(
@@ -188,10 +197,14 @@ def _whole_arrays(model: Model, given: Mapping[str, float]) -> dict[str, float]:
 
 def _tree(given: Mapping[str, float], remarks: Mapping[str, str]) -> ModifierTree:
     """Values with their remarks, by components as they are nested; an array's elements are one value."""
+    # Of an array of components with one value in each, the modifier says `each`: not every compiler spreads an array
+    # over components whose declaration has `each` already.
     arrays: dict[tuple[str, ...], dict[tuple[int, ...], float]] = {}
     said: dict[tuple[str, ...], list[str]] = {}
+    in_components: dict[tuple[str, ...], bool] = {}
     for name, value in given.items():
         path = tuple(_parts(name))
+        in_components[path] = "[" in name and not name.endswith("]")
         arrays.setdefault(path, {})[_indices(name)] = value
         said.setdefault(path, []).extend([remarks[name]] if name in remarks else [])
     tree: ModifierTree = {}
@@ -199,7 +212,11 @@ def _tree(given: Mapping[str, float], remarks: Mapping[str, str]) -> ModifierTre
         node: Any = tree
         for part in path[:-1]:
             node = node.setdefault(part, {})
-        node[path[-1]] = _text(_array(arrays[path].items())), "; ".join(said[path])
+        values = arrays[path]
+        same = bool(in_components[path]) and len(set(values.values())) == 1
+        leaf = f"each {path[-1]}" if same else path[-1]
+        text = _text(next(iter(values.values())) if same else _array(values.items()))
+        node[leaf] = text, "; ".join(dict.fromkeys(said[path]))
     return tree
 
 

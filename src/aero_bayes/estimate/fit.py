@@ -23,10 +23,8 @@ from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, ca
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.global_search import (
-    CostKind,
     GlobalSearch,
     GlobalSearchResult,
-    GlobalSearchSettings,
     Progress,
 )
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
@@ -39,8 +37,10 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_parameters
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL, CostKind, GlobalSearchSettings
 from aero_bayes.estimate.stage_report import stage_report
 from aero_bayes.estimate.staged import Stage
+from aero_bayes.estimate.step_parameters import settle_blind
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
@@ -70,6 +70,7 @@ class FitSettings(SettingsDisplay):
         Stages in place of those that the model's own structure gives.
     swarm : SwarmSettings
     local : LocalSettings
+        Of each local search of the whole model, as given.
     swarm_samples : int
         Samples a recording that the swarm sees.
     starts : int
@@ -95,7 +96,7 @@ class FitSettings(SettingsDisplay):
     staged: bool = True
     stages: tuple[Stage, ...] | None = None
     swarm: pso.SwarmSettings = field(default_factory=pso.SwarmSettings)
-    local: LocalSettings = field(default_factory=lambda: LocalSettings(tolerance=1e-4))
+    local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
     swarm_samples: int = 600
     starts: int = 3
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
@@ -321,13 +322,13 @@ def _finish(search: GlobalSearch, result: GlobalSearchResult, settings: FitSetti
     verdict, _ = assess_columns(objective, here, tuple(sorted({*here.free, *optional})))
     blind = {calibration.parameters.index(name) for name in verdict.no_effect}
     sampled = tuple(j for j in here.free if j not in blind)
-    point = here.coordinates.copy()
-    point[list(blind)] = calibration.parameters.to_search(calibration.parameters.start)[list(blind)]
+    point, steps = settle_blind(objective, here, [j for j in here.free if j in blind])
+    verdict = verdict.with_steps(steps)
     part = ParameterSet(tuple(calibration.parameters.items[j] for j in sampled))
     _, here = assess_columns(objective, replace(here, coordinates=point), sampled)
     verdict = with_bounds(verdict, part, point[list(sampled)])
     values = calibration.parameters.from_search(point)
-    rest = [j for j in range(len(values)) if j not in sampled]
+    rest = [j for j, p in enumerate(calibration.parameters) if j not in sampled and p.name not in verdict.in_steps]
     values[rest] = calibration.parameters.start[rest]
     fitted = objective.predictions(values)
     spread = curvature_adjustment(objective, here)

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +17,20 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.delays import delay_columns, scan_delays, search_delays
 from aero_bayes.estimate.laplace import with_honest_covariance
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise, local_fit
 from aero_bayes.estimate.model_error import correlated_outputs
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.progressive_horizon import OpenSimulator, fit_progressive_horizon, floor_ratio
 from aero_bayes.estimate.reduced_problem import with_few_samples, with_loose_solver
+from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.estimate.staged import Stage, causal_stages
+from aero_bayes.estimate.step_parameters import other_plateaus
 from aero_bayes.estimate.target import Target
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 from aero_bayes.sensors.noise_estimation import estimate_noise
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str, float, float], None]
-CostKind = Literal["posterior", "weighted", "eq6"]
 
 #: Noise of every output under Eq. 6, as a share of the smallest range of an output; it only sets the tolerances.
 EQ6_NOISE_SHARE = 1e-3
@@ -39,43 +38,10 @@ EQ6_NOISE_SHARE = 1e-3
 INITIAL_NOISE_SHARE = 0.03
 #: Ratio of an output's RMS residual to that of a least-squares fit above which its noise model has absorbed signal.
 MAX_RMS_RATIO = 1.05
-
-
-@dataclass(frozen=True)
-class GlobalSearchSettings:
-    """Settings of the global search.
-
-    Parameters
-    ----------
-    cost : {"posterior", "weighted", "eq6"}
-    staged : bool
-    stages : tuple of Stage, optional
-    swarm : SwarmSettings, optional
-        Without it there is no swarm.
-    local : LocalSettings
-    samples : int
-        Samples of each recording that the swarm uses.
-    starts : int
-        Particles that the local search starts from, besides the starting values.
-    max_correlation_time : float, optional
-        Of the noise, in s.
-    check_noise : bool
-        Whether the noise is estimated by its exact likelihood at the end and compared with a least-squares fit.
-    good_enough : float
-        The swarm is skipped if a local fit from the starting values leaves at most this many times the noise floor: no
-        optimum can be much better. By default the swarm is never skipped.
-    """
-
-    cost: CostKind = "posterior"
-    staged: bool = True
-    stages: tuple[Stage, ...] | None = None
-    swarm: pso.SwarmSettings | None = field(default_factory=pso.SwarmSettings)
-    local: LocalSettings = field(default_factory=lambda: LocalSettings(tolerance=1e-4))
-    samples: int = 600
-    starts: int = 3
-    max_correlation_time: float | None = None
-    check_noise: bool = True
-    good_enough: float = 0.0
+#: Nats by which a point that the search has seen may be better than the one it reports: the noise of the solver.
+MAX_SEEN_GAIN = 0.05
+#: Plateaus of parameters that act in steps from which a fit is tried.
+MAX_PLATEAUS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +74,7 @@ class GlobalSearch:
         self.white_outputs: set[str] = set()
         self.stages: list[FittedStage] = []
         self.iterations = 0
+        self.seen: list[FloatArray] = []
 
     def _kind(self, output: str) -> NoiseKind:
         wanted = self.objective.calibration.noise.kind(output)
@@ -116,9 +83,8 @@ class GlobalSearch:
     @property
     def local_settings(self) -> LocalFitSettings:
         eq6 = self.settings.cost == "eq6"
-        local = replace(self.settings.local, min_noise_gain=0.02, max_rejections=15, min_decrease=0.005)
         return LocalFitSettings(
-            local, self.kinds, self.objective.calibration.floors,
+            self.settings.local, self.kinds, self.objective.calibration.floors,
             self.settings.max_correlation_time, hold_noise=eq6, prior=self.settings.cost == "posterior",
         )  # fmt: skip
 
@@ -156,7 +122,7 @@ class GlobalSearch:
         rough = self.local_settings.with_limits(12, 1.0)
         self.progress("local", 0.0, 0.0)
         eq6 = self.initial_noise() if self.settings.cost == "eq6" else None
-        here = self._local_fit(start, steady, eq6, rough)
+        here = self._best_plateau(self._local_fit(start, steady, eq6, rough), eq6, rough)
         point = scan_delays(self.objective, here, free)
         for k, stage in enumerate(self._stages(point, free)):
             self.progress("stages", k / 4.0, 0.0)
@@ -164,7 +130,7 @@ class GlobalSearch:
         here = self._local_fit(point, free, eq6 if eq6 else here.noise, self.local_settings)
         self.progress("local", 0.5, -here.log_likelihood)
         here = self._search_delays(here, free)
-        here = self.settle_noise(here)
+        here = self._best_of_seen(self.settle_noise(here))
         self.stages.append(
             FittedStage(Stage(tuple(self.objective.parameters.names[j] for j in free), self.objective.outputs),
                      -here.log_likelihood - here.log_prior, here)
@@ -175,6 +141,42 @@ class GlobalSearch:
         """Fit locally from a point near the optimum and check the noise again."""
         here = self._local_fit(start, free, noise, self.local_settings)
         return self.settle_noise(here)
+
+    def seen_gains(self, here: Optimum) -> FloatArray:
+        """By how many nats each point where the search has been is better than an optimum, under its noise."""
+        if not self.seen:
+            return np.zeros(0)
+        found = self.objective.residuals(np.array(self.seen))
+        own = here.whitened.log_likelihood + self._log_prior(here.coordinates, here.free)
+        white = (-np.inf if f is None else self.objective.whiten(f, here.noise).log_likelihood for f in found)
+        return np.array([w + self._log_prior(x, here.free) - own for w, x in zip(white, self.seen, strict=True)])
+
+    def _best_plateau(
+        self, here: Optimum, noise: Mapping[str, OutputNoise] | None, settings: LocalFitSettings
+    ) -> Optimum:
+        """The best of fits from the plateaus of parameters that act in steps, which no local step could reach."""
+        found = [here]
+        for point in other_plateaus(self.objective, here)[:MAX_PLATEAUS]:
+            with suppress(CannotFinishError):
+                found.append(self._local_fit(point, here.free, noise, settings))
+        return max(found, key=lambda one: one.log_likelihood + one.log_prior)
+
+    def _log_prior(self, point: FloatArray, free: Sequence[int]) -> float:
+        if self.settings.cost != "posterior":
+            return 0.0
+        parameters = self.objective.parameters
+        part = type(parameters)(tuple(parameters.items[j] for j in free))
+        return float(part.log_prior(point[None, list(free)])[0])
+
+    def _best_of_seen(self, here: Optimum) -> Optimum:
+        """The optimum, or the one near a better point where the search has been: no step may lose what was found."""
+        for _ in range(3):
+            gains = self.seen_gains(here)
+            if gains.max(initial=0.0) <= MAX_SEEN_GAIN:
+                break
+            again = self._local_fit(self.seen[int(np.argmax(gains))], here.free, here.noise, self.local_settings)
+            here = self.settle_noise(again)
+        return here
 
     def settle_noise(self, here: Optimum) -> Optimum:
         """Fit again with noise that can be the sensor's.
@@ -241,6 +243,8 @@ class GlobalSearch:
     ) -> Optimum:
         found = local_fit(objective or self.objective, start, free, noise=noise, settings=settings)
         self.iterations += found.steps
+        if not any(np.array_equal(found.coordinates, x) for x in self.seen):
+            self.seen.append(found.coordinates)
         return found
 
     def _explore(
@@ -284,6 +288,7 @@ class GlobalSearch:
                     at = start.copy()
                     at[list(free)] = x
                     starts.append(at)
+                self.seen += starts[-1:] if self.settings.starts else []
             if self.settings.cost != "eq6":
                 point, steps = fit_progressive_horizon(
                     reduced_objective, start, free, self.least_squares_settings.with_limits(12, 0.1), open_simulator

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.display import join_names
+from aero_bayes.estimate.step_parameters import StepParameter
 
 FloatArray = NDArray[np.float64]
 
@@ -68,7 +69,8 @@ class FlatDirection:
 class Identifiability:
     """Verdict by parameter: ``status``, and ``ratio`` of posterior to prior standard deviation (search axes).
 
-    ``no_effect`` names parameters that change no output; ``flat`` are directions that the data hardly determine.
+    ``no_effect`` names parameters that change no output; ``flat`` are directions that the data hardly determine;
+    ``steps`` are parameters that act in steps.
     """
 
     status: dict[str, Status]
@@ -76,6 +78,17 @@ class Identifiability:
     combinations: tuple[Combination, ...]
     no_effect: tuple[str, ...]
     flat: tuple[FlatDirection, ...] = ()
+    steps: tuple[StepParameter, ...] = ()
+
+    @property
+    def in_steps(self) -> dict[str, StepParameter]:
+        """Parameters that act in steps, by name."""
+        return {step.name: step for step in self.steps}
+
+    def with_steps(self, steps: tuple[StepParameter, ...]) -> Identifiability:
+        """The verdict with parameters that have no slope but act in steps told apart from those without an effect."""
+        names = {step.name for step in steps}
+        return replace(self, steps=steps, no_effect=tuple(name for name in self.no_effect if name not in names))
 
     def capped(self, name: str, status: Status) -> Status:
         """The status of a parameter, at best weak if it belongs to a flat direction."""
@@ -85,6 +98,7 @@ class Identifiability:
     def sentences(self, held: Sequence[str] = ()) -> tuple[str, ...]:
         """What a reader should know, one sentence each; ``held`` names those that were then left at their start."""
         lines = [f"`{name}` changes no recorded output: it cannot be determined." for name in self.no_effect]
+        lines += [f"`{step.name}` {step.note}." for step in self.steps]
         lines += [direction.sentence for direction in self.flat]
         for members in dict.fromkeys(c.members for c in self.combinations):
             lines.append(_determined(members, [c.text for c in self.combinations if c.members == members]))

@@ -55,15 +55,17 @@ def laplace_estimates(
         table[item.name] = Estimate(
             item.name, float(values[column]), *interval, item.unit, status, item.description,
             item.prior.describe(item.unit), item.start, item.lower, item.upper,
-            _note(status, column in free, item.name in identifiability.no_effect),
+            _note(status, column in free, item.name, identifiability),
             recordings[item.recording] if item.recording is not None and len(recordings) > 1 else "",
         )  # fmt: skip
     return table | fixed_parameters(calibration)
 
 
-def _note(status: Status, free: bool, no_effect: bool) -> str:
+def _note(status: Status, free: bool, name: str, identifiability: Identifiability) -> str:
     """Why a parameter has no interval; empty if it has one."""
-    if no_effect:
+    if name in identifiability.in_steps:
+        return identifiability.in_steps[name].note
+    if name in identifiability.no_effect:
         return "changes no recorded output; left at its start"
     if not free:
         return "not visible in this data; left at its start"

@@ -157,8 +157,8 @@ class Fit(FitStatistics, EstimateTable):
     @property
     def held(self) -> tuple[str, ...]:
         """Parameters that were left at their start since the data does not show them."""
-        names = self.calibration.parameters.names
-        return tuple(name for column, name in enumerate(names) if column not in self.free)
+        names, steps = self.calibration.parameters.names, self.identifiability.in_steps
+        return tuple(name for column, name in enumerate(names) if column not in self.free and name not in steps)
 
     def noise_table(self) -> dict[str, Json]:
         """Noise by output: ``sd`` and lag-one ``rho`` at the sample interval, and what they are made of."""

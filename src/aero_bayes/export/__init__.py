@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         rename_model,
         replace_uses,
         separate_elements,
+        set_elements,
         set_parameter,
     )
     from aero_bayes.export.embedded import explicit_model, export_embedded, export_flat
@@ -93,6 +94,7 @@ __all__ = [
     "replace_uses",
     "scalars",
     "separate_elements",
+    "set_elements",
     "set_parameter",
     "translate",
     "write_archive",
@@ -109,7 +111,7 @@ __getattr__, __dir__ = lazy_exports(
         "compilers": "Compiler export_fmu first_compiler",
         "compose": "ACTING_SUFFIX TRUE_SUFFIX add_input add_output add_parameter add_term add_variable "
         "attribute_value element_names equate instantiate rename_model replace_uses "
-        "separate_elements set_parameter",
+        "separate_elements set_elements set_parameter",
         "embedded": "explicit_model export_embedded export_flat",
         "equation_system": "EquationSystem translate",
         "events": "Events",

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -22,6 +22,7 @@ from aero_bayes.export.expression import Builder
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable, When
 from aero_bayes.export.scope import Scope
 from aero_bayes.language.syntax import (
+    Array,
     Call,
     Expression,
     Index,
@@ -154,6 +155,28 @@ def set_parameter(flat: FlatModel, name: str, value: float | Expression) -> Flat
         raise InputError(f"{flat.name}: no parameter {name!r}")
     new = tuple(replace(v, binding=_tree(value)) if v.name == name else v for v in flat.variables)
     return replace(flat, variables=new)
+
+
+def set_elements(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
+    """Give parameters other values, by name; of an array each element has its own name (``c[2]``) and all are given.
+
+    Raises InputError for a name that is no parameter.
+    """
+    for v in flat.variables:
+        names = element_names(v.name, v.sizes)
+        if names and any(name in values for name in names):
+            items = iter([values[name] for name in names])
+            flat = set_parameter(flat, v.name, _nested(v.sizes, items))
+        elif v.name in values:
+            flat = set_parameter(flat, v.name, values[v.name])
+    return flat
+
+
+def _nested(sizes: Sequence[int], items: Iterator[float]) -> Expression:
+    """The next items as an array of these sizes."""
+    if not sizes:
+        return Number(float(next(items)))
+    return Array(tuple(_nested(sizes[1:], items) for _ in range(sizes[0])))
 
 
 def add_term(flat: FlatModel, equation_index: int, expression: Expression) -> FlatModel:

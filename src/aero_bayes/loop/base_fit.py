@@ -21,6 +21,7 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.reduced_problem import with_few_samples
+from aero_bayes.estimate.step_parameters import acts_in_steps, settle_blind, with_slope
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.search.models import FittedModel, with_setting
 from aero_bayes.simulation import Model
@@ -31,8 +32,6 @@ Floors = Mapping[tuple[str, str], float]
 
 #: Largest error of an output due to averaged inputs in a search on fewer samples, as a share of its range.
 MAX_AVERAGING_ERROR = 0.005
-#: Effect of a parameter's whole range on the outputs, relative to the strongest, up to which it counts as none.
-MIN_SENSITIVITY_RATIO = 1e-12
 #: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
 MAX_READING_DEVIATIONS = 5.0
 
@@ -145,7 +144,12 @@ def _fitted(context: LoopContext, calibration: Calibration) -> tuple[Calibration
         search = GlobalSearch(objective, settings.global_search)
         rng = np.random.default_rng(settings.seed)
         found_fit = search.run(_columns_with_effect(objective), context.open, rng)
-        found = found_fit.optimum
+        calibration, found = _without_steps(search, found_fit.optimum)
+        if calibration is not objective.calibration:
+            objective = objective.with_calibration(calibration, simulator)
+            search = GlobalSearch(objective, settings.global_search)
+            found = search.refit(found.coordinates, found.free, found.noise)
+            found_fit = replace(found_fit, optimum=found)
         lines = (
             choose_interpolation(search, found_fit, context.open, rng)
             if settings.calibration.interpolation == "auto"
@@ -169,10 +173,24 @@ def _columns_with_effect(objective: Objective) -> tuple[int, ...]:
     found = objective.evaluate(objective.parameters.to_search(objective.parameters.start), every)
     if found is None or found.slopes is None:
         return every
-    size = np.max([np.max(np.abs(rows), axis=1) for rows in found.slopes], axis=0)
-    return tuple(
-        j for j, own in zip(every, size, strict=True) if own > MIN_SENSITIVITY_RATIO * float(size.max(initial=0.0))
-    )
+    felt = with_slope(found.slopes)
+    point = objective.parameters.to_search(objective.parameters.start)
+    return tuple(j for j, own in zip(every, felt, strict=True) if own or acts_in_steps(objective, point, j))
+
+
+def _without_steps(search: GlobalSearch, found: Optimum) -> tuple[Calibration, Optimum]:
+    """Hold parameters without a slope at what the search found for them: no later fit could move them."""
+    objective = search.objective
+    slopes = found.evaluation.slopes
+    blind = [j for j, own in zip(found.free, with_slope(slopes), strict=True) if not own] if slopes else []
+    if not blind or len(blind) == len(found.free):
+        return objective.calibration, found
+    point, _ = settle_blind(objective, found, blind)
+    parameters = objective.parameters
+    start = parameters.start
+    start[blind] = parameters.from_search(point)[blind]
+    held = replace(objective.calibration, parameters=parameters.with_start(start))
+    return held, replace(found, coordinates=point, free=tuple(j for j in found.free if j not in blind))
 
 
 def _start_warnings(close: Calibration, plain: Calibration, fit: Optimum) -> tuple[str, ...]:

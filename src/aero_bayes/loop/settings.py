@@ -9,9 +9,9 @@ from pathlib import Path
 from aero_bayes.arguments import names_of, paths_of
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.calibration import CalibrationSettings
-from aero_bayes.estimate.global_search import GlobalSearchSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import Override
+from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.judge.checks import Check
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.settings import StructureSettings

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.global_search import GlobalSearchSettings
+from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.search.edits import EDITS, LAST_EDITS, Edit
 from aero_bayes.search.restarts import GrowingHorizon, Restart, SwarmRestart
 from aero_bayes.search.starts import START_RULES, StartRule

@@ -11,9 +11,10 @@ from typing import Protocol
 import numpy as np
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchSettings
+from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.progressive_horizon import fit_progressive_horizon
+from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.search.models import FittedModel
 
 

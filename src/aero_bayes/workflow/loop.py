@@ -193,6 +193,9 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
         if name in job.parameters and not reason:
             reason = "not fitted by the loop; kept at its start value"
             value = job.parameters[name].start
+            found = loop.calibrated.parameters.get(name, value) if loop.calibrated is not None else value
+            if found != value:
+                reason, value = "acts in steps: no slope to fit it by; the search found this value", found
         if name not in table and reason and value is not None:
             table[name] = {
                 "value": value, "sd": None, "q05": None, "q50": None, "q95": None, "unit": variable.unit,

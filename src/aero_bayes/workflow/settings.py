@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.fit import FitSettings
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.sample.settings import SampleSettings
@@ -23,7 +25,7 @@ def fit_settings(job: Job) -> FitSettings:
         swarm=SwarmSettings(
             particles=section.pso.particles, iterations=section.pso.iterations, tolerance=section.pso.tolerance
         ),
-        local=LocalSettings(max_iterations=section.local.iterations, tolerance=section.local.tolerance),
+        local=replace(WHOLE_MODEL_LOCAL, max_iterations=section.local.iterations, tolerance=section.local.tolerance),
         starts=section.local.starts,
         ripple=section.ripple,
         noise=NoiseModel(process=job.config.noise.process, initial_sd=job.config.noise.initial_sd),

@@ -1,0 +1,66 @@
+"""Situations from public bug reports in which the equations are right: what a user gets who runs the command line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+import aero_bayes
+from aero_bayes.cli import main
+
+CASES = Path(__file__).parents[3] / "shared" / "cases"
+if not CASES.is_dir():
+    CASES = Path(__file__).parents[4] / "shared" / "cases"
+pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason="the recordings are kept beside the project, not in it")
+
+
+class Run:
+    """A run of the command line in a copy of a case's folder."""
+
+    def __init__(self, folder: Path, *words: str) -> None:
+        self.out = folder / "out"
+        seed = () if "--seed" in words else ("--seed", "1")
+        self.done: Result = CliRunner().invoke(main, [*words, "--out", str(self.out), "--workers", "1", *seed])
+        assert self.done.exception is None or isinstance(self.done.exception, SystemExit), self.done.output
+        self.text = self.done.output
+
+    @property
+    def result(self) -> dict[str, Any]:
+        assert self.done.exit_code == 0, self.text
+        return json.loads((self.out / "result.json").read_text("utf-8"))
+
+    def value(self, name: str) -> float:
+        return float(self.result["parameters"][name]["value"])
+
+    @property
+    def model_blamed(self) -> bool:
+        return "lacks an effect" in self.text
+
+
+@pytest.fixture
+def case(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "case"
+    shutil.copytree(CASES / request.param, folder)
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.mark.parametrize("case", ["08_structural_parameter"], indirect=True)
+def test_a_parameter_that_selects_a_branch(case: Path):
+    run = Run(case, "fit", "--config", "lim8.toml", "--data", "run.csv")
+    assert run.value("limit") < 1.0
+    assert run.value("A") == pytest.approx(0.8, rel=0.01)
+    assert run.result["fit"]["rms"]["train"]["h"] < 0.0022
+    assert not run.model_blamed
+    fitted = aero_bayes.load_model(run.out / "Tank_fitted.fmu")
+    assert fitted.parameter("limit").start < 1.0
+    shutil.copy(case / "Tank.mo", run.out)
+    aero_bayes.export_fmu("Tank_fitted", case / "again.fmu", sources=[case / "Tank.mo", run.out / "Tank_fitted.mo"])
+    loop = Run(case, "close-loop", "--config", "lim8.toml", "--train", "run.csv")
+    assert loop.result["loop"]["effects"] == []
+    assert loop.value("limit") < 1.0
