@@ -157,6 +157,35 @@ def test_a_force_that_follows_the_motion_is_seen_though_a_constant_one_is_imitat
     assert {row["id"]: row["visible"] for row in rows}["v"] == "yes"
 
 
+FALLING = """model Falling "A light ball in a vacuum"
+  parameter Real m(unit = "kg") = 0.03;
+  parameter Real g(unit = "m/s2", min = 9.79, max = 9.82) = 9.81;
+  output Real height(unit = "m");
+  Real z(unit = "m", start = 50, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  der(z) = v;
+  m * der(v) = -m * g;
+  height = z;
+end Falling;
+"""
+
+
+def test_a_fit_without_the_effect_is_not_the_yardstick_of_its_visibility(tmp_path):
+    """A ball that the air slows down: what free fall leaves is metres, what the sensor adds centimetres."""
+    (tmp_path / "Falling.mo").write_text(FALLING)
+    (tmp_path / "rig.toml").write_text(
+        '[model]\nsources = ["Falling.mo"]\nname = "Falling"\n[data]\ninputs = []\noutputs = ["height"]\n'
+        '[fit]\ninitial_states = "estimated"\n[parameters]\ng = {free = true}\n'
+    )
+    time = np.arange(60) / 15.0
+    height = 50.0 - 20.0 * (time - 2.0 * (1.0 - np.exp(-0.5 * time)))
+    height += 0.02 * np.random.default_rng(4).normal(size=60)
+    np.savetxt(tmp_path / "run.csv", np.column_stack([time, height]), delimiter=",", header="time,height", comments="")
+    rows = json.loads(ports("--config", tmp_path / "rig.toml", "--data", tmp_path / "run.csv", "--json"))
+    assert {row["id"]: row["visible"] for row in rows}["v"] == "yes"
+
+
 def test_the_table_is_aligned_and_names_file_and_line(rig):
     header, *lines = ports("--config", rig / "rig.toml").splitlines()
     assert header.split() == ["id", "kind", "unit", "file", "states", "laws"]

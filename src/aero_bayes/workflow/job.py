@@ -28,7 +28,7 @@ from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.unknown_names import known_names_hint
-from aero_bayes.workflow.timescale import check_duration, check_sampling
+from aero_bayes.workflow.timescale import check_duration, slow_sampling_warning
 
 Engine = Literal["native", "fmpy"]
 #: Where times are looked for unless the configuration says otherwise.
@@ -130,7 +130,8 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     if model.declared.parameters:
         check_duration(recordings, model, fixed)
     elif columns.get("time", TIME).unit is None:
-        check_sampling(recordings, model, fixed)
+        if slow := slow_sampling_warning(recordings, model, fixed):
+            click.echo(f"note: {slow}", err=True)
     for recording in recordings:
         if gap := long_gap_warning(recording):
             click.echo(f"note: {recording.path}: {gap}", err=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.config import load_config
+from aero_bayes.data.noise import output_noise_floor
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
@@ -31,6 +32,7 @@ from aero_bayes.laws.placed_law import describe_law, identifier
 from aero_bayes.ports.nominal_values import NOMINAL_QUANTILE, port_nominals
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_expression
 from aero_bayes.scratch import ScratchFolder
+from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.workflow.commands import fit_job
@@ -118,6 +120,9 @@ def visibility(response: float | None) -> str:
 def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str, float]:
     """How many standard deviations of noise a probe of each port's own size moves the outputs by.
 
+    The noise is that of the fit or that of the readings alone, whichever shows the probe more: a model that lacks an
+    effect leaves a residual that is larger and slower than what sensors add.
+
     A probe is a constant, or follows a signal of the port as laws do: in proportion, by its direction, by its square;
     at an output also by its rate, which is how a lag or a delay of the reading sets in. The one counts that changes of
     the fitted parameters and of the initial states imitate least.
@@ -148,10 +153,24 @@ def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str
         assert run.slopes is not None
         late, whose = _delay_responses(objective, run.predicted, ports, sizes)
         slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, late, strict=True))
-        rows = objective.whiten(replace(run, slopes=slopes), found.optimum.noise).slopes
-    left = np.linalg.norm(_orthogonal_part(rows[len(free) :], rows[: len(free)]), axis=1)
+        noises = (found.optimum.noise, _noise_of_readings(found))
+        whitened = [objective.whiten(replace(run, slopes=slopes), noise).slopes for noise in noises]
+    left = np.max(
+        [np.linalg.norm(_orthogonal_part(rows[len(free) :], rows[: len(free)]), axis=1) for rows in whitened], axis=0
+    )
     probed_ids = [p.id for p in ports for _ in names[p.id]] + whose
     return {p.id: max(float(size) for id_, size in zip(probed_ids, left, strict=True) if id_ == p.id) for p in ports}
+
+
+def _noise_of_readings(found: Fit) -> dict[str, OutputNoise]:
+    """The noise of each output from its readings alone, the largest of all recordings; the fit's where unknown."""
+    noise = dict(found.optimum.noise)
+    for output in noise:
+        floors = [output_noise_floor(r, output) for r in found.calibration.recordings if output in r.outputs]
+        largest = max((floor.at_most for floor in floors), default=0.0)
+        if largest > 0.0:
+            noise[output] = OutputNoise(largest)
+    return noise
 
 
 def _delay_responses(

@@ -53,13 +53,11 @@ def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping
             )
 
 
-def check_sampling(recordings: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> None:
-    """Refuse times in ms that are read as s: between two samples every motion of the model is over.
+def slow_sampling_warning(recordings: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> str:
+    """Say that every motion of the model as it stands is over between two samples; empty if it is not.
 
-    Raises
-    ------
-    InputError
-        Naming the recording, its interval and the slowest mode.
+    Times in ms that are read as s look like this, but so does a count a day of what doubles in a day, or a model whose
+    values before the fit are far off.
     """
     recording = max(recordings, key=lambda r: r.interval)
     signals = tuple(InputSignal(name, np.zeros(1), values[:1]) for name, values in recording.inputs.items())
@@ -67,14 +65,15 @@ def check_sampling(recordings: Sequence[Recording], model: Model, fixed: Mapping
     try:
         modes = _modes(model, fixed, rest, signals) if model.states else []
     except InputError:
-        return  # a fit may begin elsewhere
+        return ""  # a fit may begin elsewhere
     slowest = max((m.length for m in modes), default=0.0)
-    if slowest and recording.interval > slowest:
-        raise InputError(
-            f"{recording.path or recording.name}, column time: a sample every {recording.interval:.3g} s, but the "
-            f"slowest motion of {model.name} takes {slowest:.3g} s: looks like ms; give [data.columns.time] "
-            'unit = "ms", or unit = "s" if it is right'
-        )
+    if not slowest or recording.interval <= slowest:
+        return ""
+    return (
+        f"{recording.path or recording.name}, column time: a sample every {recording.interval:.3g} s, but the slowest "
+        f"motion of {model.name} before the fit takes {slowest:.3g} s; if the times are in ms, give "
+        '[data.columns.time] unit = "ms"'
+    )
 
 
 @dataclass(frozen=True)
