@@ -129,9 +129,8 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     fixed = _fixed(model, config, parameters)
     if model.declared.parameters:
         check_duration(recordings, model, fixed)
-    elif columns.get("time", TIME).unit is None:
-        if slow := slow_sampling_warning(recordings, model, fixed):
-            click.echo(f"note: {slow}", err=True)
+    elif columns.get("time", TIME).unit is None and (slow := slow_sampling_warning(recordings, model, fixed)):
+        click.echo(f"note: {slow}", err=True)
     for recording in recordings:
         if gap := long_gap_warning(recording):
             click.echo(f"note: {recording.path}: {gap}", err=True)
