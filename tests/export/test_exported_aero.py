@@ -18,7 +18,7 @@ from hand_written_aero import NOMINAL, SCALES, STATES, half_quad, one_dof
 from scipy.integrate import solve_ivp
 
 from aero_bayes.export import export_fmu
-from aero_bayes.simulation import Model
+from aero_bayes.simulation import Experiment, InputSignal, Model, NativeSimulator, Problem, SolverSettings
 
 Built = Callable[[str], Path]
 SYSTEMS = ("OneDof", "HalfQuad", "OneDofLinear", "HalfQuadLinear", "TransferFunction")
@@ -281,3 +281,48 @@ def test_listed_dependencies_are_those_of_the_derivatives(aero_fmu: Built, name:
         fmu.move(np.random.default_rng(3).uniform(0.2, 1.0, len(fmu.states)))
         for state, rows in zip(fmu.states, model.jacobian_pattern, strict=True):
             assert {i for i, slope in enumerate(fmu.slope(fmu.rates, state)) if slope} == set(rows)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
+@pytest.mark.parametrize("given", ["line", "held"])
+def test_another_master_follows_a_voltage_that_moves(
+    given: str, fmi: int, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """FMPy sets a continuous input between two steps of CVode: it jumps there, and CVode has to begin anew."""
+    path = export_fmu("Aero.Systems.OneDof", tmp_path / "one.fmu", compiler="embedded", fmi=fmi)
+    time = np.arange(101) * 0.02
+    volts = np.round(8.0 + 6.0 * np.sin(3.0 * time) + rng.normal(0.0, 1.0, time.size), 3)
+    rows = (np.repeat(time, 2)[1:], np.repeat(volts, 2)[:-1]) if given == "held" else (time, volts)
+    signal = np.array(list(zip(*rows, strict=True)), dtype=[("time", float), ("V_m", float)])
+    model = Model.load(path)
+    experiment = Experiment(time, ("i_m", "omega_m", "theta"), (InputSignal("V_m", time, volts, "hold"),))
+    problem = Problem(model, (experiment,), ((),), settings=SolverSettings(1e-9, 1e-9))
+    with NativeSimulator(problem) as simulator:
+        exact = simulator.simulate(np.zeros((1, 0))).outputs[0][0]
+    for tolerance in (1e-4, 1e-5, 1e-6):
+        found = fmpy.simulate_fmu(
+            str(path), fmi_type="ModelExchange", input=signal, stop_time=2.0, output_interval=0.02,
+            relative_tolerance=tolerance, record_events=False, output=["i_m", "omega_m", "theta"],
+        )  # fmt: skip
+        for k, name in enumerate(("i_m", "omega_m", "theta")):
+            at = np.interp(time[1:-1], found["time"], found[name])
+            error = np.max(np.abs(at - exact[1:-1, k])) / np.ptp(exact[:, k])
+            assert error < 30.0 * tolerance
+
+
+def test_an_event_is_asked_for_only_where_an_input_jumps(aero_fmu: Built) -> None:
+    """An input that moves with time at each evaluation, as other masters move it, needs none."""
+    path = aero_fmu("OneDof")
+    assert not Model.load(path).wants_step_callback  # the engines make an event of each jump themselves
+    with driven(path) as fmu:
+        fmu.begin()
+        x = np.zeros(len(fmu.states))
+        for t in np.linspace(0.0, 0.1, 11):
+            fmu.set(V_m=float(np.sin(t)))
+            fmu.rhs(x, t)
+        assert fmu.fmu.completedIntegratorStep() == (0, 0)
+        for t in (0.1, 0.11, 0.12):
+            fmu.rhs(x, t)
+        fmu.set(V_m=3.0)
+        assert fmu.fmu.completedIntegratorStep() == (1, 0)
+        assert fmu.fmu.completedIntegratorStep() == (0, 0)

@@ -42,8 +42,9 @@ def write_fmi2_description(
         variableNamingConvention="structured", numberOfEventIndicators=str(model.indicators),
     )  # fmt: skip
     common = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
+    told = "false" if layout.inputs else "true"  # so that it can ask for an event where an input jumps without one
     ET.SubElement(
-        root, "ModelExchange", common, completedIntegratorStepNotNeeded="true", providesDirectionalDerivative="true"
+        root, "ModelExchange", common, completedIntegratorStepNotNeeded=told, providesDirectionalDerivative="true"
     )
     ET.SubElement(
         root,

@@ -38,6 +38,8 @@ def convert_to_fmi3(description: bytes, indicators: int) -> bytes:
         }  # fmt: skip
         if tag == "CoSimulation":
             common["canHandleVariableCommunicationStepSize"] = "true"
+        elif interface.get("completedIntegratorStepNotNeeded") == "false":
+            common["needsCompletedIntegratorStep"] = "true"
         ET.SubElement(root, tag, common)
     root.extend(e for tag in _SAME if (e := old.find(tag)) is not None)
     group = ET.SubElement(root, "ModelVariables")

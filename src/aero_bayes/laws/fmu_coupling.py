@@ -167,7 +167,7 @@ class _CoupledDescription:
         inner = self.inner
         root = ET.Element(
             "fmiModelDescription", fmiVersion="2.0", modelName=self.coupling.flat.name, guid=guid,
-            generationTool="aero-bayes", variableNamingConvention="flat",
+            generationTool="aero-bayes coupling", variableNamingConvention="flat",
             numberOfEventIndicators=str(inner.event_indicators + self.laws.event_indicators),
         )  # fmt: skip
         exchange = ET.SubElement(root, "ModelExchange", modelIdentifier=identifier)

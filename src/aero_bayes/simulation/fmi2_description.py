@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.description_xml import checked_identifier, is_true
-from aero_bayes.simulation.model_description import Kind, ModelDescription, Variable
+from aero_bayes.simulation.model_description import OWN_EXPORTER, Kind, ModelDescription, Variable
 from aero_bayes.simulation.model_structure import (
     candidate_copies,
     check_variables,
@@ -147,7 +147,8 @@ def _description(path: Path, root: Element, exchange: Element | None) -> ModelDe
         needs_instance_per_process=is_true(interface, "canBeInstantiatedOnlyOncePerProcess"),
         derivatives=tuple(derivatives),
         jacobian_pattern=jacobian_pattern(depends, position),
-        wants_step_callback=not is_true(interface, "completedIntegratorStepNotNeeded"),
+        wants_step_callback=not is_true(interface, "completedIntegratorStepNotNeeded")
+        and root.get("generationTool") != OWN_EXPORTER,
         candidate_copies=candidate_copies(_outputs(root, variables), position, states),
         interface="co-simulation" if exchange is None else "model exchange",
         takes_any_step=exchange is not None or is_true(interface, "canHandleVariableCommunicationStepSize"),

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.description_xml import checked_identifier, is_true
-from aero_bayes.simulation.model_description import Kind, ModelDescription, Variable
+from aero_bayes.simulation.model_description import OWN_EXPORTER, Kind, ModelDescription, Variable
 from aero_bayes.simulation.model_structure import (
     candidate_copies,
     check_variables,
@@ -95,7 +95,7 @@ def _description(path: Path, root: Element, interface: Element, found: Any, only
         needs_instance_per_process=is_true(interface, "canBeInstantiatedOnlyOncePerProcess"),
         derivatives=tuple(unknown.variable.valueReference for unknown in unknowns),
         jacobian_pattern=jacobian_pattern(depends, position),
-        wants_step_callback=is_true(interface, "needsCompletedIntegratorStep"),
+        wants_step_callback=is_true(interface, "needsCompletedIntegratorStep") and found.generationTool != OWN_EXPORTER,
         candidate_copies=candidate_copies(outputs, position, variables),
         fmi_version=3,
         interface="co-simulation" if only_steps else "model exchange",

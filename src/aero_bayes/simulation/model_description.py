@@ -41,6 +41,11 @@ class Variable:
     discrete: bool = False
 
 
+#: What an FMU of our own exporter says wrote it. It asks to be called after steps for importers only that move inputs
+#: without an event; the engines make one of each jump.
+OWN_EXPORTER = "aero-bayes"
+
+
 @dataclass(frozen=True)
 class ModelDescription:
     """An FMU on disk and what its modelDescription.xml says. The fields are those of :class:`Model`."""

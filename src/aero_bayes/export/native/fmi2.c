@@ -127,6 +127,19 @@ fmi2Status fmi2Reset(fmi2Component c) {
 
 /* ---- values ---- */
 
+/* An input that was held at two instants of a step at least and moves then has jumped without an event: the importer's
+ * method with several steps is asked to begin anew. One that moves with time all along has not. */
+static void note_moved_input(Model *m) {
+    m->input_jumped |= m->evaluations > 1;
+    m->evaluations = 0;
+    m->evaluated_at = NAN;
+}
+static void note_evaluation(Model *m) {
+    if (m->phase != CONTINUOUS || m->evaluated_at == m->time) return;
+    m->evaluated_at = m->time;
+    m->evaluations++;
+}
+
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
     Instance *s = c;
     Model *m = s->m;
@@ -152,6 +165,7 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
             if (m->phase & (INSTANTIATED | INITIALIZATION)) group(m, STARTED)[v] = 1;
             invalidate(m, DEPENDS_ON_STATE);
         } else if (v >= AT_U && v < AT_P) {
+            if (m->phase == CONTINUOUS && value[i] != group(m, R)[v]) note_moved_input(m);
             invalidate(m, DEPENDS_ON_STATE);
         } else if (v >= AT_P && v < AT_Q) {
             invalidate(m, FRESH_ALL);
@@ -207,6 +221,7 @@ fmi2Status fmi2EnterEventMode(fmi2Component c) {
     Instance *s = c;
     if (!(s->m->phase & (CONTINUOUS | EVENT))) return fail(s, fmi2Error, "fmi2EnterEventMode: not in continuous-time mode");
     s->m->phase = EVENT;
+    s->m->input_jumped = s->m->evaluations = 0;
     return fmi2OK;
 }
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
@@ -225,8 +240,10 @@ fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
 }
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean no_set_state, fmi2Boolean *event, fmi2Boolean *end) {
     (void)no_set_state;
-    *event = fmi2False;
+    Model *m = ((Instance *)c)->m;
+    *event = m->input_jumped;
     *end = fmi2False;
+    m->input_jumped = 0;
     check_assertions(c);
     return fmi2OK;
 }
@@ -259,6 +276,7 @@ fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x[], size
 fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n) {
     Instance *s = c;
     if (n != NX) return fail(s, fmi2Error, "fmi2GetDerivatives: %zu states, the model has %d", n, NX);
+    note_evaluation(s->m);
     need_derivatives(s->m);
     for (int i = 0; i < NX; i++) dx[i] = group(s->m, R)[AT_DX + i];
     return evaluation_status(s);

@@ -12,8 +12,9 @@ enum Group { R, K, W, D, PRE, REL, ROUND, SAMPLE, LAST, INITIAL, STARTED, JX, JP
              RISE, RISE_RATE, RISE_X, RISE_P, SIDES, ACROSS, SHARE, CONTACT, NEAR, GROUPS };
 
 typedef struct Model {
-    double time, tolerance, step, next_event;
+    double time, tolerance, step, next_event, evaluated_at;
     int fresh, phase, failed;
+    int evaluations, input_jumped; /* instants at which the derivatives were asked for since an input moved */
     double data[];
 } Model;
 
