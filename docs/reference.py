@@ -61,6 +61,7 @@ KEYS: Mapping[str, str] = {
     "data.columns.NAME.counts_per_revolution": "of the encoder, for the units `count` and `count/s`",
     "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
     "parameters.NAME.value": "start of the search; value of a parameter that is held (SI)",
+    "parameters.NAME.per_recording": "fit a value of its own for each recording, which results call `NAME@recording`",
     "parameters.NAME.lower": "lower bound (SI)",
     "parameters.NAME.upper": "upper bound (SI)",
     "parameters.NAME.prior.kind": "shape of the density; truncated to the bounds",

@@ -44,6 +44,7 @@ class ParameterSection(Section):
     lower: float | None = None
     upper: float | None = None
     prior: PriorSection | None = None
+    per_recording: bool = False
 
 
 class ModelSection(Section):

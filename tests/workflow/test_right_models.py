@@ -64,3 +64,24 @@ def test_a_parameter_that_selects_a_branch(case: Path):
     loop = Run(case, "close-loop", "--config", "lim8.toml", "--train", "run.csv")
     assert loop.result["loop"]["effects"] == []
     assert loop.value("limit") < 1.0
+
+
+@pytest.mark.parametrize("case", ["10_condition_specific"], indirect=True)
+def test_a_parameter_that_differs_by_recording(case: Path):
+    text = Path("rig.toml").read_text("utf-8")
+    Path("own.toml").write_text(text.replace("C = {free = true,", "C = {free = true, per_recording = true,"))
+    run = Run(case, "fit", "--config", "own.toml", "--data", "empty.csv", "--data", "loaded.csv")
+    assert run.value("C@empty") == pytest.approx(2.0e6, rel=0.01)
+    assert run.value("C@loaded") == pytest.approx(3.5e6, rel=0.01)
+    assert run.value("G") == pytest.approx(120.0, rel=0.005)
+    assert not run.model_blamed
+
+
+@pytest.mark.parametrize("config", ["t0.toml", "t0r.toml", "rig.toml"])
+@pytest.mark.parametrize("case", ["11_initial_parameter"], indirect=True)
+def test_an_initial_value_that_is_a_parameter(case: Path, config: str):
+    run = Run(case, "fit", "--config", config, "--data", "run.csv")
+    if config != "rig.toml":  # there T0 is not free, and only written
+        assert run.value("T0") == pytest.approx(288.0, abs=0.02)
+        assert run.result["parameters"]["T0"]["status"] == "identified"
+    assert aero_bayes.load_model(run.out / "RoomT0_fitted.fmu").parameter("T0").start == pytest.approx(288.0, abs=0.02)

@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.recording_parameters import values_of_recordings
 from aero_bayes.export import export_flat, export_fmu, load_flat, rename_model, set_elements
 from aero_bayes.files import whole_file
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
+from aero_bayes.simulation.start_parameters import start_parameters
 
+FloatArray = NDArray[np.float64]
 #: Values of one element, or of the elements of an array.
 ParameterValues = float | list["ParameterValues"]
 #: Modifications by component: a value and what is said of it, or those inside.
@@ -111,7 +114,7 @@ class CalibratedModel:
 
 def calibrated_model(
     calibration: Calibration,
-    values: NDArray[np.float64],
+    values: FloatArray,
     intervals: Mapping[str, Interval],
     *,
     source: ModelicaSource | None = None,
@@ -150,6 +153,13 @@ def calibrated_model(
     for target, (name, _) in fitted.items():
         remarks[target] = _interval_text(intervals.get(name), units.get(target, ""))
     given = {**calibration.fixed, **{target: value for target, (_, value) in fitted.items()}}
+    for target, several in values_of_recordings(calibration.parameters, values.tolist()).items():
+        if len(several) > 1:
+            given[target] = float(np.mean(list(several.values())))
+            remarks[target] = f"mean of {', '.join(f'{name} = {v:.6g}' for name, v in several.items())}"
+    for target, starts in _started(calibration, values, given).items():
+        given[target] = float(np.mean(starts))
+        remarks[target] = "initial value" if len(starts) == 1 else f"mean of {len(starts)} initial values"
     data = ", ".join(r.path.name if r.path is not None else r.name for r in calibration.recordings)
     header = [f"Fitted to {data} on {date.today().isoformat()}; beside each value its central 90 % interval."]
     needed = [*(file.name for file in base.files), *(added or {})]
@@ -159,7 +169,23 @@ def calibrated_model(
     )
 
 
-def _beside(calibration: Calibration, values: NDArray[np.float64]) -> list[str]:
+def _started(calibration: Calibration, values: FloatArray, given: Mapping[str, float]) -> dict[str, list[float]]:
+    """Initial values by the parameter of the model that sets them, where the recordings have their own."""
+    names = [v.name for v in calibration.model.parameters if v.name not in given]
+    found: dict[str, list[float]] = {}
+    for name, states in start_parameters(calibration.model, names).items():
+        if len(states) == 1:
+            estimated = [
+                value for p, value in zip(calibration.parameters, values.tolist(), strict=True)
+                if p.target == StartTarget(states[0])
+            ]  # fmt: skip
+            read = [e.start[states[0]] for e in calibration.experiments if states[0] in e.start]
+            if estimated or read:
+                found[name] = estimated or read
+    return found
+
+
+def _beside(calibration: Calibration, values: FloatArray) -> list[str]:
     """What belongs to the recordings and is not written into the model: initial values and delays."""
     lines, estimated = [], set()
     for p, value in zip(calibration.parameters, values.tolist(), strict=True):

@@ -18,6 +18,7 @@ from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.process_noise import process_parameters, uncertain_start
+from aero_bayes.estimate.recording_parameters import for_recordings, with_started_states
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
 from aero_bayes.simulation.interface import (
@@ -282,6 +283,8 @@ def calibrate(
     outputs = _outputs(recordings, model, settings)
     if isinstance(settings.interpolation, Mapping):
         _check_inputs(recordings, settings.interpolation, "interpolation")
+    parameters = for_recordings(with_started_states(parameters, model), model, recordings)
+    given = {state for p in parameters for state in p.starts}
     driven = {variable.name for variable in model.inputs}
     whole: list[Experiment] = []
     experiments: list[Experiment] = []
@@ -294,7 +297,7 @@ def calibrate(
             raise InputError(f"{recording.name}: model {model.name} has no input {missing[0]}")
         suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
         experiment = _experiment(recording, outputs, floors, settings, known.zero_at_rest)
-        start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix)
+        start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix, given)
         nuisances += extra
         if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], settings.delay, limit):
             nuisances.append(_delay(limit, index, suffix))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -36,6 +36,7 @@ def start_parameters(
     resting: tuple[str, ...] | None,
     index: int,
     suffix: str,
+    given: Collection[str] = (),
 ) -> tuple[dict[str, float], list[Parameter]]:
     """Initial values of states by name, and those that are estimated.
 
@@ -52,6 +53,8 @@ def start_parameters(
         Of the recording.
     suffix : str
         What the names of its parameters end in.
+    given : collection of str
+        States whose initial value is a parameter that is searched.
     """
     assert experiment.measured is not None
     start: dict[str, float] = {}
@@ -61,9 +64,9 @@ def start_parameters(
     for column, name in enumerate(experiment.outputs):
         state = state_of(model, name)
         values = experiment.measured[:, column]
-        reading = _first_reading(values, recording)
+        reading = first_reading_of(values, recording)
         free = resting is None or name in resting
-        if state is None or reading is None or not (free or in_motion or policy == "estimated"):
+        if state is None or state.name in given or reading is None or not (free or in_motion or policy == "estimated"):
             continue
         start[state.name] = reading
         seen.add(state.name)
@@ -78,7 +81,7 @@ def start_parameters(
             )
             found.append(_start(_named(name, model) + suffix, name, state, reading, spread, index))
     if policy == "estimated":
-        rest = [state for state in model.states if state.name not in seen]
+        rest = [state for state in model.states if state.name not in seen and state.name not in given]
         spreads = state_sizes(model, experiment, rest)
         found += [
             _start(_named(s.name, model) + suffix, s.name, s, s.start or 0.0, spreads[s.name], index) for s in rest
@@ -163,7 +166,7 @@ def state_sizes(model: Model, experiment: Experiment, states: list[Variable]) ->
     return spreads
 
 
-def _first_reading(values: FloatArray, recording: Recording) -> float | None:
+def first_reading_of(values: FloatArray, recording: Recording) -> float | None:
     """The first reading; None if the first hundredth of the recording is a gap."""
     seen = np.flatnonzero(np.isfinite(values))
     if seen.size == 0 or recording.time[seen[0]] - recording.time[0] > 0.01 * recording.duration:

@@ -54,10 +54,18 @@ def _beyond_noise(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
 
 def first_reading(recording: Recording, target: ProblemTarget, calibration: Calibration) -> InitialLevel | None:
     """What a state was read as at the beginning of a recording; None for what is no start, or was not read."""
-    if not isinstance(target, StartTarget):
+    started = _started(target, calibration)
+    if not started:
         return None
     states = {o: s.name for o in calibration.outputs if (s := state_of(calibration.model, o)) is not None}
-    output = next((o for o, s in states.items() if s == target.state), None)
+    output = next((o for o, s in states.items() if s in started), None)
     if output is None or (values := recording.outputs.get(output)) is None:
         return None
     return initial_level(values, recording.time, output_noise_floor(recording, output).sd or 0.0)
+
+
+def _started(target: ProblemTarget, calibration: Calibration) -> tuple[str, ...]:
+    """States whose initial value a target is."""
+    if isinstance(target, StartTarget):
+        return (target.state,)
+    return next((p.starts for p in calibration.parameters if p.target == target), ())

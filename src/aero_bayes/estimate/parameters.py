@@ -50,6 +50,10 @@ class Parameter:
         Index of the one recording that it belongs to; None for all.
     auto : bool
         Freed only if the data shows it (see :mod:`aero_bayes.estimate.identifiability`).
+    per_recording : bool
+        It has a value of its own in each recording.
+    starts : tuple of str
+        States whose initial value it is; it does nothing else.
 
     Raises
     ------
@@ -68,6 +72,8 @@ class Parameter:
     target: ProblemTarget
     recording: int | None = None
     auto: bool = False
+    per_recording: bool = False
+    starts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper):
@@ -267,6 +273,8 @@ class Override:
         Axis of the search; ``log`` where the lower bound is positive.
     auto : bool
         Free it only if the data show it.
+    per_recording : bool
+        Fit a value of its own for each recording; results call them ``C@recording``.
 
     Examples
     --------
@@ -280,6 +288,7 @@ class Override:
     prior: Prior | None = None
     scale: Scale | None = None
     auto: bool = False
+    per_recording: bool = False
 
 
 #: How a caller may specify a parameter: not at all, by a start, by bounds, by a prior, or by all of them.
@@ -374,7 +383,7 @@ def parameters_from_model(
         items.append(
             Parameter(
                 name, variable.unit, start, lower, upper, prior, scale, variable.description,
-                ParameterTarget(name), auto=override.auto,
+                ParameterTarget(name), auto=override.auto, per_recording=override.per_recording,
             )
         )  # fmt: skip
     return ParameterSet(tuple(items))

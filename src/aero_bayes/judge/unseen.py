@@ -18,6 +18,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.new_recording import first_reading, typical
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.recording_parameters import templates
 from aero_bayes.judge.prediction import Error, Prediction, rms_error
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.model_family import ModelFamily
@@ -147,7 +148,7 @@ class Unseen:
         named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._all_recordings))
         plain = self.family.base_model()
         known = {v.name for v in plain.parameters}
-        shared = [p for p in calibration.parameters if p.recording is None]
+        shared = templates(calibration.parameters)
         new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
         kept = ParameterSet(tuple(p for p in shared if p not in new))
         own = replace(
@@ -169,7 +170,8 @@ class Unseen:
             return whole, row, []
         return whole, row, [
             j for j, p in enumerate(whole.parameters)
-            if isinstance(p.target, StartTarget) and p.recording is not None and p.recording >= self._fitted
+            if (isinstance(p.target, StartTarget) or p.starts) and p.recording is not None
+            and p.recording >= self._fitted
         ]  # fmt: skip
 
     def _with_estimated_starts(

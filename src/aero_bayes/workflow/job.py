@@ -248,6 +248,7 @@ def _override(name: str, section: ParameterSection, default: Override) -> Overri
         prior=_prior(name, section.prior) if section.prior is not None else default.prior,
         scale=default.scale if section.lower is None or section.lower > 0.0 else "linear",
         auto=section.free == "auto" if section.free is not None else default.auto,
+        per_recording=section.per_recording or default.per_recording,
     )
 
 

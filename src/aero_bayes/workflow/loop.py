@@ -92,7 +92,10 @@ def loop_settings(job: Job) -> LoopSettings:
             **{p.name: p.start for p in job.parameters if p.auto},
             **{name: value for name, value in job.fixed.items() if name not in free_later},
         },
-        overrides={p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in (*searched, *free_later)},
+        overrides={
+            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording)
+            for p in (*searched, *free_later)
+        },
         free=tuple(p.name for p in searched),
         free_later=free_later.names,
         process_noise=tuple(job.config.noise.process) or None,
@@ -175,7 +178,8 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
     new = {item.name: item for item in (*loop.added, *later_of(job))}
     table: Json = {}
     for name, estimate in loop.parameters.items():
-        item = job.parameters[name] if name in job.parameters else new.get(name)
+        base = name.partition("@")[0]
+        item = job.parameters[base] if base in job.parameters else new.get(base)
         entry: Json = estimate.to_dict() | {"status": str(loop.identifiability.status[name])}
         if item is not None:
             entry |= {
@@ -190,7 +194,8 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
         name = variable.name
         value = job.fixed.get(name, variable.start)
         reason = reasons.get(name, "")
-        if name in job.parameters and not reason:
+        own = any(other.startswith(f"{name}@") for other in table)
+        if name in job.parameters and not reason and not own:
             reason = "not fitted by the loop; kept at its start value"
             value = job.parameters[name].start
             found = loop.calibrated.parameters.get(name, value) if loop.calibrated is not None else value

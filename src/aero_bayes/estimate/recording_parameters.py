@@ -1,0 +1,76 @@
+"""Parameters that have a value of their own in each recording: those that are said to, and initial values of states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from aero_bayes.data import Recording
+from aero_bayes.estimate.initial_states import first_reading_of, state_of
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.simulation import Model
+from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.simulation.start_parameters import start_parameters
+
+
+def with_started_states(parameters: ParameterSet, model: Model) -> ParameterSet:
+    """The parameters, with those that are nothing but the initial value of states marked as such."""
+    names = [p.target.name for p in parameters if isinstance(p.target, ParameterTarget) and p.recording is None]
+    found = start_parameters(model, names)
+    return ParameterSet(tuple(replace(p, starts=found.get(_target_name(p), p.starts)) for p in parameters))
+
+
+def for_recordings(parameters: ParameterSet, model: Model, recordings: Sequence[Recording]) -> ParameterSet:
+    """One parameter a recording, ``C@recording``, in the place of each that has a value of its own in each.
+
+    An initial value keeps its own name where there is one recording, and is searched from the first reading.
+    """
+    found: list[Parameter] = []
+    for p in parameters:
+        if p.recording is not None or not (p.per_recording or p.starts):
+            found.append(p)
+            continue
+        alone = len(recordings) == 1 and not p.per_recording
+        for index, recording in enumerate(recordings):
+            name = p.name if alone else f"{p.name}@{recording.name}"
+            found.append(replace(p, name=name, recording=index, start=_start(p, model, recording)))
+    return ParameterSet(tuple(found))
+
+
+def templates(parameters: Iterable[Parameter]) -> list[Parameter]:
+    """The parameters that :func:`for_recordings` made those with a recording of; the others as they are.
+
+    Nuisances of recordings (delays, initial values without a parameter) are left out.
+    """
+    found: dict[str, Parameter] = {}
+    for p in parameters:
+        if p.recording is None:
+            found[p.name] = p
+        elif p.per_recording or p.starts:
+            found.setdefault(_target_name(p), replace(p, name=_target_name(p), recording=None))
+    return list(found.values())
+
+
+def values_of_recordings(parameters: Iterable[Parameter], values: Iterable[float]) -> Mapping[str, dict[str, float]]:
+    """Values by the name of the model's parameter, then by their own, of those that have one in each recording."""
+    found: dict[str, dict[str, float]] = {}
+    for p, value in zip(parameters, values, strict=True):
+        if p.recording is not None and isinstance(p.target, ParameterTarget):
+            found.setdefault(p.target.name, {})[p.name] = value
+    return found
+
+
+def _target_name(p: Parameter) -> str:
+    return p.target.name if isinstance(p.target, ParameterTarget) else ""
+
+
+def _start(p: Parameter, model: Model, recording: Recording) -> float:
+    """Where the search starts: an initial value that was read starts at the first reading."""
+    readings = [
+        first for output, values in recording.outputs.items()
+        if (state := state_of(model, output)) is not None and state.name in p.starts
+        and (first := first_reading_of(values, recording)) is not None
+    ]  # fmt: skip
+    return float(np.clip(readings[0], p.lower, p.upper)) if readings else p.start

@@ -1,0 +1,100 @@
+"""Parameters with a value of their own in each recording, and parameters that are the initial value of a state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import aero_bayes
+from aero_bayes import FitSettings, Recording
+from aero_bayes.estimate import Override
+from aero_bayes.simulation import Model
+from aero_bayes.simulation.start_parameters import start_parameters
+
+LAG = """
+model Lag
+  parameter Real tau(unit = "s", min = 0.1, max = 100) = 1;
+  parameter Real gain(min = 0.1, max = 10) = 1;
+  parameter Real y0(min = -20, max = 20) = 5;
+  parameter Real z0(min = -20, max = 20) = 0;
+  parameter Real rest(min = -20, max = 20) = 0 "starts z, and acts on y";
+  input Real u;
+  output Real y(start = y0 + 1, fixed = true);
+  output Real z(start = rest, fixed = true);
+equation
+  tau * der(y) = gain * u + rest - y;
+  der(z) = z0 - z;
+end Lag;
+"""
+LOCAL = FitSettings("local")
+
+
+def lag(rng: np.random.Generator, name: str, gain: float, start: float) -> Recording:
+    """A lag of 4 s that answers a square wave, in closed form, with noise of 0.01; z stays zero."""
+    time = np.arange(0.0, 40.0, 0.2)
+    u = np.where(np.floor(time / 10.0) % 2 == 0, 1.0, -1.0)
+    y = np.full(time.size, start)
+    for k in range(1, time.size):
+        y[k] = gain * u[k - 1] + (y[k - 1] - gain * u[k - 1]) * np.exp(-0.2 / 4.0)
+    noise = 0.01 * rng.standard_normal((2, time.size))
+    return Recording(name, time, {"u": u}, {"y": y + noise[0], "z": noise[1]}, {})
+
+
+def test_only_what_does_nothing_else_is_an_initial_value(modelica: Callable[[str], Model]):
+    names = ["tau", "gain", "y0", "z0", "rest"]
+    assert dict(start_parameters(modelica(LAG), names)) == {"y0": ("y",)}
+
+
+def test_a_value_for_each_recording(modelica: Callable[[str], Model], rng: np.random.Generator):
+    recordings = [lag(rng, "empty", 2.0, 0.0), lag(rng, "loaded", 3.5, 1.0)]
+    searched = {"gain": Override(per_recording=True), "tau": None}
+    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=searched, settings=LOCAL, workers=0)
+    assert [n for n in fit.parameters if n.startswith("gain")] == ["gain@empty", "gain@loaded"]
+    for name, truth in (("gain@empty", 2.0), ("gain@loaded", 3.5), ("tau", 4.0)):
+        assert abs(fit[name].value - truth) < 4.0 * (fit[name].sd or 0.0)
+        assert str(fit[name].status) == "identified"
+    assert fit["gain@loaded"].recording == "loaded"
+    # each recording is simulated with its own, another one with their mean
+    own = fit.simulate(recordings[1]).outputs["y"]
+    np.testing.assert_allclose(own, fit.fitted[1][:, 0], rtol=1e-4, atol=1e-4)
+    other = fit.simulate({"time": np.arange(0.0, 60.0, 0.5), "u": np.ones(120)})
+    assert other.outputs["y"][-1] == pytest.approx(2.75, rel=0.01)
+
+
+def test_posterior_has_each(modelica: Callable[[str], Model], rng: np.random.Generator):
+    recordings = [lag(rng, "a", 2.0, 0.0), lag(rng, "b", 3.5, 1.0)]
+    searched = {"gain": Override(per_recording=True), "tau": None}
+    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=searched, settings=LOCAL, workers=0)
+    posterior = aero_bayes.sample(fit, settings=aero_bayes.SampleSettings(max_steps=300), workers=0)
+    assert posterior["gain@b"].value == pytest.approx(3.5, rel=0.01)
+    assert posterior["gain@a"].value == pytest.approx(2.0, rel=0.01)
+
+
+def test_an_initial_value_is_fitted_as_the_parameter_it_is(modelica: Callable[[str], Model], rng: np.random.Generator):
+    recording = lag(rng, "run", 2.0, 7.0)
+    fit = aero_bayes.fit(recording, modelica(LAG), parameters=["tau", "gain", "y0"], settings=LOCAL, workers=0)
+    assert fit["y0"].value == pytest.approx(6.0, abs=0.03)  # y starts at y0 + 1
+    assert str(fit["y0"].status) == "identified"
+    assert "y_start" not in fit.parameters
+    several = [recording, lag(rng, "cold", 2.0, -3.0)]
+    both = aero_bayes.fit(several, modelica(LAG), parameters=["tau", "gain", "y0"], settings=LOCAL, workers=0)
+    assert both["y0@run"].value == pytest.approx(6.0, abs=0.03)
+    assert both["y0@cold"].value == pytest.approx(-4.0, abs=0.03)
+    # another recording starts at its own first readings
+    other = fit.simulate(lag(rng, "other", 2.0, 4.0))
+    assert other.outputs["y"][0] == pytest.approx(4.0, abs=0.05)
+
+
+def test_written_model_says_what_it_holds(tmp_path: Path, rng: np.random.Generator):
+    (tmp_path / "Lag.mo").write_text(LAG)
+    model = aero_bayes.load_model(tmp_path / "Lag.mo")
+    recordings = [lag(rng, "a", 2.0, 7.0), lag(rng, "b", 3.0, 7.0)]
+    searched = {"gain": Override(per_recording=True), "tau": None}
+    fit = aero_bayes.fit(recordings, model, parameters=searched, settings=LOCAL, workers=0)
+    written = fit.calibrated
+    assert written.parameters["gain"] == pytest.approx(2.5, rel=0.01)
+    assert "gain@a = " in written.remarks["gain"]
+    assert "gain@b = " in written.remarks["gain"]
