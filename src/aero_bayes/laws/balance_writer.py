@@ -78,6 +78,7 @@ class BalanceWriter:
     def _term(self, port: Port, text: str, sign: int) -> None:
         """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
         equation = equation_of(self.flat, port)
+        sign *= port.balance.sign if port.balance is not None else 1
         if not equation.component:
             self.target.edits += self._entry(port, self.target.cls, "").insert(text, sign)
             return
@@ -109,8 +110,8 @@ class BalanceWriter:
         values = {n.removeprefix(prefix): v for n, v in parameter_values(flat).items()}
         constants = frozenset(v.name.removeprefix(prefix) for v in flat.variables if v.constant)
         whole = {n.removeprefix(prefix): k for n, k in self.whole_numbers.items()}
-        state = port.balance.state if port.balance is not None else ""
-        drivers = [n.replace(prefix, "", 1) for n in driver_names(self.structure, state)]
+        state, force = (port.balance.state, port.balance.force) if port.balance is not None else ("", "")
+        drivers = [force] if force else [n.replace(prefix, "", 1) for n in driver_names(self.structure, state)]
         wanted = self._words(port)
         row = port.balance.row if port.balance is not None else None
         found: list[tuple[bool, int, InsertionPoint]] = []

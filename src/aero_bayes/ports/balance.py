@@ -46,6 +46,10 @@ class Balance:
         Of a vector equation, the scalar terms in the same sum.
     state : str
         The state whose derivative the balance determines.
+    force : str
+        The output that the equation gives, where it is the sum of forces itself and determines no derivative.
+    sign : int
+        -1 where what opposes a motion is added to the force that the equation gives.
     """
 
     equation: int
@@ -54,6 +58,8 @@ class Balance:
     row: RowIndex | None = None
     beside: tuple[Expression, ...] = ()
     state: str = ""
+    force: str = ""
+    sign: int = 1
 
     def added(self, term: Expression) -> Expression:
         """The increment of the residual."""

@@ -17,6 +17,7 @@ from aero_bayes.ports.aliases import AliasStructure, alias_structure, derived_na
 from aero_bayes.ports.ambient import ambient_differences
 from aero_bayes.ports.balance import Balance, find_balance, parameter_values
 from aero_bayes.ports.connections import branch_ports, node_port, series_port, storage_pin_port
+from aero_bayes.ports.force_outputs import force_outputs
 from aero_bayes.ports.insertion_point import Driver
 from aero_bayes.ports.internal_signals import connected_inputs, internal_signals
 from aero_bayes.ports.port import Port, PortKind
@@ -39,7 +40,7 @@ def find_ports(flat: FlatModel) -> list[Port]:
     """All ports of a model: inputs, outputs, then balances in the order of their states.
 
     The port of a state is at a balance or a connection in the model's own class. If there is none, it is at the balance
-    inside a component.
+    inside a component. An output that is a force and depends on a speed is a balance as well.
     """
     s = alias_structure(flat)
     rated = _rated(flat, [v.name for v in s.flat.variables if _top(v, "output")])
@@ -47,9 +48,10 @@ def find_ports(flat: FlatModel) -> list[Port]:
     balances += branch_ports(s, balances)
     nodes = {p.id for p in balances if p.attachment == "node"}
     balances = [replace(p, id=f"series_{p.id}") if p.attachment == "series" and p.id in nodes else p for p in balances]
-    taken = {p.id for p in balances}
+    forces = list(force_outputs(s, {p.balance.equation for p in balances if p.balance is not None}))
+    taken = {p.id for p in (*balances, *forces)}
     outputs = [replace(p, id=f"output_{p.id}") if p.id in taken else p for p in _outputs(s, rated)]
-    ports = [*_inputs(s), *outputs, *balances]
+    ports = [*_inputs(s), *outputs, *balances, *forces]
     ports = [replace(p, neighbours=_neighbours(p, ports)) for p in ports]
     return [
         *ports, *internal_signals(s, flat), *connected_inputs(s, flat), *relative_motions(s, balances),

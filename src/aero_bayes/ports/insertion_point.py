@@ -121,7 +121,7 @@ def find_insertion_point(
     rows = [None if row is not None and isinstance(s, Array) else row for s in sides]
     if row is not None:
         sides = element_of_row(sides[0], row), element_of_row(sides[1], row)
-    signs = [_sign_of(side, driver, values) for side in sides]
+    signs = [sign_of_factor(side, driver, values) for side in sides]
     if (signs[0] is None) == (signs[1] is None):
         return None
     side = 1 if signs[0] is not None else -1
@@ -164,17 +164,17 @@ def _terms(tree: Expression) -> tuple[Expression, ...]:
     return tuple(t for _, t in summands(tree))
 
 
-def _sign_of(tree: Expression, driver: Driver, values: Mapping[str, float]) -> int | None:
-    """Sign of the coefficient of the derivative; None if it does not occur, or not as a factor of a term."""
+def sign_of_factor(tree: Expression, driver: Driver, values: Mapping[str, float]) -> int | None:
+    """Sign of the coefficient of the driver; None if it does not occur, or not as a factor of a term."""
     if driver(tree):
         return 1
     terms = [(1, item) for item in tree.items] if isinstance(tree, Array) else summands(tree)
     if terms != [(1, tree)]:
-        signs = ((sign, _sign_of(t, driver, values)) for sign, t in terms)
+        signs = ((sign, sign_of_factor(t, driver, values)) for sign, t in terms)
         return next((sign * found for sign, found in signs if found is not None), None)
     parts = factors(tree)
     for k, (operator, part) in enumerate(parts if len(parts) > 1 else ()):
-        found = _sign_of(part, driver, values)
+        found = sign_of_factor(part, driver, values)
         if found is not None and operator not in DIVIDES:
             return found * _product_sign([p for i, (_, p) in enumerate(parts) if i != k], values)
     return None

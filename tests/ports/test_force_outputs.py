@@ -1,0 +1,94 @@
+"""A force that is an output is a balance: laws of motion are added to it with the sign of what resists."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from numpy.random import Generator
+from small_rigs import Numbers, explicit, rig, somewhere
+
+from aero_bayes.export import load_flat
+from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, write_laws
+
+DAMPER = """model Damper
+  parameter Real c(unit = "N.s/m") = 200;
+  parameter Real k(unit = "N/m") = 300;
+  parameter Real F_0(unit = "N") = 50;
+  input Real x(unit = "m");
+  input Real v(unit = "m/s");
+  output Real F(unit = "N");
+equation
+  {equation}
+end Damper;
+"""
+
+
+@pytest.mark.parametrize(
+    ("equation", "sign"),
+    [
+        ("F = c * v + k * x + F_0;", 1.0),
+        ("F = -c * v - k * x + F_0;", -1.0),
+        ("c * v + k * x = F;", 1.0),
+        ("F = F_0 - v * c;", -1.0),
+    ],
+)
+def test_friction_resists_however_the_force_is_counted(
+    equation: str, sign: float, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+) -> None:
+    path = tmp_path / "Damper.mo"
+    path.write_text(DAMPER.format(equation=equation), encoding="utf-8")
+    flat = rig("Damper", str(path))
+    ports = {p.id: p for p in ports_with_laws(flat, laws)}
+    assert (ports["F"].kind, ports["F"].unit, ports["output_F"].kind) == ("motion", "N", "reading")
+    assert ports["F"].signals["v"] == "v"
+    assert {"coulomb_friction", "presliding_friction", "rounded_friction", "curve"} <= set(ports["F"].laws)
+    assert ("cubic_stiffness" in ports["F"].laws) is ("x" in ports["F"].signals) is ("x" in equation)
+    law = next(law for law in laws if law.id == "viscous_friction")
+    placed = place_law(law, ports["F"], [v.name for v in flat.variables], values={"d": 0.9})
+    base = Numbers(explicit(flat))
+    point = somewhere(["x", "v"], rng)
+    added = Numbers(explicit(compose_law(flat, placed, models)))(point)["F"] - base(point)["F"]
+    assert added == pytest.approx(sign * 0.9 * point["v"], rel=1e-9)
+    written = write_laws([path], "Damper", flat, [placed], tmp_path / "written")
+    again = Numbers(explicit(load_flat(written.name, [path, written.path])))(point)["F"] - base(point)["F"]
+    assert again == pytest.approx(added, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "equation", ["F = k * x + F_0;", "F = c * der(x) + k * x;"], ids=["no speed", "the speed is no variable"]
+)
+def test_a_force_without_a_speed_is_a_reading_only(equation: str, laws: tuple[Law, ...], tmp_path: Path) -> None:
+    path = tmp_path / "Damper.mo"
+    text = DAMPER.format(equation=equation).replace("input Real x(unit", "Real x(start = 0, fixed = true, unit")
+    path.write_text(text.replace("  F = ", "  der(x) = 0.1 * (0.2 - x);\n  F = "), encoding="utf-8")
+    ports = {p.id: p for p in ports_with_laws(rig("Damper", str(path)), laws)}
+    assert "output_F" not in ports
+    assert ports["F"].kind in ("output", "reading")
+
+
+def test_a_force_between_two_motions_has_the_difference_of_their_speeds(laws: tuple[Law, ...], tmp_path: Path) -> None:
+    path = tmp_path / "Coupled.mo"
+    path.write_text(
+        """model Coupled
+  parameter Real c(unit = "N.s/m") = 20;
+  parameter Real k(unit = "N/m") = 300;
+  input Real a(unit = "N");
+  output Real F(unit = "N");
+  Real x_1(unit = "m", start = 0, fixed = true);
+  Real x_2(unit = "m", start = 0, fixed = true);
+  Real v_1(unit = "m/s", start = 0, fixed = true);
+  Real v_2(unit = "m/s", start = 0, fixed = true);
+equation
+  der(x_1) = v_1;
+  der(x_2) = v_2;
+  2 * der(v_1) = a - F;
+  3 * der(v_2) = F;
+  F = c * (v_1 - v_2) + k * (x_1 - x_2);
+end Coupled;
+""",
+        encoding="utf-8",
+    )
+    port = next(p for p in ports_with_laws(rig("Coupled", str(path)), laws) if p.id == "F")
+    assert port.signals == {"v": "v_1 - v_2", "x": "x_1 - x_2"}
+    assert port.kind == "motion"
