@@ -62,6 +62,7 @@ MODELS: dict[str, list[Scalar]] = {
     ],
     "VanDerPol": [*state("x0", 0, 2.0), *state("x1", 2, 0.0), parameter("mu", 4, 1.0)],
     "BouncingBall": [*state("h", 0, 1.0), *state("v", 2, 0.0), parameter("g", 4, -9.81), parameter("e", 5, 0.7)],
+    "Rub": [*state("s", 0, 0.1), *state("v", 2, 0.0), parameter("k", 4, 40.0), parameter("F_c", 5, 0.5)],
     "Stair": [
         *state("x", 0, 0.0),
         Scalar("counter", 2, "output", kind="Integer"),
@@ -128,7 +129,7 @@ MODELS: dict[str, list[Scalar]] = {
     ],
     "Stepping": [*state("x", 0, 0.0), parameter("b", 2, 0.0), parameter("ceiling", 3, 10.0)],
 }
-INDICATORS = {"BouncingBall": 1, "Loop": 1}
+INDICATORS = {"BouncingBall": 1, "Loop": 1, "Rub": 1}
 
 
 def _variable(scalar: Scalar, index: dict[str, int], fixed: bool) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import thread_time
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -135,3 +137,19 @@ def test_sensitivities_beyond_a_switch(tmp_path, here, d, near):
     assert found.sensitivities is not None
     np.testing.assert_allclose(found.outputs[0][0, :, 0], x, atol=1e-7)
     np.testing.assert_allclose(found.sensitivities[0][0, :, 0], np.stack([by_c, by_k], axis=1), atol=near)
+
+
+@pytest.mark.parametrize("defines", [(), ("SMOOTHLESS",)])
+def test_an_fmu_that_chatters_at_rest_ends_with_an_outcome(test_fmu, here, defines):
+    """Another tool's FMU that is driven back at each event, or whose equations jump, does not hold up a batch."""
+    experiment = Experiment(np.linspace(0.0, 3.0, 31), ("s",))
+    problem = Problem(test_fmu("Rub", defines=defines), (experiment,), ((ParameterTarget("F_c"),),))
+    with NativeSimulator(problem, pool=here) as simulator:
+        before = thread_time()
+        found = simulator.simulate(np.array([[0.5], [0.05]]))
+        spent = thread_time() - before
+    assert found.outcomes.ravel().tolist() == [
+        Outcome.SOLVER_FAILED,
+        Outcome.OK,
+    ]  # the second is still moving at the end
+    assert spent < 2.0

@@ -83,10 +83,8 @@ def find_surfaces(model: ExplicitModel) -> SwitchingModel:
             continue
         members = _Members(b, key, relations, known)
         memo |= {n: members.expression(n) for n in plain}
-        rise = b.derivative(key, model.system.time)
-        for name, rate in zip(model.states, rates, strict=True):
-            rise = b.add(rise, b.mul(b.derivative(key, b.symbol(name)), rate))
-        surfaces.append(Surface(key, tuple(members.places), rise))
+        moving = {b.symbol(name): rate for name, rate in zip(model.states, rates, strict=True)}
+        surfaces.append(Surface(key, tuple(members.places), search.slope(key, moving)))
     instant = frozenset(search.instant)
     if not surfaces:
         return SwitchingModel(model, (), rates, instant)
@@ -168,14 +166,20 @@ class _Search:
         symbols = self.b.symbols(difference)
         return symbols <= self.known and not symbols.isdisjoint(self.states)
 
+    def slope(self, difference: Node, rates: Mapping[Node, Node]) -> Node:
+        """The slope of a difference in time, with the derivatives of the states."""
+        b = self.b
+        slope = b.derivative(difference, self.model.system.time)
+        for s in sorted(b.symbols(difference) & self.states.keys(), key=lambda s: s.index):
+            slope = b.add(slope, b.mul(b.derivative(difference, s), rates[s]))
+        return slope
+
     def may_slide(self, difference: Node, sides: Mapping[Node, tuple[Node, Node]]) -> bool:
         """Whether the slope differs between both sides of a surface; ``sides`` has each relation's values there."""
         b = self.b
         if not self._can_be_surface(difference):
             return False
-        slope = b.derivative(difference, self.model.system.time)
-        for s, rate in self.states.items():
-            slope = b.add(slope, b.mul(b.derivative(difference, s), rate))
+        slope = self.slope(difference, self.states)
         if self._through_symbols(slope, sides):
             return True
         above = b.substitute(slope, {n: v for n, (v, _) in sides.items()})
