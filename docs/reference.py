@@ -90,6 +90,9 @@ KEYS: Mapping[str, str] = {
     "noise.process": "diffusion by state, in the state's unit over the square root of a second, or `estimated`; the "
     "noise of the readings is then white, and estimated beside it. In `close-loop`: the states that it may drive where "
     "laws leave something, all `estimated`; left out: every state",
+    "noise.NAME.kind": "of the output NAME: `relative` has the standard deviation a + b times the reading, `student` "
+    "has heavy tails, `rounded` is white and at least as large as the rounding; left out: what predicts left-out "
+    "readings best",
     "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard "
     "deviation)",
     "posterior.ensembles": "independent ensembles of walkers",
@@ -164,6 +167,10 @@ def _section(section: type[BaseModel], path: str) -> Iterator[str]:
             below.append((inner, f"{path}.{name}".lstrip(".") + {"dict": ".NAME", "list": "[]", "": ""}[many]))
         else:
             rows.append((f"`{name}`", _type(field.annotation), _default(field), _meaning(f"{path}.{name}", field)))
+    if "__pydantic_extra__" in section.__annotations__:  # a table of any other name
+        inner, _ = _inner(typing.get_type_hints(section)["__pydantic_extra__"])
+        assert inner is not None
+        below.append((inner, f"{path}.NAME"))
     if rows:
         title = f"[[{path[:-2]}]]" if path.endswith("[]") else f"[{path}]"
         yield f"## `{title}`\n\n" + _table(("key", "value", "default", "meaning"), rows)

@@ -116,15 +116,30 @@ class FitSection(Section):
     local: LocalSection = LocalSection()
 
 
-class NoiseSection(Section):
-    """``[noise]``: process noise of states.
+class OutputNoiseSection(Section):
+    """``[noise.T]``: the kind of noise that the output ``T`` has."""
 
+    kind: Literal["auto", "white", "relative", "student", "rounded"] = "auto"
+
+
+class NoiseSection(Section):
+    """``[noise]``: the noise of outputs, and process noise of states.
+
+    ``[noise.T] kind = "relative"`` declares the noise of the output ``T``; by default the data choose.
     ``[noise.process]`` gives each of them its diffusion, in the state's unit over the square root of a second, or has
     it estimated; ``[noise.initial_sd]`` says how far its initial value may be off.
     """
 
     process: dict[str, NotNegative | Literal["estimated"]] = Field(default_factory=dict)
     initial_sd: dict[str, NotNegative] = Field(default_factory=dict)
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    __pydantic_extra__: dict[str, OutputNoiseSection] = Field(init=False)
+
+    @property
+    def outputs(self) -> dict[str, OutputNoiseSection]:
+        """What is declared of the noise of single outputs."""
+        return self.__pydantic_extra__
 
 
 class PosteriorSection(Section):

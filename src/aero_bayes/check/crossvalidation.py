@@ -174,9 +174,9 @@ def _densities(
 def _until(calibration: Calibration, share: float) -> Calibration:
     """The same problem with only the first share of each recording's time."""
     kept = []
-    for e, measured in zip(calibration.experiments, calibration.measured, strict=True):
+    for e in calibration.experiments:
         end = int(np.searchsorted(e.time, e.time[0] + share * (e.time[-1] - e.time[0]), side="left"))
-        kept.append(replace(e, time=e.time[:end], measured=measured[:end]))
+        kept.append(e.at_samples(slice(end)))
     return replace(calibration, experiments=tuple(kept))
 
 

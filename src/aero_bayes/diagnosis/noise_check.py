@@ -9,6 +9,9 @@ from aero_bayes.estimate.result import Fit
 
 def check_noise(fit: Fit) -> DiagnosisRow:
     """Tell which outputs have noise that is not white."""
+    unequal = fit.calibration.spreads
+    if unequal:
+        return _unequal_row(fit)
     correlated = {o: n for o, n in fit.noise.items() if n.kind == "ou"}
     if not correlated:
         return DiagnosisRow("noise", False, "The noise was taken as white in every output.")
@@ -16,3 +19,20 @@ def check_noise(fit: Fit) -> DiagnosisRow:
         "noise", True, f"The noise of {join_names(list(correlated))} is correlated over time.",
         ", ".join(f"{o}: over {n.tau:.3g} s" for o, n in correlated.items()), "Intervals use it.",
     )  # fmt: skip
+
+
+def _unequal_row(fit: Fit) -> DiagnosisRow:
+    """Tell which outputs have noise that differs from reading to reading, and by how much."""
+    units = {v.name: v.unit for v in fit.calibration.model.outputs}
+    kinds, where = [], []
+    for output, spread in fit.calibration.spreads.items():
+        unit = units.get(output, "")
+        if spread.kind == "relative":
+            kinds.append(f"The noise of {output} grows with the reading.")
+            where.append(f"{output}: sd = {spread.base:.2g} {unit} + {spread.per_unit:.2g} |{output}|")
+        else:
+            kinds.append(f"The noise of {output} has heavy tails.")
+            where.append(
+                f"{output}: Student t of scale {spread.base:.2g} {unit}, {spread.freedom:.2g} degrees of freedom"
+            )
+    return DiagnosisRow("noise", True, " ".join(kinds), "; ".join(where), "Fit and intervals use it.")

@@ -21,6 +21,7 @@ from aero_bayes.estimate.process_noise import process_parameters, uncertain_star
 from aero_bayes.estimate.recording_parameters import for_recordings, with_started_states
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
+from aero_bayes.sensors.reading_spread import SpreadModel
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -110,6 +111,8 @@ class Calibration:
         Where the experiments came from (empty if they were given directly).
     floors : mapping of str to float
         Least standard deviation of the noise by output, where a sensor counts.
+    spreads : mapping of str to SpreadModel
+        By output, where the noise is not equally large at each reading; the experiments hold the spreads.
     process : ProcessNoise, optional
         Process noise of the states; what is estimated of it is among the ``parameters``.
     """
@@ -124,6 +127,7 @@ class Calibration:
     recordings: tuple[Recording, ...] = ()
     floors: Mapping[str, float] = field(default_factory=dict)
     process: ProcessNoise | None = None
+    spreads: Mapping[str, SpreadModel] = field(default_factory=dict)
 
     @cached_property
     def identity(self) -> str:
@@ -207,9 +211,9 @@ class Calibration:
     def beginning(self, share: float) -> Calibration:
         """The same problem on the first ``share`` of each recording's samples, at least twenty of them."""
         shorter = []
-        for e, measured in zip(self.experiments, self.measured, strict=True):
+        for e in self.experiments:
             stop = max(int(share * e.time.size), min(20, e.time.size))
-            shorter.append(replace(e, time=e.time[:stop], measured=measured[:stop]))
+            shorter.append(e.at_samples(slice(stop)))
         return replace(self, experiments=tuple(shorter))
 
     def thinned(self, samples: int) -> Calibration:
@@ -249,9 +253,7 @@ def thin(experiment: Experiment, samples: int) -> Experiment:
     every = -(-experiment.time.size // samples)
     if every <= 1:
         return experiment
-    rows = np.arange(0, experiment.time.size, every)
-    measured = experiment.measured[rows] if experiment.measured is not None else None
-    return replace(experiment, time=np.ascontiguousarray(experiment.time[rows]), measured=measured)
+    return experiment.at_samples(np.arange(0, experiment.time.size, every))
 
 
 def calibrate(

@@ -32,6 +32,7 @@ from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
 from aero_bayes.estimate.noise_report import structure_warnings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_parameters
@@ -182,6 +183,7 @@ def fit(
         found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=cache)
         if settings.cost == "posterior" and calibration.process is None:
             found = _with_sensors(found, opened, settings, progress, cache)
+            found = _with_noise_kinds(found, opened, settings, progress)
         judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
         return replace(found, identifiability=judged)
 
@@ -207,11 +209,33 @@ def _with_sensors(
     return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)
 
 
+def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None) -> Fit:
+    """Fit again under noise that differs from reading to reading, where the data show such noise or it is declared."""
+    models = choose_spreads(first.calibration.noise, first.series, first.optimum)
+    if not models:
+        return first
+    began = time.perf_counter()
+    with opened(first.calibration.problem()) as simulator:
+        objective = Objective(first.calibration, simulator)
+        found = refit_with_spread(GlobalSearch(objective, settings.global_search, progress), first.optimum, models)
+        if found is None:
+            return first
+        search, optimum = found
+        seconds = first.seconds + time.perf_counter() - began
+        refitted = _finish(search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, seconds)
+    return _continued(first, replace(refitted, sensors=first.sensors))
+
+
 def _refit_from(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
     """Fit readings without their ripple, from the optimum of the first fit."""
     start = search.objective.parameters.to_search(first.values)
     optimum = search.refit(start, first.free, first.noise)
     refitted = _finish(search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, first.seconds)
+    return _continued(first, refitted)
+
+
+def _continued(first: Fit, refitted: Fit) -> Fit:
+    """A refit with the work of the first fit counted."""
     outcomes = {o: refitted.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
     return replace(refitted, stages=first.stages, iterations=first.iterations + refitted.iterations, outcomes=outcomes)
 

@@ -222,10 +222,13 @@ class GlobalSearch:
             own = [k for k, s in enumerate(self.objective.series) if s.output == output]
             kind = self.objective.calibration.noise.kind(output)
             n = estimate_noise(
-                [self.objective.series[k].sampling.time for k in own], [here.evaluation.residual[k] for k in own],
+                [self.objective.series[k].sampling.time for k in own],
+                [self.objective.series[k].sampling.equalised(here.evaluation.residual[k]) for k in own],
                 "white" if output in self.white_outputs else kind, here.noise[output],
                 max(self.objective.calibration.floors.get(output, 0.0), 1e-7 * self._scale(output)),
             )  # fmt: skip
+            if (spread := self.objective.calibration.spreads.get(output)) is not None:
+                n = replace(n, sd_white=n.sd_white * spread.widening, sd_ou=n.sd_ou * spread.widening)
             found[output] = replace(n, model_error=True) if output in self.white_outputs else n
         return found
 

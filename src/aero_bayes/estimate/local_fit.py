@@ -154,7 +154,8 @@ def fit_noise(
         floor = settings.floors.get(output, 0.0)
         if settings.kinds.get(output, "auto") == "white":
             count = sum(residual[k].size for k in own)
-            rms = math.sqrt(sum(float(residual[k] @ residual[k]) for k in own) / max(count, 1))
+            equal = [objective.series[k].sampling.equalised(residual[k]) for k in own]
+            rms = math.sqrt(sum(float(r @ r) for r in equal) / max(count, 1))
             noise[output] = OutputNoise(max(rms, floor, 1e-300))
             continue
         noise[output] = update_output_noise(

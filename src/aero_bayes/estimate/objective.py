@@ -375,7 +375,8 @@ def _series(calibration: Calibration) -> list[Series]:
     for e, (experiment, measured) in enumerate(zip(calibration.experiments, calibration.measured, strict=True)):
         for column, output in enumerate(experiment.outputs):
             values = measured[:, column]
-            sampling = SampleTimes.of(experiment.time, values)
+            spread = None if experiment.spread is None else experiment.spread[:, column]
+            sampling = SampleTimes.of(experiment.time, values, spread)
             if sampling.size > 1:
                 found.append(Series(e, column, output, sampling, values[sampling.index]))
     return found

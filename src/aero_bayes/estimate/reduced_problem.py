@@ -112,5 +112,4 @@ def _beginning(experiment: Experiment, changes: int) -> Experiment:
     for s in experiment.inputs:
         count = max(int(np.searchsorted(s.time, last, side="right")), 1)
         inputs.append(replace(s, time=s.time[:count], values=s.values[:count]))
-    measured = experiment.measured[:rows] if experiment.measured is not None else None
-    return replace(experiment, time=experiment.time[:rows], measured=measured, inputs=tuple(inputs))
+    return replace(experiment.at_samples(slice(rows)), inputs=tuple(inputs))

@@ -73,13 +73,21 @@ class FitJson(JsonTable):
 
 
 class NoiseJson(JsonTable):
-    """Noise of an output: white plus correlated over ``tau_s``."""
+    """Noise of an output: white plus correlated over ``tau_s``.
+
+    ``kind`` says how it differs from reading to reading: ``relative`` has the standard deviation
+    ``base + per_unit |y|``, ``student`` the scale ``base`` and ``freedom`` degrees of freedom.
+    """
 
     sd: JsonNumber
     rho: JsonNumber
     sd_white: JsonNumber = None
     sd_ou: JsonNumber = None
     tau_s: JsonNumber = None
+    kind: str = "constant"
+    base: JsonNumber = None
+    per_unit: JsonNumber = None
+    freedom: JsonNumber = None
 
 
 class ResidualJson(JsonTable):

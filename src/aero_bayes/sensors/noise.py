@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 NoiseKind = Literal["white", "ou", "auto"]
+#: What a user may declare of an output's noise.
+DeclaredNoise = Literal["auto", "white", "ou", "relative", "student", "rounded"]
 
 #: Relative difference of two time steps above which the sampling counts as uneven.
 _MAX_STEP_DEVIATION = 1e-3
@@ -80,8 +82,9 @@ class NoiseModel:
 
     Parameters
     ----------
-    default : {"auto", "white", "ou"}
-        Of outputs that ``outputs`` does not name; ``auto`` lets BIC choose between white and white plus correlated.
+    default : {"auto", "white", "ou", "relative", "student", "rounded"}
+        Of outputs that ``outputs`` does not name; ``auto`` lets the data choose. ``relative`` has the standard
+        deviation ``a + b |y|``, ``student`` has heavy tails, ``rounded`` is white, at least as large as the rounding.
     outputs : tuple of (str, kind)
     process : mapping of str to float or "estimated"
         Process noise by state: its diffusion in the state's unit over the square root of a second. Each of these states
@@ -96,8 +99,8 @@ class NoiseModel:
     'white'
     """
 
-    default: NoiseKind = "auto"
-    outputs: tuple[tuple[str, NoiseKind], ...] = ()
+    default: DeclaredNoise = "auto"
+    outputs: tuple[tuple[str, DeclaredNoise], ...] = ()
     process: Mapping[str, float | Literal["estimated"]] = field(default_factory=dict)
     initial_sd: Mapping[str, float] = field(default_factory=dict)
 
@@ -106,8 +109,20 @@ class NoiseModel:
         return replace(self, process={state: "estimated" for state in states})
 
     def kind(self, output: str) -> NoiseKind:
-        """The noise that an output may have."""
-        return "white" if self.process else dict(self.outputs).get(output, self.default)
+        """The correlation over time that an output's noise may have."""
+        declared = self.declared(output)
+        return "white" if self.process or declared == "rounded" else declared if declared in ("white", "ou") else "auto"
+
+    def spread_kind(self, output: str) -> Literal["auto", "constant", "relative", "student"]:
+        """How the noise of an output may differ from reading to reading."""
+        declared = self.declared(output)
+        if self.process or declared in ("white", "ou", "rounded"):
+            return "constant"
+        return declared if declared in ("relative", "student") else "auto"
+
+    def declared(self, output: str) -> DeclaredNoise:
+        """What was declared of an output's noise."""
+        return dict(self.outputs).get(output, self.default)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,29 +139,36 @@ class SampleTimes:
         Median time step in s.
     even : bool
         Whether all time steps equal the median.
+    spread : ndarray, shape (n,), optional
+        Standard deviation of each reading's noise over that of the output; one for all where it is not given.
     """
 
     index: NDArray[np.int_]
     time: FloatArray
     interval: float
     even: bool
+    spread: FloatArray | None = None
 
     @classmethod
-    def of(cls, time: FloatArray, values: FloatArray) -> SampleTimes:
-        """Times (n,) at which ``values`` (n,) are not NaN."""
+    def of(cls, time: FloatArray, values: FloatArray, spread: FloatArray | None = None) -> SampleTimes:
+        """Times (n,) at which ``values`` (n,) are not NaN, with the relative spread (n,) of their noise."""
         index = np.flatnonzero(np.isfinite(values))
-        seen = time[index]
+        seen, own = time[index], None if spread is None else spread[index]
         if seen.size < 2:
-            return cls(index, seen, 1.0, True)
+            return cls(index, seen, 1.0, True, own)
         steps = np.diff(seen)
         interval = float(np.median(steps))
         slack = max(_MAX_STEP_DEVIATION * interval, 1e-9 * abs(float(seen[-1])))
-        return cls(index, seen, interval, bool(np.all(np.abs(steps - interval) <= slack)))
+        return cls(index, seen, interval, bool(np.all(np.abs(steps - interval) <= slack)), own)
 
     @property
     def size(self) -> int:
         """Number of readings."""
         return int(self.index.size)
+
+    def equalised(self, rows: FloatArray) -> FloatArray:
+        """Rows (k, n), or one (n,), over the relative spread of each reading: their noise is equally large."""
+        return rows if self.spread is None else rows / self.spread
 
     @property
     def duration(self) -> float:

@@ -34,7 +34,7 @@ def update_output_noise(
     Parameters
     ----------
     residuals : sequence of ndarray, shape (n_e,)
-        Without gaps, at the readings of ``samplings``.
+        Without gaps, at the readings of ``samplings``; where these have a spread, the noise is that of spread one.
     floor : float
         Least white standard deviation, such as the step of a quantised sensor over the square root of 12.
     longest : float, optional
@@ -42,7 +42,10 @@ def update_output_noise(
     start : OutputNoise, optional
         An earlier estimate, from which the search begins as well.
     """
-    powers = [BinnedPeriodogram.of(r, s.time, s.interval, s.even) for r, s in zip(residuals, samplings, strict=True)]
+    powers = [
+        BinnedPeriodogram.of(s.equalised(r), s.time, s.interval, s.even)
+        for r, s in zip(residuals, samplings, strict=True)
+    ]
     limit = longest if longest is not None else MAX_CORRELATION_SHARE * max(s.duration for s in samplings)
     near = start.tau if start is not None and start.kind == "ou" else None
     return OutputNoise(*maximise_whittle(powers, floor=floor, longest=limit, near=near))

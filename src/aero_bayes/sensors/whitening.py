@@ -84,12 +84,14 @@ def whiten(rows: FloatArray, sampling: SampleTimes, noise: OutputNoise) -> tuple
     float
         log det C.
     """
+    rows = sampling.equalised(rows)
+    unequal = 0.0 if sampling.spread is None else 2.0 * float(np.sum(np.log(sampling.spread)))
     if noise.kind == "white":
-        return rows / noise.sd_white, 2.0 * rows.shape[1] * math.log(noise.sd_white)
+        return rows / noise.sd_white, 2.0 * rows.shape[1] * math.log(noise.sd_white) + unequal
     white, weight = whiten_rows(
         rows, sampling.time, np.array(noise.as_row()), sampling.interval if sampling.even else 0.0
     )
-    return white, -2.0 * float(np.sum(np.log(weight)))
+    return white, unequal - 2.0 * float(np.sum(np.log(weight)))
 
 
 def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> FloatArray:

@@ -8,7 +8,7 @@ a :class:`Simulator` answers with trajectories, sensitivities or reduced likelih
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from types import TracebackType
 from typing import Literal, Protocol, Self
@@ -94,6 +94,8 @@ class Experiment:
         Initial values of states (by name) that differ from the model's own.
     measured : ndarray, shape (n, m), optional
         Measurements of ``outputs``; NaN where there is none. Needed only for the reduced calls.
+    spread : ndarray, shape (n, m), optional
+        Standard deviation of each reading's noise over that of its output; one for all where it is not given.
     start_sd : mapping of str to float
         With process noise, the standard deviation of states' initial values; zero for those that are not named.
     """
@@ -104,6 +106,12 @@ class Experiment:
     start: Mapping[str, float] = field(default_factory=dict)
     measured: FloatArray | None = None
     start_sd: Mapping[str, float] = field(default_factory=dict)
+    spread: FloatArray | None = None
+
+    def at_samples(self, chosen: slice | NDArray[np.int_]) -> Experiment:
+        """The experiment at some of its sample times, with what was measured there."""
+        measured, spread = (None if a is None else a[chosen] for a in (self.measured, self.spread))
+        return replace(self, time=np.ascontiguousarray(self.time[chosen]), measured=measured, spread=spread)
 
 
 @dataclass(frozen=True)

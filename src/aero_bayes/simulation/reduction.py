@@ -57,4 +57,9 @@ class ReducedTrajectories:
         assert experiment.measured is not None
         if slopes is None:
             slopes = np.zeros((*output.shape, 0))
-        return gauss_newton_products(experiment.time, experiment.measured, output, slopes, noise)
+        measured, spread, unequal = experiment.measured, experiment.spread, 0.0
+        if spread is not None:
+            unequal = float(np.sum(np.log(spread[np.isfinite(measured)])))
+            measured, output, slopes = measured / spread, output / spread, slopes / spread[:, :, None]
+        cost, gradient, hessian, found = gauss_newton_products(experiment.time, measured, output, slopes, noise)
+        return cost, gradient, hessian, found - unequal

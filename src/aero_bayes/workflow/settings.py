@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL
@@ -11,6 +12,7 @@ from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.sample.settings import SampleSettings
 from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.unknown_names import known_names_hint
 from aero_bayes.workflow.job import Job
 
 
@@ -28,7 +30,7 @@ def fit_settings(job: Job) -> FitSettings:
         local=replace(WHOLE_MODEL_LOCAL, max_iterations=section.local.iterations, tolerance=section.local.tolerance),
         starts=section.local.starts,
         ripple=section.ripple,
-        noise=NoiseModel(process=job.config.noise.process, initial_sd=job.config.noise.initial_sd),
+        noise=_noise(job),
         engine=job.engine,
         fixed=job.fixed,
         calibration=CalibrationSettings(
@@ -39,6 +41,16 @@ def fit_settings(job: Job) -> FitSettings:
             solver=job.solver,
         ),
     )
+
+
+def _noise(job: Job) -> NoiseModel:
+    section, known = job.config.noise, [v.name for v in job.model.outputs]
+    for name in section.outputs:
+        if name not in known:
+            hint = known_names_hint(name, known)
+            raise InputError(f"[noise.{name}]: model {job.model.name} has no output {name}{hint}")
+    kinds = tuple((name, own.kind) for name, own in section.outputs.items())
+    return NoiseModel(outputs=kinds, process=section.process, initial_sd=section.initial_sd)
 
 
 def sample_settings(job: Job) -> SampleSettings:

@@ -81,6 +81,7 @@ typedef struct {
     int64_t n, m;
     const double *time;
     const double *measured; /* m rows of n, or NULL */
+    const double *spread;   /* m rows of n: sd of each reading's noise over that of its output; or NULL for one */
     const double *reading_sd, *start_sd; /* of each output and of each initial value, with process noise */
     double spacing;         /* uniform sample time, or 0 */
     fmi_reference *output_reference;

@@ -6,7 +6,7 @@
 
 #include "engine.h"
 
-#define SPEC_MAGIC 0x4142535045430004LL
+#define SPEC_MAGIC 0x4142535045430005LL
 
 typedef struct {
     const char *at, *end;
@@ -134,6 +134,9 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
     e->measured = array(r, &count);
     r->broken |= count != 0 && count != e->n * e->m;
     if (count == 0) e->measured = NULL;
+    e->spread = array(r, &count);
+    r->broken |= count != 0 && count != e->n * e->m;
+    if (count == 0) e->spread = NULL;
     e->targets = calloc((size_t)p + 1, sizeof *e->targets);
     for (int64_t j = 0; j < p; j++) {
         e->targets[j].kind = (int)integer(r);

@@ -51,6 +51,15 @@ static void flush_output(Run *r, int64_t o)
     const int64_t q = r->q;
     double mean = f->mean;
     k->used += used;
+    if (e->spread) { /* what follows sees readings whose noise is equally large */
+        const double *spread = e->spread + o * e->n + k->first;
+        for (int64_t i = 0; i < k->filled; i++) {
+            if (seen && seen[i] != seen[i]) continue;
+            k->log_det += log(spread[i]);
+            k->residual[i] /= spread[i];
+            for (int64_t j = 0; j < q; j++) s[i * r->ld + j] /= spread[i];
+        }
+    }
     if (f->stationary > 0.0) {
         filter_gains(f, e->time + k->first, seen, k->filled, e->spacing, k->gain, k->decay, k->weight, &k->log_det);
         f->mean = kernels->colour(k->residual, k->filled, k->gain, k->decay, k->weight, mean);

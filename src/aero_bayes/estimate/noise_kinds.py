@@ -1,0 +1,124 @@
+"""Fits under noise that is not equally large at each reading: the kind is chosen, then fit and spread are renewed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.global_search import GlobalSearch
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.objective import Series
+from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.sensors.reading_spread import SpreadModel, choose_spread, estimate_spread
+from aero_bayes.sensors.whiteness import correlation_p_value
+
+FloatArray = NDArray[np.float64]
+
+#: Fits in turn with the spread of the readings, and relative change of a spread at which they have converged.
+MAX_REFITS, MIN_CHANGE = 10, 0.02
+#: Probability that the test of the innovations refuses a right kind of noise.
+FALSE_ALARM_RATE = 1e-3
+
+
+def choose_spreads(noise: NoiseModel, series: Sequence[Series], here: Optimum) -> dict[str, SpreadModel]:
+    """The outputs whose noise is not equally large at each reading, with the kind that the residual shows.
+
+    Parameters
+    ----------
+    noise : NoiseModel
+        May declare the kind of an output.
+    series : sequence of Series
+    here : Optimum
+        Of a fit whose noise is equally large at each reading.
+    """
+    found = {}
+    for output in dict.fromkeys(s.output for s in series):
+        declared = noise.spread_kind(output)
+        if declared == "constant":
+            continue
+        residuals, predictions = _of_output(output, series, here)
+        if not residuals:
+            continue
+        if declared == "auto":
+            model = choose_spread(residuals, predictions)
+        else:
+            model = estimate_spread(declared, np.concatenate(residuals), np.concatenate(predictions))
+        if model.kind != "constant":
+            found[output] = model
+    return found
+
+
+def with_spread(
+    calibration: Calibration, models: Mapping[str, SpreadModel], series: Sequence[Series], here: Optimum
+) -> Calibration:
+    """The calibration with the spread of each reading, from the predictions and residuals of a fit."""
+    spreads = [np.ones(measured.shape) for measured in calibration.measured]
+    for k, s in enumerate(series):
+        if s.output in models:
+            own = models[s.output].spread(here.evaluation.residual[k], here.evaluation.predicted[k])
+            spreads[s.experiment][s.sampling.index, s.column] = own
+    experiments = tuple(replace(e, spread=spread) for e, spread in zip(calibration.experiments, spreads, strict=True))
+    return replace(calibration, experiments=experiments, spreads=dict(models))
+
+
+def refit_with_spread(
+    search: GlobalSearch, here: Optimum, models: Mapping[str, SpreadModel]
+) -> tuple[GlobalSearch, Optimum] | None:
+    """Renew fit and spread in turn until they agree.
+
+    Parameters
+    ----------
+    search : GlobalSearch
+        Of the calibration without spread.
+    here : Optimum
+        Where it ended.
+    models : mapping of str to SpreadModel
+        Kind and first estimate by output.
+
+    Returns
+    -------
+    (GlobalSearch, Optimum) or None
+        The search of the calibration that holds the spread, and where it ended. None where the innovations under a
+        kind that was not declared are correlated: that residual is not noise.
+    """
+    simulator, last = search.objective.simulator, search
+    for _ in range(MAX_REFITS):
+        calibration = with_spread(search.objective.calibration, models, last.objective.series, here)
+        old = [s.sampling.spread for s in last.objective.series]
+        last = GlobalSearch(search.objective.with_calibration(calibration, simulator), search.settings)
+        if all(_alike(a, s.sampling.spread) for a, s in zip(old, last.objective.series, strict=True)):
+            break
+        here = last.refit(here.coordinates, here.free, here.noise)
+        models = {
+            o: estimate_spread(m.kind, *(np.concatenate(part) for part in _of_output(o, last.objective.series, here)))
+            for o, m in models.items()
+        }
+    declared = search.objective.calibration.noise
+    asked = [o for o in models if declared.spread_kind(o) == "auto"]
+    return None if any(_correlated(o, last, here) for o in asked) else (last, here)
+
+
+def _of_output(output: str, series: Sequence[Series], here: Optimum) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Residuals and predictions of one output in each recording."""
+    own = [k for k, s in enumerate(series) if s.output == output]
+    return [here.evaluation.residual[k] for k in own], [here.evaluation.predicted[k] for k in own]
+
+
+def _alike(old: FloatArray | None, new: FloatArray | None) -> bool:
+    if old is None or new is None:
+        return old is new
+    return bool(np.max(np.abs(np.log(new / old)), initial=0.0) < MIN_CHANGE)
+
+
+def _correlated(output: str, search: GlobalSearch, here: Optimum) -> bool:
+    """Whether an output's innovations are correlated over time."""
+    by_series = np.split(
+        search.objective.whiten(replace(here.evaluation, slopes=None), here.noise).residual,
+        np.cumsum([s.sampling.size for s in search.objective.series])[:-1],
+    )
+    own = [white for s, white in zip(search.objective.series, by_series, strict=True) if s.output == output]
+    return any(correlation_p_value(white, white) < FALSE_ALARM_RATE / len(own) for white in own)

@@ -1,0 +1,66 @@
+"""Fits under noise that differs from reading to reading."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from heated_room import C, G, fit, model, recording, with_readings
+
+import aero_bayes
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.simulation import open_simulator
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
+    return model(tmp_path_factory.mktemp("room"))
+
+
+def with_outliers(seed: int) -> aero_bayes.Recording:
+    rng = np.random.default_rng(100 + seed)
+    return with_readings(
+        recording(seed=seed),
+        lambda y: np.where(rng.random(y.size) < 0.03, y + 0.4 * rng.choice([-1.0, 1.0], y.size), y),
+    )
+
+
+def with_relative_noise(seed: int) -> aero_bayes.Recording:
+    rng = np.random.default_rng(200 + seed)
+    return with_readings(recording(seed=seed), lambda y: y + 0.03 * np.abs(y - 285.0) * rng.normal(size=y.size))
+
+
+def test_relative_noise_is_told_and_not_blamed_on_the_model(room: aero_bayes.Model) -> None:
+    found = fit(with_relative_noise(1), room)
+    assert found.noise_table()["T"]["kind"] == "relative"
+    assert found.diagnosis["noise"].found
+    assert not found.diagnosis["model"].found
+
+
+def test_declared_heavy_tails_hold_the_truth(room: aero_bayes.Model) -> None:
+    settings = aero_bayes.FitSettings(noise=NoiseModel(outputs=(("T", "student"),)))
+    found = aero_bayes.fit(with_outliers(2), room, parameters=["C", "G"], settings=settings, workers=0)
+    assert found.noise_table()["T"]["kind"] == "student"
+    assert abs(found.value("C") - C) < 4.0 * found.parameters["C"].sd
+    assert abs(found.value("G") - G) < 4.0 * found.parameters["G"].sd
+
+
+def test_white_noise_stays_white(room: aero_bayes.Model) -> None:
+    assert not fit(recording(seed=3), room).calibration.spreads
+
+
+def test_engine_and_residuals_give_one_likelihood(room: aero_bayes.Model) -> None:
+    found = fit(with_relative_noise(4), room)
+    assert found.calibration.spreads
+    with open_simulator(found.calibration.problem(), workers=0) as simulator:
+        objective = Objective(found.calibration, simulator)
+        for name, noise in [("white", found.noise), ("ou", {"T": replace(found.noise["T"], sd_ou=0.05, tau=600.0)})]:
+            evaluated = objective.evaluate(objective.parameters.to_search(found.values), list(found.free))
+            assert evaluated is not None
+            white = objective.whiten(evaluated, noise)
+            reduced = objective.gauss_newton(found.values[None], objective.noise_rows(noise), list(found.free))
+            assert reduced.log_likelihood[0] == pytest.approx(white.log_likelihood, rel=1e-9), name
+            jacobian = objective.parameters.jacobian(found.values)[list(found.free)]
+            assert -reduced.gradient[0] * jacobian == pytest.approx(white.score, rel=1e-6, abs=1e-6), name
