@@ -88,7 +88,7 @@ def test_parts_of_ones_own_run_beside_the_standard_ones(
 
 def test_what_a_loop_leaves_out_is_not_among_its_parts(page: dict[str, Any]):
     settings = page["settings"]
-    parts = Parts.of(settings.global_search, settings.seed, settings.leave_out)
+    parts = Parts.of(settings.leave_out)
     names = {type(part).__name__ for part in (*parts.edits, *(restart for restart, _ in parts.restarts))}
-    assert {"DropTerm", "AddTerm", "SwarmRestart"} <= names
+    assert {"DropTerm", "AddTerm", "DeclaredValues"} <= names
     assert not names & {"AddPair", "GrowingHorizon"}

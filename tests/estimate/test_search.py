@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -147,18 +146,6 @@ def test_noise_that_is_estimated_between_the_steps_converges_with_the_parameters
     assert found.point[0] == pytest.approx(sample.mean(), abs=1e-3)
     assert cost_function.sd == pytest.approx(sample.std(), rel=1e-3)
     assert found.reason.converged
-
-
-def test_a_target_cost_ends_only_a_search_that_would_not_reach_it() -> None:
-    start, low, high = np.array([-4.0, 4.0, 1.0]), np.full(3, -5.0), np.full(3, 5.0)
-    free = levenberg_marquardt(FixedCost(quadratic), start, low, high, TIGHT)
-    within = levenberg_marquardt(FixedCost(quadratic), start, low, high, replace(TIGHT, target_cost=free.cost))
-    np.testing.assert_array_equal(within.point, free.point)
-    assert (within.reason, within.evaluations) == (free.reason, free.evaluations)
-    beyond = levenberg_marquardt(FixedCost(quadratic), start, low, high, replace(TIGHT, target_cost=-1e9))
-    assert beyond.reason is Stop.OUT_OF_REACH
-    assert not beyond.reason.converged
-    assert beyond.evaluations < free.evaluations
 
 
 def kinked(point: np.ndarray) -> QuadraticModel:

@@ -8,8 +8,6 @@ does; this is block coordinate descent over parameters and noise.
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -23,17 +21,11 @@ from aero_bayes.estimate.step_rule import CostShape, StepRule
 FloatArray = NDArray[np.float64]
 
 
-#: A search is given up when its cost is farther above the target cost than this many times the decrease of its last
-#: :data:`RECENT_STEPS` steps, or the predicted decrease of the next step if that is larger.
-MAX_GAP_RATIO, RECENT_STEPS = 20.0, 3
-
-
 class Stop(Enum):
     """Why a local search ended; the value is the text that a person reads."""
 
     CONVERGED = "converged: no step inside the bounds would lower the cost noticeably"
     SMALL_STEP = "converged: the steps became smaller than the tolerance"
-    OUT_OF_REACH = "given up: its last steps were too small to reach the cost of the best fit known"
     KNOWN_OPTIMUM = "given up: it was converging to an optimum that is already known"
     NO_PROGRESS = "no step lowered the cost although the model of it promised one"
     ITERATION_LIMIT = "the iteration limit was reached"
@@ -51,6 +43,11 @@ class QuadraticModel:
     cost: float
     gradient: FloatArray
     hessian: FloatArray
+
+    @property
+    def unit(self) -> float:
+        """The unit in which decreases of the cost are compared with tolerances."""
+        return 1.0
 
     def predicted_decrease(self, step: FloatArray) -> float:
         """Decrease of the cost that the model predicts for a step (p,)."""
@@ -94,7 +91,7 @@ class LocalSettings:
     max_iterations : int
     tolerance, relative_tolerance : float
         The search has converged when the predicted decrease of the cost is below ``tolerance`` (in the cost's own unit;
-        nats for a log-posterior) or below ``relative_tolerance`` times the cost.
+        nats for a log-posterior; see :attr:`QuadraticModel.unit`) or below ``relative_tolerance`` times the cost.
     step_tolerance : float
         Relative size of a step below which the search has converged.
     damping : float
@@ -105,8 +102,6 @@ class LocalSettings:
         Steps in a row that may fail to lower the cost.
     min_decrease : float
         One of two steps in a row must lower the cost by at least this much: along a kink, steps become ever smaller.
-    target_cost : float
-        The search is given up where it cannot be expected to reach this cost (see :data:`MAX_GAP_RATIO`).
     """
 
     max_iterations: int = 60
@@ -117,7 +112,6 @@ class LocalSettings:
     min_noise_gain: float = 0.02
     max_rejections: int = 60
     min_decrease: float = 0.0
-    target_cost: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +200,6 @@ def levenberg_marquardt(
     rule = StepRule(low, high, shape or CostShape())
     damping, growth, evaluations = settings.damping, 2.0, 1
     largest_curvature, rejected, idle = np.zeros(point.size), 0, 0
-    recent: deque[float] = deque(maxlen=RECENT_STEPS)
     for iteration in range(1, settings.max_iterations + 1):
         np.maximum(largest_curvature, np.diag(here.hessian), out=largest_curvature)
         scale = np.where(largest_curvature > 0.0, largest_curvature, 1.0)
@@ -215,9 +208,6 @@ def levenberg_marquardt(
         newton_decrease = here.predicted_decrease(newton)
         if leads_to_known is not None and leads_to_known(here, newton):
             return SearchResult(point, here, iteration, Stop.KNOWN_OPTIMUM, evaluations)
-        gap = here.cost - settings.target_cost
-        if len(recent) == RECENT_STEPS and gap > MAX_GAP_RATIO * max(sum(recent), newton_decrease):
-            return SearchResult(point, here, iteration, Stop.OUT_OF_REACH, evaluations)
         converged = _converged(here, newton_decrease, newton, point, settings)
         before = here.cost
         if converged is None:
@@ -241,8 +231,7 @@ def levenberg_marquardt(
                 progress(iteration, here.cost)
         updated = cost_function.update_noise(here)
         noise_gain, here = here.cost - updated.cost, updated
-        recent.append(before - here.cost)
-        idle = idle + 1 if before - here.cost < settings.min_decrease else 0
+        idle = idle + 1 if before - here.cost < settings.min_decrease * here.unit else 0
         if converged is None and idle >= 2:
             return SearchResult(point, here, iteration, Stop.NO_PROGRESS, evaluations)
         if converged is not None and noise_gain < settings.min_noise_gain:
@@ -256,7 +245,7 @@ def _converged(
     """Why the search has converged: the Newton step would lower the cost too little, or is too small; else None."""
     # A decrease below the rounding error of the cost can be predicted but not observed.
     relative = max(settings.relative_tolerance, float(np.finfo(np.float64).eps))
-    if newton_decrease <= max(settings.tolerance, relative * abs(here.cost)):
+    if newton_decrease <= max(settings.tolerance * here.unit, relative * abs(here.cost)):
         return Stop.CONVERGED
     if np.all(np.abs(newton) <= settings.step_tolerance * (np.abs(point) + settings.step_tolerance)):
         return Stop.SMALL_STEP

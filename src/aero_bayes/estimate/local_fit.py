@@ -67,10 +67,6 @@ class LocalFitSettings:
     hold_noise: bool = False
     prior: bool = True
 
-    def with_target_cost(self, cost: float) -> LocalFitSettings:
-        """Settings that give a fit up where it cannot be expected to reach a cost."""
-        return replace(self, local=replace(self.local, target_cost=cost))
-
     def with_limits(self, max_iterations: int, tolerance: float) -> LocalFitSettings:
         """Settings with other limits, for a fit that need not be exact."""
         return replace(self, local=replace(self.local, max_iterations=max_iterations, tolerance=tolerance))
@@ -139,6 +135,15 @@ class _PosteriorModel(QuadraticModel):
     whitened: Whitened
     noise: Mapping[str, OutputNoise]
     log_prior: float
+
+    @property
+    def unit(self) -> float:
+        """One nat under the noise that the fit leaves, where that is smaller than the noise it is given.
+
+        Else a fit under the noise of a worse model would end far from its optimum, in units of what it leaves itself.
+        """
+        residual = self.whitened.residual
+        return min(float(residual @ residual) / max(self.whitened.readings, 1), 1.0)
 
 
 def fit_noise(

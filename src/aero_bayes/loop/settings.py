@@ -123,7 +123,7 @@ class LoopSettings(SettingsDisplay):
     @property
     def search_parts(self) -> Parts:
         """The parts of the search: those that are given, else the standard ones but for what is left out."""
-        return self.parts or Parts.of(self.global_search, self.seed, self.leave_out)
+        return self.parts or Parts.of(self.leave_out)
 
     def allows(self, port: str) -> bool:
         """Whether effects at a port are tried."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.score import UNLISTED_PROBABILITY, odds
@@ -113,7 +112,7 @@ def step_of(explored: SearchResult, base: Structure, id_: str | None, number: in
     if here is None:
         return None
     gains = {
-        s.new_terms(base)[0]: -math.inf if f.optimum.reason is Stop.OUT_OF_REACH else f.log_evidence - here.log_evidence
+        s.new_terms(base)[0]: f.log_evidence - here.log_evidence
         for s, f in explored.fits.items()
         if s.contains(base) and len(s.new_terms(base)) == 1
     }

@@ -20,7 +20,7 @@ from aero_bayes.search.edits import Direction, EditContext, term_directions
 from aero_bayes.search.explored import Library, SearchControl, SearchResult, ranked
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.search.parts import Parts
-from aero_bayes.search.refit import aim_at, refit, refit_from_here
+from aero_bayes.search.refit import refit, refit_from_here
 from aero_bayes.search.score import CommonNoise, Penalty, common_noise
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import KnownTerms, Start, starting_points
@@ -204,6 +204,8 @@ class StructureSearch:
         """Fit structures with new terms in the order of their predicted gain; skip those that cannot matter."""
         bases = {s: found for s, origin in targets.items() if (found := self._base_model(s, origin)) is not None}
         rules = (*self.parts.start_rules, *([KnownTerms(self._best_values())] if self.parts.known_terms else []))
+        for base in bases.values():
+            base.prepare()
         searches = [
             Task(partial(starting_points, rules, base, s), base.model.objective.outcomes) for s, base in bases.items()
         ]
@@ -220,10 +222,8 @@ class StructureSearch:
             if tried and self._time_is_up(what):
                 break
             likely = [s for s in wave if self._may_reach(bases[s], starts[s], least[s])]
-            works = [
-                partial(refit, bases[s], s, starts[s], self.settings, self._with_target(bases[s], least[s]))
-                for s in likely
-            ]
+            begin = {s: [start.point for start in starts[s][: self.settings.starts]] for s in likely}
+            works = [partial(refit, bases[s], s, begin[s], self._settings) for s in likely]
             self._fit_all([replace(bases[s], structure=s) for s in likely], works)
             tried += likely
             self.control.report(what, 0.5 + 0.5 * len(tried) / max(len(order), 1))
@@ -294,9 +294,6 @@ class StructureSearch:
         left = min(float(white.residual @ white.residual) / white.readings, 1.0)
         margin = self.settings.beam_margin if size < self.settings.max_effects else self.settings.equivalence
         return best.log_evidence - margin * left
-
-    def _with_target(self, base: FittedModel, least: float) -> LocalFitSettings:
-        return self._settings.with_target_cost(aim_at(base, least))
 
     def _may_reach(self, base: FittedModel, starts: Sequence[Start], least: float) -> bool:
         """Whether a start predicts enough gain; a small share of the needed gain is enough, since it is linearised."""
@@ -376,9 +373,10 @@ class StructureSearch:
             structure = root.plus(id_)
             base = self._base_model(structure, root)
             if base is not None:
-                off = Start(base.optimum.coordinates, 0.0, 0.0)
-                starts = [*starting_points(self.parts.start_rules, base, structure), off]
-                if (found := refit(base, structure, starts, self.settings, self._settings)) is not None:
+                off = base.optimum.coordinates
+                starts = starting_points(self.parts.start_rules, base, structure)
+                points = [start.point for start in starts[: self.settings.starts]]
+                if (found := refit(base, structure, [*points, off], self._settings)) is not None:
                     self._keep_better(replace(base, structure=structure, optimum=found))
             if structure not in self._fits:
                 raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require asks for")

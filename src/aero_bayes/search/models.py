@@ -124,6 +124,28 @@ class FittedModel:
         return LinearResponse(self.model.objective, self.optimum)
 
     @cached_property
+    def at_declared_values(self) -> FittedModel | None:
+        """The same with the first model's parameters at their starting values; None where they are there already, or
+        where that cannot be simulated."""
+        objective, optimum, own = self.model.objective, self.optimum, list(self.model.own)
+        point = optimum.coordinates.copy()
+        point[own] = objective.parameters.to_search(objective.parameters.start)[own]
+        evaluation = None if np.array_equal(point, optimum.coordinates) else objective.evaluate(point, optimum.free)
+        if evaluation is None:
+            return None
+        white = objective.whiten(evaluation, optimum.noise)
+        there = replace(
+            optimum, coordinates=point, evaluation=evaluation, whitened=white, log_likelihood=white.log_likelihood
+        )
+        return replace(self, optimum=there)
+
+    def prepare(self) -> None:
+        """Compute what all candidates beside this fit need, once and not in each worker process."""
+        _ = self.response
+        if not self.terms:
+            _ = self.at_declared_values
+
+    @cached_property
     def parameters_on_bound(self) -> int:
         """Free parameters of the first model that ended on a bound."""
         parameters = self.model.objective.parameters

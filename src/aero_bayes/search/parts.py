@@ -6,16 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.search.edits import EDITS, LAST_EDITS, Edit
-from aero_bayes.search.restarts import GrowingHorizon, Restart, SwarmRestart
+from aero_bayes.search.restarts import DeclaredValues, GrowingHorizon, Restart
 from aero_bayes.search.starts import START_RULES, StartRule
 
+#: The restarts of a search, with how many of the best structures of a level each one serves.
+RESTARTS: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3), (DeclaredValues(), 1))
 #: Names of everything that can be left out.
 PARTS: tuple[str, ...] = (
     *(type(e).__name__ for e in (*EDITS, *LAST_EDITS) if type(e).__name__ != "AddTerm"),
-    *(type(r).__name__ for r in START_RULES if type(r).__name__ != "NominalSizes"),
-    "KnownTerms", "GrowingHorizon", "Swarm", "LeaveBlockOut", "LeftOver", "Validation",
+    *(type(r).__name__ for r in START_RULES if type(r).__name__ != "NominalValues"),
+    "KnownTerms", "GrowingHorizon", "DeclaredValues", "LeaveBlockOut", "LeftOver", "Validation",
 )  # fmt: skip
 
 
@@ -29,12 +30,12 @@ class Parts:
 
     edits: tuple[Edit, ...] = EDITS
     start_rules: tuple[StartRule, ...] = START_RULES
-    restarts: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3),)
+    restarts: tuple[tuple[Restart, int], ...] = RESTARTS
     known_terms: bool = True
     last_edits: tuple[Edit, ...] = LAST_EDITS
 
     @classmethod
-    def of(cls, swarm: GlobalSearchSettings, seed: int, leave_out: Sequence[str] = ()) -> Parts:
+    def of(cls, leave_out: Sequence[str] = ()) -> Parts:
         """The standard parts but for those left out.
 
         Raises
@@ -45,11 +46,10 @@ class Parts:
         unknown = [name for name in leave_out if name not in PARTS]
         if unknown:
             raise InputError(f"[loop] leave_out: unknown part {unknown[0]!r}; expected one of {', '.join(PARTS)}")
-        restarts: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3), (SwarmRestart(swarm, seed), 1))
         return cls(
             tuple(e for e in EDITS if type(e).__name__ not in leave_out),
             tuple(r for r in START_RULES if type(r).__name__ not in leave_out),
-            tuple(one for one in restarts if type(one[0]).__name__ not in leave_out),
+            tuple(one for one in RESTARTS if type(one[0]).__name__ not in leave_out),
             "KnownTerms" not in leave_out,
             tuple(e for e in LAST_EDITS if type(e).__name__ not in leave_out),
         )

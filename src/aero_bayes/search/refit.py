@@ -6,39 +6,76 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.search.models import FitNoise, FittedModel
-from aero_bayes.search.settings import StructureSettings
-from aero_bayes.search.starts import Start
 from aero_bayes.search.structure import Structure
 
-#: Distance below the evidence that a fit has to reach up to which the fit is continued, in log-evidence.
-TARGET_SLACK = 20.0
+FloatArray = NDArray[np.float64]
 
-
-def aim_at(like: FittedModel, log_evidence: float) -> float:
-    """The cost at which a fit with the Occam factor of another has a log-evidence."""
-    return like.temperature * (like.log_evidence - log_evidence + TARGET_SLACK) - like.optimum.log_likelihood
+#: Share of the common noise's variance that a fit leaves below which that noise is a worse model's: the fit stays where
+#: it is, since under that noise the priors would count too much.
+MIN_OWN_NOISE_SHARE = 0.5
 
 
 def refit(
-    base: FittedModel, structure: Structure, starts: Sequence[Start], settings: StructureSettings, fit: LocalFitSettings
+    base: FittedModel, structure: Structure, points: Sequence[FloatArray], fit: LocalFitSettings
 ) -> Optimum | None:
-    """The best local fit of a structure on the model of ``base``.
+    """The best local fit of a structure from several points (p,) on the model of ``base``, given under its noise.
 
-    The first ``settings.starts`` starts are followed. A fit that converges to an optimum that an earlier start led to
-    is stopped.
+    Where all end below ``base``, which is a part of the structure, the fit begins there, new terms off.
     """
-    free, objective = base.model.free(structure.terms), base.model.objective
-    ends: list[Optimum] = []
-    for start in starts[: settings.starts]:
+    ends = own_noise_fits(base, structure, points, fit)
+    if all(end.log_likelihood < base.optimum.log_likelihood for end in ends):
+        ends += own_noise_fits(base, structure, [base.optimum.coordinates], fit)
+    found = [replace(base, structure=structure, optimum=end) for end in ends]
+    best = max(found, key=lambda f: f.log_evidence, default=None)
+    return settle(best, fit) if best is not None else None
+
+
+def own_noise_fits(
+    base: FittedModel, structure: Structure, points: Sequence[FloatArray], fit: LocalFitSettings
+) -> list[Optimum]:
+    """Where local fits of a structure from several points end.
+
+    The noise of each is the one that it leaves itself, so that the weight of the priors and of the outputs among each
+    other does not depend on how bad another model is. The results are given under the noise of ``base``. A fit that
+    converges to an optimum that an earlier point led to is stopped.
+
+    Parameters
+    ----------
+    base : FittedModel
+        On a model that has the terms of the structure.
+    structure : Structure
+    points : sequence of ndarray, shape (p,)
+        Search coordinates.
+    fit : LocalFitSettings
+
+    Returns
+    -------
+    list of Optimum
+        In the order of the points, without those that failed or were stopped.
+    """
+    objective, noise = base.model.objective, base.optimum.noise
+    own, ends = replace(fit.least_squares(objective.outputs), hold_noise=False), list[Optimum]()
+    for point in points:
         with suppress(CannotFinishError):
-            end = local_fit(objective, start.point, free, noise=base.optimum.noise, settings=fit, known=ends)
+            end = local_fit(objective, point, base.model.free(structure.terms), noise=noise, settings=own, known=ends)
             if end.reason is not Stop.KNOWN_OPTIMUM:
                 ends.append(end)
-    return max(ends, key=lambda e: replace(base, structure=structure, optimum=e).log_evidence, default=None)
+    return [end.with_noise(objective, noise) for end in ends]
+
+
+def settle(fitted: FittedModel, fit: LocalFitSettings) -> Optimum:
+    """The optimum under the common noise, from where a fit under its own noise ended, if these do not differ much."""
+    white = fitted.optimum.whitened
+    if float(white.residual @ white.residual) < MIN_OWN_NOISE_SHARE * white.readings:
+        return fitted.optimum
+    return refit_from_here(fitted, fitted.noise, fit) or fitted.optimum
 
 
 def refit_from_here(fitted: FittedModel, noise: FitNoise, settings: LocalFitSettings) -> Optimum | None:

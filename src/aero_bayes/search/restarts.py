@@ -8,14 +8,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Protocol
 
-import numpy as np
-
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.progressive_horizon import fit_progressive_horizon
-from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.search.models import FittedModel
+from aero_bayes.search.refit import own_noise_fits, settle
 
 
 class Restart(Protocol):
@@ -46,33 +43,15 @@ class GrowingHorizon:
             return None
 
 
-class SwarmRestart:
-    """The global search of ``fit``: a particle swarm over the whole box, then local fits from its best particles.
+class DeclaredValues:
+    """Fit all parameters from the declared values of the first model's.
 
-    Parameters
-    ----------
-    settings : GlobalSearchSettings
-        Of the search; without a swarm there is no restart.
-    seed : int
+    A fit that lacks a term may have moved them far off, and the fit with the term that began there may have stayed.
     """
 
-    def __init__(self, settings: GlobalSearchSettings, seed: int) -> None:
-        self._settings, self._seed = settings, seed
-
     def refit(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
-        if self._settings.swarm is None:
+        declared = fitted.at_declared_values
+        if declared is None:
             return None
-        model = fitted.model
-        start = model.objective.parameters.from_search(fitted.optimum.coordinates)
-        items = model.objective.parameters.with_start(start)
-        objective = model.objective.with_calibration(
-            replace(model.objective.calibration, parameters=items), model.objective.simulator
-        )
-        search = replace(self._settings, cost="weighted", staged=False, check_noise=False)
-        try:
-            found = GlobalSearch(objective, search).run(
-                model.free(fitted.terms), model.open, np.random.default_rng(self._seed)
-            )
-            return model.fit(fitted.structure, found.optimum.coordinates, fitted.noise, settings)
-        except CannotFinishError:
-            return None
+        ends = own_noise_fits(fitted, fitted.structure, [declared.optimum.coordinates], settings)
+        return replace(fitted, optimum=settle(replace(fitted, optimum=ends[0]), settings)) if ends else None

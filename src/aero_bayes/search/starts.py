@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol
@@ -12,25 +11,26 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search.models import FittedModel
+from aero_bayes.search.refit import own_noise_fits
 from aero_bayes.search.response import LinearResponse, ResponseLine, Tried
 from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
 
-#: Magnitudes in a grid, halvings of the grid about its best point, and lines of which both ends are simulated.
-GRID_POINTS, GRID_HALVINGS, MAX_LINES = 6, 3, 3
+#: Magnitudes in a grid, and halvings of the grid about its best point.
+GRID_POINTS, GRID_HALVINGS = 6, 3
 #: Change of the outputs, as a share of the residual, up to which the response to a magnitude counts as linear.
 LINEAR_RESPONSE_SHARE = 0.3
 #: Gain in log-likelihood below which a line is not followed: half of the gain that a start must predict for a fit.
 MIN_LINE_GAIN = 1.0
-#: Share of a predicted gain that a simulation must confirm. Else the other parameters are refitted, if the predicted
-#: gain is this large in tempered log-likelihood, or this share of the whole residual.
-MIN_CONFIRMED_SHARE, MIN_REFIT_GAIN, MIN_REFIT_SHARE = 0.3, 6.0, 0.1
+#: Nominal points of each origin from which local fits begin, and their first steps: three tell which lead anywhere.
+FIRST_FITS, FIRST_STEPS = 2, 3
+#: Fits that go on, and up to how many steps: about ten in all, since along a curved valley a prediction tells little.
+BEST_FITS, NEXT_STEPS = 2, 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,29 +75,59 @@ def _single_new_term(fitted: FittedModel, structure: Structure) -> CandidateTerm
 
 
 @dataclass(frozen=True)
-class NominalSizes:
-    """Simulate a term at its nominal parameters, and take Gauss-Newton steps along the lines through these points.
+class NominalValues:
+    """Local fits with a term at its nominal parameters: a few steps from the likeliest, and more from the best of them.
 
-    The response to a law with a threshold is not linear: a grid of magnitudes is refined by bisection about its best
-    point, and both ends of the likeliest lines are simulated. If every trial magnitude overshoots the residual, retry
-    at 30 % of it. Where no simulation confirms the prediction, the other parameters are refitted with the term fixed.
+    They begin at the fit and, where no term is in it yet, at the declared values of the first model's parameters: a fit
+    that lacks a term may have moved them to where the term has no effect. Which nominal parameters are the likeliest is
+    told by a simulation of each and a Gauss-Newton step along the line through it. The response to a law with a
+    threshold is not linear: its grid of magnitudes is refined by bisection about the best point. If every trial
+    magnitude overshoots the residual, retry at 30 % of it.
     """
 
     def starts(self, fitted: FittedModel, structure: Structure) -> Iterable[Start]:
         candidate = _single_new_term(fitted, structure)
         if candidate is None or not candidate.starts:
             return []
-        response = fitted.response
-        lines = nominal_lines(response, candidate)
-        if response.gain_under_white_noise(_max_predicted_gain(lines)) < MIN_LINE_GAIN:
-            lines += [response.line(*tried) for tried in _scaled_to_residual(response, candidate, lines)]
-        starts = _line_starts(response, candidate, lines)
-        predicted = max((s.predicted_gain for s in starts), default=0.0)
-        much = 0.5 * float(response.remaining @ response.remaining) * MIN_REFIT_SHARE
-        worth = predicted > min(MIN_REFIT_GAIN * fitted.temperature, much)
-        if worth and max((s.simulated_gain for s in starts), default=0.0) < MIN_CONFIRMED_SHARE * predicted:
-            starts += _refit_with_term_fixed(response, lines)
-        return starts
+        declared = fitted.at_declared_values if not fitted.terms else None
+        begun = _begin(fitted, candidate, 0.0)
+        if declared is not None:
+            behind = fitted.optimum.log_likelihood - declared.optimum.log_likelihood
+            begun += _begin(declared, candidate, behind)
+        ends = _local_fits(fitted, structure, begun, FIRST_STEPS)
+        best = [s for s in ends if fitted.response.gain_under_white_noise(s.simulated_gain) >= MIN_LINE_GAIN]
+        return [*_local_fits(fitted, structure, best[:BEST_FITS], NEXT_STEPS), *best[BEST_FITS:], *begun[:1]]
+
+
+def _begin(origin: FittedModel, candidate: CandidateTerm, behind: float) -> list[Start]:
+    """The likeliest nominal points about an origin, whose log-likelihood is ``behind`` that of the fit."""
+    response = origin.response
+    lines = nominal_lines(response, candidate)
+    if response.gain_under_white_noise(_max_predicted_gain(lines)) < MIN_LINE_GAIN:
+        lines += [response.line(*tried) for tried in _scaled_to_residual(response, candidate, lines)]
+    acting = [line for line in lines if line.squared_length > 0.0]
+    found: list[Start] = []
+    for line in acting:
+        step = line.bounded_step
+        point = response.point_on_line(candidate, line, step)
+        found.append(Start(point, line.gain(step) - behind))
+    found.sort(key=lambda s: -s.expected_gain)
+    if acting and found[0].expected_gain + behind <= 0.0:
+        # A magnitude that is just visible: from there a local fit follows the gradient.
+        line = max(acting, key=lambda a: a.best_gain)
+        small = 1.0 / max(line.length_before, 1e-300)
+        found.insert(0, Start(response.point_on_line(candidate, line, small, readjusted=False), -behind))
+    return found[:FIRST_FITS]
+
+
+def _local_fits(fitted: FittedModel, structure: Structure, starts: Sequence[Start], steps: int) -> list[Start]:
+    """Where local fits of a structure are after some steps from each start, best first."""
+    settings = LocalFitSettings().at_temperature(fitted.temperature)
+    settings = replace(settings, local=replace(settings.local, max_iterations=steps))
+    ends = own_noise_fits(fitted, structure, [start.point for start in starts], settings)
+    gains = [end.log_likelihood - fitted.optimum.log_likelihood for end in ends]
+    found = [Start(end.coordinates, gain, gain) for end, gain in zip(ends, gains, strict=True)]
+    return sorted(found, key=lambda s: -s.simulated_gain)
 
 
 def nominal_lines(response: LinearResponse, candidate: CandidateTerm) -> list[ResponseLine]:
@@ -163,39 +193,6 @@ def _scaled_to_residual(
     return response.simulate(columns, values)
 
 
-def _line_starts(response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]) -> list[Start]:
-    """Starts at both ends of the likeliest lines: the simulated point and the best step."""
-    acting = [line for line in lines if line.squared_length > 0.0]
-    ends: list[tuple[ResponseLine, float]] = []
-    for steps in ([1.0] * len(acting), [line.bounded_step for line in acting]):
-        ends += sorted(zip(acting, steps, strict=True), key=lambda end: -end[0].gain(end[1]))[:MAX_LINES]
-    starts = [(line.best_gain, response.point_on_line(candidate, line, step)) for line, step in ends]
-    if response.gain_under_white_noise(_max_predicted_gain(lines)) < MIN_LINE_GAIN:
-        return [Start(point, predicted) for predicted, point in starts]
-    gains = response.simulated_gains([point for _, point in starts])
-    found = [Start(point, predicted, gain) for (predicted, point), gain in zip(starts, gains, strict=True)]
-    if ends and all(s.simulated_gain < 0.0 for s in found):
-        # A magnitude that is just visible: from there a local fit follows the gradient.
-        line, _ = ends[0]
-        point = response.point_on_line(candidate, line, 1.0 / max(line.length_before, 1e-300), readjusted=False)
-        found.append(Start(point, line.best_gain, response.simulated_gains([point])[0]))
-    return [s for s in found if math.isfinite(s.simulated_gain)]
-
-
-def _refit_with_term_fixed(response: LinearResponse, lines: Sequence[ResponseLine]) -> list[Start]:
-    """Starts at the likeliest nominal parameters, the other parameters refitted in a few steps."""
-    settings = LocalFitSettings(hold_noise=True).with_limits(6, 0.5)
-    acting = sorted((line for line in lines if line.length_before > 1.0), key=lambda line: -line.gain(1.0))
-    present, found = response.base.whitened.log_likelihood, []
-    for line in acting[:MAX_LINES]:
-        with suppress(CannotFinishError):
-            end = local_fit(
-                response.objective, line.point, response.base.free, noise=response.base.noise, settings=settings
-            )
-            found.append(Start(end.coordinates, line.best_gain, end.log_likelihood - present))
-    return found
-
-
 @dataclass(frozen=True)
 class Tangent:
     """One Newton step along all parameters of the new terms together, and half of it.
@@ -245,30 +242,6 @@ def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[CandidateTerm]
 
 
 @dataclass(frozen=True)
-class OffBounds:
-    """As :class:`NominalSizes`, parameters of the first model that ended on a bound put back to their starting values.
-
-    A fit that lacks a term may have moved them to where the term has no effect.
-    """
-
-    def starts(self, fitted: FittedModel, structure: Structure) -> Iterable[Start]:
-        model, base = fitted.model, fitted.optimum
-        if not fitted.parameters_on_bound:
-            return []
-        at = model.objective.parameters.revived(base.coordinates, model.own)
-        evaluation = model.objective.evaluate(at, base.free)
-        if evaluation is None:
-            return []
-        white = model.objective.whiten(evaluation, base.noise)
-        there = replace(
-            base, coordinates=at, evaluation=evaluation, whitened=white, log_likelihood=white.log_likelihood
-        )
-        behind = base.whitened.log_likelihood - white.log_likelihood
-        found = NominalSizes().starts(replace(fitted, optimum=there), structure)
-        return [Start(s.point, s.expected_gain - behind, s.simulated_gain - behind) for s in found]
-
-
-@dataclass(frozen=True)
 class KnownTerms:
     """The values that the new terms have in other fits.
 
@@ -291,4 +264,4 @@ class KnownTerms:
 
 
 #: The start rules of a search, in the order in which they are asked.
-START_RULES: tuple[StartRule, ...] = (NominalSizes(), OffBounds(), Tangent())
+START_RULES: tuple[StartRule, ...] = (NominalValues(), Tangent())
