@@ -65,7 +65,7 @@ def compile_library(source: str, identifier: str, *, quick: bool = False, fmi: i
 
     def compile_it() -> bytes:
         with ScratchFolder() as folder:
-            (folder / "names.map").write_text(f"{{ global: fmi{fmi}*; local: *; }};\n", encoding="utf-8")
+            (folder / "names.map").write_text(f"{{ global: fmi{fmi}*; ab_lanes*; local: *; }};\n", encoding="utf-8")
             name = f"{identifier}.c"
             (folder / name).write_text(source, encoding="utf-8")
             (folder / "runtime.o").write_bytes(runtime)

@@ -6,12 +6,12 @@ from collections.abc import Iterable
 
 from aero_bayes.export.expression import Node, topological_order
 
-_FUNCTIONS = {
+FUNCTIONS = {
     "sqrt": "sqrt", "exp": "exp", "log": "log", "log10": "log10", "sin": "sin", "cos": "cos", "tan": "tan",
     "asin": "asin", "acos": "acos", "atan": "atan", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "abs": "fabs",
     "pow": "pow", "atan2": "atan2", "floor": "floor",
 }  # fmt: skip
-_INFIX = {
+INFIX = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
     "ne": "!=", "and": "&&", "or": "||",
 }  # fmt: skip
@@ -30,7 +30,7 @@ class ExpressionWriter:
         if node in self.leaves:
             return self.leaves[node]
         if node.op == "const":
-            return _number(node.value)
+            return number(node.value)
         return self.known[node]
 
     def write(self, nodes: Iterable[Node]) -> None:
@@ -42,14 +42,18 @@ class ExpressionWriter:
             if n.op == "symbol":
                 raise KeyError(n.name)
             self.known[n] = f"t{n.index}"
-            self.lines.append(f"    const double t{n.index} = {self._expression(n)};")
+            self.lines.append(self.declaration(n))
+
+    def declaration(self, node: Node) -> str:
+        """The statement that computes one operation."""
+        return f"    const double t{node.index} = {self._expression(node)};"
 
     def _expression(self, n: Node) -> str:
         args = [self.term(a) for a in n.args]
-        if n.op in _INFIX:
-            return f"{args[0]} {_INFIX[n.op]} {args[1]}"
-        if n.op in _FUNCTIONS:
-            return f"{_FUNCTIONS[n.op]}({', '.join(args)})"
+        if n.op in INFIX:
+            return f"{args[0]} {INFIX[n.op]} {args[1]}"
+        if n.op in FUNCTIONS:
+            return f"{FUNCTIONS[n.op]}({', '.join(args)})"
         match n.op:
             case "neg":
                 return f"-{args[0]}"
@@ -66,6 +70,7 @@ class ExpressionWriter:
         raise NotImplementedError(n.op)
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
+    """A number as a C literal."""
     text = repr(value)
     return f"({text})" if value < 0 else text

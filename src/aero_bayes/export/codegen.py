@@ -21,6 +21,7 @@ from aero_bayes.export.c_functions import (
 from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Builder, Node, evaluate_nodes
+from aero_bayes.export.lane_functions import LaneEquations, lane_functions
 from aero_bayes.export.layout import VariableLayout
 from aero_bayes.export.parameter_stage import ParameterStage
 from aero_bayes.export.switching_surfaces import SwitchingModel
@@ -41,8 +42,12 @@ class _Memory:
         return f"m->data[{self.at[group] + k}]"
 
 
-def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> str:
-    """The complete C source of one model; native/fmi2.c is linked to it."""
+def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, lanes: bool = True) -> str:
+    """The complete C source of one model; native/fmi2.c is linked to it.
+
+    With ``lanes`` also the equations for several parameter vectors at a time, where the model has neither algebraic
+    loops nor events.
+    """
     model, surfaces = switching.model, switching.surfaces
     b = model.system.builder
     events = model.discrete
@@ -196,6 +201,26 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> st
         ],
         "char *const message": [c_string(message) for _, message in events.assertions],
     }
+    in_lanes = None
+    between_events = events.relations or events.roundings or events.samplings or steps or assertions
+    known_there = {model.system.time, *states, *inputs, *parameters}
+    plain = all(b.symbols(n) <= known_there for n in (*rates, *outputs))
+    if lanes and plain and states and not (loops or between_events):
+        constants = {**{p: leaves[p] for p in parameters}, **kept}
+        slopes = _jacobian(b, rates, states, stage, 0, by_rows=True)
+        equations = LaneEquations(states, inputs, model.system.time, constants, rates, outputs, slopes)
+        in_lanes = lane_functions(
+            equations,
+            {
+                "first_input": 2 * nx,
+                "first_output": layout.first_output,
+                "time_varying": counts["time_varying"],
+            },
+        )
+    if in_lanes is not None:
+        functions.append(in_lanes[0])
+        counts["lane_constants"] = len(in_lanes[1])
+        tables["int lane_constant_at"] = [str(place) for place in in_lanes[1]]
     names = ("set_defaults", "start", *(f"{n}" for n in ("k", *groups)), "reinit", "violated")
     lines = [
         '#include "model.h"',
@@ -287,7 +312,7 @@ def _attribute(v: ScalarVariable, key: str, values: dict[Node, float], otherwise
 
 
 def _jacobian(
-    b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: ParameterStage, at: int
+    b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: ParameterStage, at: int, *, by_rows: bool = False
 ) -> list[StoredValue]:
     targets = []
     rows_with: dict[Node, list[int]] = {}
@@ -299,5 +324,6 @@ def _jacobian(
         for i in rows_with.get(symbol, ()):
             slope = stage.reciprocal(b.derivative(rows[i], symbol, memo))
             if slope is not b.zero:
-                targets.append(StoredValue(f"m->data[{at + j * len(rows) + i}]", slope))
+                place = str(i * len(columns) + j) if by_rows else f"m->data[{at + j * len(rows) + i}]"
+                targets.append(StoredValue(place, slope))
     return targets

@@ -91,7 +91,7 @@ def export_flat(
         layout = lay_out(solved, sharing=fmi == 2)
         if not layout.states and not layout.outputs:
             raise InputError(f"{flat.name}: the model has neither states nor outputs")
-        source = generate(switching, layout, _NO_GUID)
+        source = generate(switching, layout, _NO_GUID, lanes=not quick)
         description = write_fmi2_description(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
     if fmi == 3:
         description = convert_to_fmi3(description, solved.indicators)

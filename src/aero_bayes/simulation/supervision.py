@@ -78,21 +78,33 @@ class Supervisor:
             Where workers cannot read the problem, or die as soon as they start.
         """
         outcomes = self._batch.outcomes
-        patience = min(250.0, max(5.0, 250.0 * self._batch.time_limit))  # ms
+        left = outcomes.size + 1
         try:
-            for index in range(min(len(self._group.workers), outcomes.size)):
-                self._begin(index, NO_TASK)
-            while self._active:
-                for fd, _ in self._poller.poll(patience):
-                    self._handle_reply(fd)
-                self._end_overdue_runs()
-                if self._give_up():
-                    self._replace_active()
+            # A worker that is lost may have had several runs under way. Only one of them is to blame; the others are
+            # asked for again, as long as each round gets some done.
+            while 0 < (todo := int(np.count_nonzero(outcomes == TODO))) < left:
+                left = todo
+                self._group.memory.data[self._batch.job :][:8].view(np.int64)[0] = 0  # the next task to take
+                if not self._run_round():
                     break
         except BaseException:  # an interrupt must not leave a worker in the middle of a job
             self._replace_active()
             raise
         outcomes[outcomes > max(Outcome)] = Outcome.CRASHED  # TODO is one of them: tasks that were lost
+
+    def _run_round(self) -> bool:
+        """Hand out every task that has no outcome; False where the batch is given up."""
+        patience = min(250.0, max(5.0, 250.0 * self._batch.time_limit))  # ms
+        for index in range(min(len(self._group.workers), self._batch.outcomes.size)):
+            self._begin(index, NO_TASK)
+        while self._active:
+            for fd, _ in self._poller.poll(patience):
+                self._handle_reply(fd)
+            self._end_overdue_runs()
+            if self._give_up():
+                self._replace_active()
+                return False
+        return True
 
     def _begin(self, index: int, first: int) -> None:
         fd = self._group.begin(index, self._batch.problem, self._batch.job, first)

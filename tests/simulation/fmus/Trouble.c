@@ -12,7 +12,7 @@
 enum { X, DX, MODE };
 enum { FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP, LEAK,
        PRINT_FOREVER, ALLOCATE, ALLOCATE_SHARED, FORK, EXECUTE, WRITE_OUTSIDE, CHANGE_MODE, FILL_FILE, CONNECT,
-       SIGNAL_PARENT, SAY_DONE };
+       SIGNAL_PARENT, SAY_DONE, CRASH_AT_START, HANG_AT_START };
 static int flooded;
 static void start(Model *m) { m->r[X] = 1.0; }
 /* What should be refused: not 0 where it was not. */
@@ -61,6 +61,10 @@ static int misbehave(Model *m)
         struct rlimit more = {RLIM_INFINITY, RLIM_INFINITY};
         return kill(getppid(), 0) == 0 || setrlimit(RLIMIT_DATA, &more) == 0;
     }
+    case CRASH_AT_START:
+        *(volatile int *)8 = 1;
+    case HANG_AT_START:
+        for (;;) usleep(1000);
     case SAY_DONE:
         for (fd = 3; fd < 32; fd++) write(fd, "d", 1);
         for (;;) usleep(1000);
@@ -125,3 +129,27 @@ static int derivative(Model *m, unsigned unknown, unsigned known, double *v)
     *v = unknown == DX && known == X ? -1.0 : 0.0;
     return OK;
 }
+
+#ifdef LANES /* the same equation over several parameter vectors at a time */
+#include "../../../src/aero_bayes/export/native/lanes.h"
+#define EACH for (int l = 0; l < AB_LANES; l++)
+static double slope(double mode, double t, double x)
+{
+    if (mode == NOT_A_NUMBER && t > 0.5) return NAN;
+    if (mode == STIFFEN) return sin(1e18 * t) * 1e30;
+    return mode == BLOW_UP ? 1.0 + x * x : -x;
+}
+static void slopes(const double *k, const double *t, const double *u, const double *x, double *out)
+{
+    EACH out[l] = slope(k[l], t[l], x[l]);
+}
+static void jacobian(const double *k, const double *t, const double *u, const double *x, double *out) { EACH out[l] = -1.0; }
+static const LaneTable table = {.version = AB_LANES_VERSION, .lanes = AB_LANES, .nx = 1, .constants = 1, .time_varying = 1,
+                                .derivatives = slopes, .jacobian = jacobian};
+__attribute__((visibility("default"))) const LaneTable *ab_lanes(int set) { return &table; }
+__attribute__((visibility("default"))) int ab_lanes_constants(void *c, double *k)
+{
+    *k = ((Model *)c)->r[MODE];
+    return OK;
+}
+#endif

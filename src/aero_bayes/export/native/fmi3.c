@@ -193,3 +193,5 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 start, fmi3Float64 size, fmi3B
     *last = s->m->time;
     return (fmi3Status)status;
 }
+
+__attribute__((visibility("default"))) int ab_lanes_constants_fmi3(void *c, double *k) { return ab_lanes_constants(INSIDE, k); }

@@ -6,7 +6,7 @@
 
 #include <unistd.h>
 
-#include "engine.h"
+#include "lanes.h"
 
 enum { TODO = 255 };
 
@@ -40,26 +40,31 @@ static void gauss_newton_result(const Run *r, double *out)
     }
 }
 
-static int do_task(Problem *p, char *base, const Job *job, int64_t index)
+static int is_whole(const Job *job)
+{
+    return job->mode == MODE_TRAJECTORY || job->mode == MODE_FILTER || job->mode == MODE_FILTER_STATES;
+}
+
+/* What a run is to do: its parameter vector and where its outputs go. Returns its noise. */
+static const double *set_task(Run *r, char *base, const Job *job, int64_t index)
 {
     const int64_t row = index / job->experiments, e = index % job->experiments;
-    const int64_t *active = (const int64_t *)(void *)(base + job->active);
     const int64_t *table = (const int64_t *)(void *)(base + job->table) + 4 * e;
-    Run *r = problem_run(p, e, job->q, active);
-    if (!r) return AB_SOLVER_FAILED;
-    const double *noise =
-        (const double *)(void *)(base + job->noise) + row * job->noise_row + e * job->noise_experiment;
-    double *result = (double *)(void *)(base + job->result) + index * job->result_stride;
     r->values = (const double *)(void *)(base + job->values) + row * job->p;
-    const int whole = job->mode == MODE_TRAJECTORY || job->mode == MODE_FILTER || job->mode == MODE_FILTER_STATES;
     r->sink.trajectory = NULL;
-    if (whole) {
+    if (is_whole(job)) {
         r->sink.trajectory = (double *)(void *)(base + table[0]) + row * table[1];
         r->sink.sensitivity = (double *)(void *)(base + table[2]) + row * table[3];
     }
-    int outcome = all_finite(r->values, job->p) ? run_repeatable(r, (int)job->mode, noise) : AB_NOT_FINITE;
-    if (outcome) return outcome;
-    if (whole) /* each row has its place, one after the other */
+    return (const double *)(void *)(base + job->noise) + row * job->noise_row + e * job->noise_experiment;
+}
+
+/* The outcome of a run that came to its end, with what it is reduced to. */
+static int close_task(const Run *r, char *base, const Job *job, int64_t index)
+{
+    const int64_t *table = (const int64_t *)(void *)(base + job->table) + 4 * (index % job->experiments);
+    double *result = (double *)(void *)(base + job->result) + index * job->result_stride;
+    if (is_whole(job)) /* each row has its place, one after the other */
         return all_finite(r->sink.trajectory, table[1]) && all_finite(r->sink.sensitivity, r->q ? table[3] : 0)
                    ? AB_OK
                    : AB_NOT_FINITE;
@@ -70,6 +75,16 @@ static int do_task(Problem *p, char *base, const Job *job, int64_t index)
     else
         gauss_newton_result(r, result);
     return all_finite(result, job->result_stride) ? AB_OK : AB_NOT_FINITE;
+}
+
+static int do_task(Problem *p, char *base, const Job *job, int64_t index)
+{
+    const int64_t *active = (const int64_t *)(void *)(base + job->active);
+    Run *r = problem_run(p, index % job->experiments, job->q, active);
+    if (!r) return AB_SOLVER_FAILED;
+    const double *noise = set_task(r, base, job, index);
+    const int outcome = all_finite(r->values, job->p) ? run_repeatable(r, (int)job->mode, noise) : AB_NOT_FINITE;
+    return outcome ? outcome : close_task(r, base, job, index);
 }
 
 #define EXPORT __attribute__((visibility("default")))
@@ -101,6 +116,83 @@ static int leaks(void)
     return read == 3 && (int64_t)(resident - shared) * sysconf(_SC_PAGESIZE) > memory_limit;
 }
 
+/* The next task without an outcome, or -1; `first` (or -1) goes before all others. */
+static int64_t next_task(const char *base, Job *job, int64_t *first)
+{
+    const unsigned char *outcome = (const unsigned char *)base + job->outcome;
+    for (;;) {
+        const int64_t index = *first >= 0 ? *first : __atomic_fetch_add(&job->next, 1, __ATOMIC_RELAXED);
+        *first = -1;
+        if (index >= job->total) return -1;
+        if (outcome[index] == TODO) return index;
+    }
+}
+
+static void work_at(Slot *mine, int64_t index)
+{
+    progress_stamp();
+    __atomic_store_n(&mine->task, index, __ATOMIC_RELEASE);
+}
+
+static int run_singly(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
+{
+    unsigned char *outcome = (unsigned char *)base + job->outcome;
+    for (int64_t index; (index = next_task(base, job, &first)) >= 0;) {
+        work_at(mine, index);
+        const int result = do_task(p, base, job, index);
+        if (p->load_error[0]) {
+            *mine = (Slot){.task = -1};
+            return 2;
+        }
+        if (p->fmu && p->fmu->spent) return 1;
+        outcome[index] = (unsigned char)result;
+        __atomic_store_n(&mine->task, -1, __ATOMIC_RELEASE);
+        if (leaks()) return 1;
+    }
+    return 0;
+}
+
+/* A task begins in an idle lane, or has its outcome at once. */
+static void begin_task(Lanes *s, int lane, char *base, const Job *job, int64_t index)
+{
+    Run *r = lane_buffers(s, lane, index % job->experiments);
+    int outcome = AB_SOLVER_FAILED;
+    if (r) {
+        const double *noise = set_task(r, base, job, index);
+        outcome = all_finite(r->values, job->p) ? lane_begin(s, lane, r, (int)job->mode, noise) : AB_NOT_FINITE;
+    }
+    if (outcome) ((unsigned char *)base + job->outcome)[index] = (unsigned char)outcome;
+}
+
+/* The same with several runs under way. The slot names one of them: only initialisation and what is done by all lanes
+ * together run code of the FMU, so that it is the one to blame for a crash. */
+static int run_lanes(Lanes *s, char *base, Job *job, Slot *mine, int64_t first)
+{
+    unsigned char *outcome = (unsigned char *)base + job->outcome;
+    int64_t task[WIDE];
+    int more = 1, full = 0, busy = 1;
+    while (busy) {
+        busy = 0;
+        for (int l = 0; l < WIDE; l++) {
+            Lane *lane = &s->lane[l];
+            if (lane->run && lane->ended) {
+                outcome[task[l]] = (unsigned char)(lane->outcome ? lane->outcome : close_task(lane->run, base, job, task[l]));
+                lane->run = NULL;
+                full |= leaks();
+            }
+            while (!lane->run && more && !full && (more = (task[l] = next_task(base, job, &first)) >= 0)) {
+                work_at(mine, task[l]);
+                begin_task(s, l, base, job, task[l]);
+            }
+            if (lane->run) busy = 1;
+            if (lane->run && outcome[mine->task] != TODO) work_at(mine, task[l]);
+        }
+        if (busy) lanes_advance(s);
+    }
+    __atomic_store_n(&mine->task, -1, __ATOMIC_RELEASE);
+    return full;
+}
+
 /* Works until no task is left (0), until this process can do no more (1): its memory is full, or the FMU was
  * instantiated as often as it can be; the task that met this stays in the slot, undone; or until the FMU cannot be
  * loaded (2), see ab_load_error. `first` (or -1) is a task to do before asking for more. */
@@ -110,30 +202,10 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
     const unsigned int mode = _mm_getcsr();
     _mm_setcsr(mode | 0x8040); /* denormal numbers are zero: a decayed sensitivity must not cost a hundredfold */
 #endif
-    unsigned char *outcome = (unsigned char *)base + job->outcome;
-    int full = 0;
     progress_to(mine);
-    while (!full) {
-        const int64_t index = first >= 0 ? first : __atomic_fetch_add(&job->next, 1, __ATOMIC_RELAXED);
-        first = -1;
-        if (index >= job->total) break;
-        if (outcome[index] != TODO) continue;
-        progress_stamp();
-        __atomic_store_n(&mine->task, index, __ATOMIC_RELEASE);
-        const int result = do_task(p, base, job, index);
-        if (p->load_error[0]) {
-            *mine = (Slot){.task = -1};
-            full = 2;
-            break;
-        }
-        if (p->fmu && p->fmu->spent) {
-            full = 1;
-            break;
-        }
-        outcome[index] = (unsigned char)result;
-        __atomic_store_n(&mine->task, -1, __ATOMIC_RELEASE);
-        full = leaks();
-    }
+    const int plain = job->q == 0 && (job->mode == MODE_TRAJECTORY || job->mode == MODE_LIKELIHOOD);
+    Lanes *lanes = plain ? lanes_of(p) : NULL;
+    const int full = lanes ? run_lanes(lanes, base, job, mine, first) : run_singly(p, base, job, mine, first);
     progress_to(NULL);
 #if defined(__x86_64__)
     _mm_setcsr(mode);
@@ -149,8 +221,9 @@ EXPORT int64_t ab_take(Job *job) { return __atomic_fetch_add(&job->next, 1, __AT
 /* Counts of the last run of an experiment: accepted and rejected steps, evaluations of the derivatives. */
 EXPORT int ab_counts(const Problem *p, int64_t experiment, int64_t *counts)
 {
-    if (!p->runs || !p->runs[experiment]) return 1;
-    const Run *r = p->runs[experiment];
+    const Run *r = p->lanes && p->lanes->lane[0].buffers[experiment] ? p->lanes->lane[0].buffers[experiment] : NULL;
+    if (!r && p->runs) r = p->runs[experiment];
+    if (!r) return 1;
     counts[0] = r->taken;
     counts[1] = r->rejected;
     counts[2] = r->evaluations;

@@ -25,6 +25,8 @@
  *   workspace.c    the buffers of a run
  *   progress.c     clocks, and what a worker tells of its progress
  *   batch.c        many runs, handed out from a shared counter
+ *   lanes.c        several runs at a time, for FMUs that carry their equations in this form (lanes.h)
+ *   lanes.inc      their vector arithmetic, compiled for the baseline and for AVX2 by lane_kernels.c
  *   confine.c      what a worker gives up before it loads a model
  *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 */
 #ifndef AB_ENGINE_H
@@ -123,6 +125,8 @@ typedef struct {
     Experiment *experiments;
     Fmu *fmu;
     char load_error[512]; /* why the library could not be loaded */
+    struct Lanes *lanes;
+    int lanes_sought; /* whether it can have any was looked at */
     struct Run **runs; /* buffers of the last batch, one an experiment */
     int64_t runs_q, *runs_active;
 } Problem;
@@ -189,6 +193,7 @@ typedef struct Run {
     Problem *problem;
     Experiment *e;
     Fmu *fmu;
+    struct Lane *lane; /* whose run it is, where it is one of several */
     uint64_t values_hash; /* of its last parameter vector, 0 for none */
     const double *values; /* a parameter vector, or NULL for the model's own */
     int n, nz, status, mode;
@@ -263,6 +268,9 @@ int inputs_apply(Run *, double t);
 double input_weight(const Run *, const Target *, double t);
 
 /* rodas.c */
+/* Least size of a state of which no nominal value is known: what is smaller may be rounding. */
+#define LEAST_SIZE 1e-6
+
 typedef struct {
     int stages, order, dense;
     double gamma;
@@ -275,6 +283,7 @@ int lu_factor(double *a, int n, int *pivot, Sparse *factors);
 void lu_solve(const Sparse *factors, const int *pivot, double *b);
 double scaled_norm(const Run *, const double *v, const double *x, const double *x1);
 double first_step(Run *, double limit);
+double first_step_of(double slope, double bend, double limit);
 
 /* sensitivity.c */
 int sensitivity_begin(Run *);
@@ -330,6 +339,11 @@ typedef struct {
 void note_sizes(Run *);
 void remember_step(Run *, double fraction);
 int exceeds_limits(Run *);
+int reject_step(Run *, Segment *, double h, double error);
+static inline double step_growth(double error)
+{
+    return error > 0.0 ? fmin(8.0, fmax(0.2, 0.9 * pow(error, -0.2))) : 8.0;
+}
 int integrate_segment(Run *, Segment *);
 
 /* crossing.c */
@@ -395,5 +409,6 @@ typedef struct {
 } Kernels;
 extern const Kernels *kernels;
 void kernels_choose(void);
+int has_wide(void); /* whether AVX2 and FMA are there and used */
 
 #endif

@@ -1,7 +1,7 @@
 /* Outputs that are no states: asked of the FMU at every sample, or, where a step spans many samples, at a few Chebyshev
  * points of it with a polynomial between them. As many points again, between those, tell whether the polynomial is as
  * good as the step itself; where it is not, the piece is halved. */
-#include "engine.h"
+#include "lanes.h"
 
 enum { NODES = 6, POINTS = PIECE_POINTS, SHORT = 22 };
 
@@ -32,6 +32,7 @@ int read_values(Run *r, double t, const double *x, double *y, int64_t stride)
 {
     Fmu *f = r->fmu;
     const Experiment *e = r->e;
+    if (r->lane) return lane_values(r, t, x, y, stride);
     int status = set_point(r, t, x);
     if (!is_error(status) && r->n_other)
         status = f->get_real(f->instance, r->other_reference, (size_t)r->n_other, r->other);

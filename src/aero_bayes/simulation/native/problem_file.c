@@ -4,7 +4,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "engine.h"
+#include "lanes.h"
 
 #define SPEC_MAGIC 0x4142535045430005LL
 
@@ -167,6 +167,7 @@ void problem_close(Problem *p)
 {
     if (!p) return;
     problem_close_runs(p);
+    lanes_close(p->lanes);
     for (int64_t i = 0; p->experiments && i < p->n_experiments; i++) {
         Experiment *e = &p->experiments[i];
         for (int j = 0; e->signals && j < e->n_signals; j++) free(e->signals[j].breaks);

@@ -102,9 +102,6 @@ void lu_solve(const Sparse *lu, const int *restrict pivot, double *restrict b)
     }
 }
 
-/* Least size of a state of which no nominal value is known: what is smaller may be rounding. */
-#define LEAST_SIZE 1e-6
-
 /* In units of the tolerance. A nominal value of 1 is one that nobody declared: there the absolute tolerance follows what
  * the state has been so far, which for a motion through millimetres is far less. */
 double scaled_norm(const Run *r, const double *v, const double *x, const double *x1)
@@ -181,7 +178,12 @@ double first_step(Run *r, double limit)
         for (int j = 0; j < n; j++) v += r->jac[i * n + j] * r->f[j];
         r->u[i] = v;
     }
-    const double slope = scaled_norm(r, r->f, r->x, r->x), bend = scaled_norm(r, r->u, r->x, r->x);
+    return first_step_of(scaled_norm(r, r->f, r->x, r->x), scaled_norm(r, r->u, r->x, r->x), limit);
+}
+
+/* The same from the scaled sizes of slope and of its rate of change. */
+double first_step_of(double slope, double bend, double limit)
+{
     if (!(slope > 0.0)) return limit;
     if (!(bend > 0.0)) return fmin(limit, 1e6 / slope);
     const double tau = slope / bend, amplitude = slope * tau;

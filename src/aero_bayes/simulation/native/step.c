@@ -59,15 +59,15 @@ static int time_derivative(Run *r, double h)
 }
 
 /* A rejected step: smaller, or the outcome where it cannot become smaller. */
-static int reject_step(Run *r, Segment *g, double h, double error)
+int reject_step(Run *r, Segment *g, double h, double error)
 {
     r->rejected++;
-    if (error == error) {
+    if (error < INFINITY) {
         g->h = h * fmax(0.15, 0.9 * pow(error, -0.2));
     } else
         g->h = 0.2 * h;
     if (g->h > 16.0 * DBL_EPSILON * fmax(fabs(r->t), 1e-30)) return AB_OK;
-    return error == error || r->status == FMI_DISCARD ? AB_SOLVER_FAILED : AB_NOT_FINITE;
+    return error < INFINITY || r->status == FMI_DISCARD ? AB_SOLVER_FAILED : AB_NOT_FINITE;
 }
 
 int exceeds_limits(Run *r)
@@ -158,8 +158,7 @@ int integrate_segment(Run *r, Segment *g)
         else if (is_error(status = filters(r) ? kalman_step(r, h, fmin(root, 1.0)) : emit_until(r, h, limit, 0)))
             return outcome_of(r->fmu, status);
         if (!r->replay && !linearised) {
-            const double growth = error > 0.0 ? 0.9 * pow(error, -0.2) : 8.0;
-            g->h = h * fmin(8.0, fmax(0.2, growth));
+            g->h = h * step_growth(error);
         }
         remember_step(r, linearised ? LINEARISED : h / (g->end - g->begin));
         r->at_step++;
