@@ -59,6 +59,7 @@ KEYS: Mapping[str, str] = {
     "data.columns.NAME.scale": "factor: the value is `(raw + offset) * scale`",
     "data.columns.NAME.offset": "added to the raw value first",
     "data.columns.NAME.counts_per_revolution": "of the encoder, for the units `count` and `count/s`",
+    "data.columns.NAME.unwrap": "an angle that is recorded modulo one turn: its jumps of a turn are taken out",
     "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
     "parameters.NAME.value": "start of the search; value of a parameter that is held (SI)",
     "parameters.NAME.per_recording": "fit a value of its own for each recording, which results call `NAME@recording`",

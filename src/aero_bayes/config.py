@@ -57,13 +57,17 @@ class ModelSection(Section):
 
 
 class ColumnSection(Section):
-    """``[data.columns.theta]``: where a signal stands in the file (else under its own name), and its unit there."""
+    """``[data.columns.theta]``: where a signal stands in the file (else under its own name), and its unit there.
+
+    ``unwrap`` takes the jumps of a turn out of an angle that is recorded modulo one turn.
+    """
 
     source: str | None = None
     unit: str | None = None
     scale: float = 1.0
     offset: float = 0.0
     counts_per_revolution: Positive | None = None
+    unwrap: bool = False
 
 
 class DataSection(Section):

@@ -67,6 +67,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "data.columns.*.scale": (1.0, 2.0, {"data.columns.y": {"source": "y"}}),
     "data.columns.*.offset": (0.0, 1.0, {"data.columns.y": {"source": "y"}}),
     "data.columns.*.counts_per_revolution": (1024, 2048, {"data.columns.y": {"source": "y", "unit": "count"}}),
+    "data.columns.*.unwrap": (False, True, {"data.columns.y": {"source": "y", "scale": 100.0}}),
     "parameters.*.free": (True, False),
     "parameters.*.value": (1.0, 2.0),
     "parameters.*.lower": (0.2, 0.3),

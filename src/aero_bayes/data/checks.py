@@ -14,8 +14,6 @@ from aero_bayes.data.layout import Layout
 from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
 
-#: Length of a gap in the sampling, in usual intervals, above which it is reported.
-MIN_PAUSE_INTERVALS = 100
 #: Smallest number of samples of a recording.
 MIN_SAMPLES = 4
 RowName = Callable[[int], str]
@@ -73,19 +71,6 @@ def check_recording(recording: Recorded, layout: Layout | None = None, where: Ro
     if layout is not None:
         _check_rate(name, recording, layout)
         _check_sizes(name, recording, layout, place)
-
-
-def long_gap_warning(recording: Recorded) -> str:
-    """A warning about a long gap in the sampling; empty if there is none."""
-    steps = np.diff(recording.time)
-    row, usual = int(np.argmax(steps)), recording.interval
-    if steps[row] < MIN_PAUSE_INTERVALS * usual:
-        return ""
-    start, stop = recording.time[row], recording.time[row + 1]
-    return (
-        f"no sample from {start:.6g} s to {stop:.6g} s, {steps[row] / usual:.0f} times the usual interval; inputs "
-        "count as held there, so cut the file in two if they were not"
-    )
 
 
 def _check_time(name: str, time: FloatArray, place: RowName) -> None:

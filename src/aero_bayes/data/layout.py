@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.data.wrapped import unwrapped
 from aero_bayes.declared import ColumnSpec, PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_modelica_unit
@@ -34,6 +35,8 @@ class ColumnMap:
         For any other conversion.
     counts_per_revolution : float, optional
         Of the encoder, for ``count`` and ``count/s``.
+    unwrap : bool
+        Whether it is an angle that is recorded modulo one turn, whose jumps of a turn are taken out.
     """
 
     source: str
@@ -41,9 +44,14 @@ class ColumnMap:
     scale: float = 1.0
     offset: float = 0.0
     counts_per_revolution: float | None = None
+    unwrap: bool = False
 
     def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
         """Raw values in the unit ``expected``, or in SI if it is empty. InputError for a unit of another dimension."""
+        converted = self._converted(values, column, expected)
+        return unwrapped(converted, expected) if self.unwrap else converted
+
+    def _converted(self, values: FloatArray, column: str, expected: str) -> FloatArray:
         values = (values + self.offset) * self.scale
         if self.unit is None:
             return values

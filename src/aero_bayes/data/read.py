@@ -70,6 +70,7 @@ def read_recording(
     wanted += [quantity.name for quantity in layout.outputs if quantity.name in maps]
     optional = [quantity.name for quantity in layout.outputs if quantity.name not in maps]
     where: Callable[[int], str] = _sample
+    first_row = 1
     try:
         if is_matlab(file):
             found, sha256 = read_matlab(file, sources, wanted, optional, memory)
@@ -81,7 +82,7 @@ def read_recording(
                 memory,
             )
             found = {name: table.columns[source] for name, source in sources.items() if source in table.columns}
-            sha256, line = table.sha256, table.line
+            sha256, line, first_row = table.sha256, table.line, table.line(0)
 
             def where(row: int) -> str:
                 return f"row {line(row)}"
@@ -103,6 +104,7 @@ def read_recording(
         units={name: unit for name, unit in layout.units.items() if name in values},
         sha256=sha256,
         path=file,
+        first_row=first_row,
     )
     check_recording(recording, layout, where)
     return recording

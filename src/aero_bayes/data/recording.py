@@ -49,6 +49,10 @@ class Recording:
         Where it was read from.
     findings : tuple of DataFinding
         Faults of the readings that were found, see :func:`aero_bayes.data.screen`.
+    resumes : bool
+        Whether it begins in mid-motion after a gap, so that the initial value of every state is estimated.
+    first_row : int
+        Row of the file with the first sample, the first line being 1; 1 for arrays.
 
     Examples
     --------
@@ -65,6 +69,8 @@ class Recording:
     1500
     >>> int(np.isfinite(recording.thin(4).outputs["position"]).sum())
     501
+    >>> recording.rows_where(recording.time >= 20.0, "late").rows
+    1001
     >>> sorted(recording.to_dict())
     ['file', 'rate_hz', 'rows', 'sha256']
     """
@@ -77,6 +83,8 @@ class Recording:
     sha256: str = ""
     path: Path | None = None
     findings: tuple[DataFinding, ...] = ()
+    resumes: bool = False
+    first_row: int = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _numbers(self.name, "time", self.time))
@@ -171,7 +179,7 @@ class Recording:
                 f"{self.name}: no sample between {start:g} s and {stop:g} s "
                 f"(it runs from {self.time[0]:g} s to {self.time[-1]:g} s)"
             )
-        return self._select(keep, f"{self.name} [{start:g} s, {stop:g} s)")
+        return self.rows_where(keep, f"{self.name} [{start:g} s, {stop:g} s)")
 
     def split(self, fraction: float) -> tuple[Recording, Recording]:
         """The first ``fraction`` of the time and the rest, for a fit and its test. Raises InputError outside (0, 1)."""
@@ -181,8 +189,8 @@ class Recording:
         if first.sum() < 2 or (~first).sum() < 2:
             raise InputError(f"{self.name}: {self.rows} samples are too few to split at a fraction of {fraction:g}")
         return (
-            self._select(first, f"{self.name} (first {fraction:.0%})"),
-            self._select(~first, f"{self.name} (last {1.0 - fraction:.0%})"),
+            self.rows_where(first, f"{self.name} (first {fraction:.0%})"),
+            self.rows_where(~first, f"{self.name} (last {1.0 - fraction:.0%})"),
         )
 
     def without(self, *, after: float) -> Recording:
@@ -254,10 +262,13 @@ class Recording:
         caption = f"{self.name}: {self.rows} rows, {self.duration:g} s at {self.rate_hz:g} Hz"
         return table_html(("column", "kind", "unit", "range", "gaps"), rows, caption)
 
-    def _select(self, keep: NDArray[np.bool_], name: str) -> Recording:
+    def rows_where(self, keep: NDArray[np.bool_], name: str) -> Recording:
+        """The samples where ``keep`` (n,) holds, under another name."""
+        first = int(np.argmax(keep))
         return replace(
             self,
             name=name,
+            first_row=self.first_row + first,
             time=self.time[keep],
             inputs={column: values[keep] for column, values in self.inputs.items()},
             outputs={column: values[keep] for column, values in self.outputs.items()},

@@ -209,10 +209,10 @@ class Calibration:
         return Problem(self.model, self.experiments, targets, dict(self.fixed), solver, self.process)
 
     def beginning(self, share: float) -> Calibration:
-        """The same problem on the first ``share`` of each recording's samples, at least twenty of them."""
+        """The same problem on the first ``share`` of each recording's samples, at least twenty readings an output."""
         shorter = []
-        for e in self.experiments:
-            stop = max(int(share * e.time.size), min(20, e.time.size))
+        for e, measured in zip(self.experiments, self.measured, strict=True):
+            stop = max(int(share * e.time.size), rows_of_first_readings(measured))
             shorter.append(e.at_samples(slice(stop)))
         return replace(self, experiments=tuple(shorter))
 
@@ -248,12 +248,29 @@ def _measured(experiment: Experiment) -> FloatArray:
     return experiment.measured
 
 
+def rows_of_first_readings(measured: FloatArray, least: int = 20) -> int:
+    """How many rows hold the first ``least`` readings of every output (n, m), or all that it has."""
+    counts = np.cumsum(np.isfinite(measured), axis=0)
+    enough = counts >= np.minimum(counts[-1], least)
+    return int(np.argmax(enough, axis=0).max()) + 1 if measured.size else 0
+
+
 def thin(experiment: Experiment, samples: int) -> Experiment:
-    """The experiment on every n-th of its sample times, about ``samples`` of them."""
+    """The experiment on every n-th of its sample times, about ``samples`` of them.
+
+    An output that is read less often than the others keeps up to as many readings of its own.
+    """
     every = -(-experiment.time.size // samples)
     if every <= 1:
         return experiment
-    return experiment.at_samples(np.arange(0, experiment.time.size, every))
+    rows = np.arange(0, experiment.time.size, every)
+    if experiment.measured is not None:
+        own = [np.flatnonzero(np.isfinite(column)) for column in experiment.measured.T]
+        kept = np.isfinite(experiment.measured[rows]).sum(axis=0)
+        seldom = [r for r, count in zip(own, kept, strict=True) if count < 0.5 * min(r.size, samples)]
+        for readings in seldom:
+            rows = np.union1d(rows, readings[:: -(-readings.size // samples)])
+    return experiment.at_samples(rows)
 
 
 def calibrate(

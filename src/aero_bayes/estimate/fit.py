@@ -35,7 +35,9 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
 from aero_bayes.estimate.noise_report import structure_warnings
 from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_parameters
+from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL, CostKind, GlobalSearchSettings
@@ -51,6 +53,8 @@ from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
 Engine = Literal["native", "fmpy"]
+#: How often a fit is repeated without its outliers: the first one is drawn by them, so that it may not see all.
+MAX_OUTLIER_ROUNDS = 3
 
 
 @dataclass(frozen=True, repr=False)
@@ -170,7 +174,12 @@ def fit(
         raise InputError(f"cost = {settings.cost!r} knows no process noise: it needs cost = 'posterior'")
     searched = chosen_parameters(model, chosen, overrides)
     calibration = calibrate(
-        recordings, model, searched, fixed=settings.fixed, noise=settings.noise, settings=settings.calibration
+        screened(recordings, model),
+        model,
+        searched,
+        fixed=settings.fixed,
+        noise=settings.noise,
+        settings=settings.calibration,
     )
 
     def opened(problem: Problem) -> Simulator:
@@ -181,11 +190,27 @@ def fit(
         cache = Checkpoint.at(checkpoint)
         rng = np.random.default_rng(seed)
         found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=cache)
+        if calibration.process is None:
+            found = _without_outliers(found, opened, settings, progress, cache)
         if settings.cost == "posterior" and calibration.process is None:
             found = _with_sensors(found, opened, settings, progress, cache)
             found = _with_noise_kinds(found, opened, settings, progress)
         judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
         return replace(found, identifiability=judged)
+
+
+def _without_outliers(
+    found: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None, cache: Checkpoint | None
+) -> Fit:
+    """The fit again without readings that are outliers of it, as long as there are any."""
+    for _ in range(MAX_OUTLIER_ROUNDS):
+        cleaned, findings = without_outliers(found.calibration, found.fitted)
+        if not findings:
+            break
+        with opened(cleaned.problem()) as simulator:
+            objective = Objective(cleaned, simulator, result_cache=cache)
+            found = _refit_from(found, GlobalSearch(objective, settings.global_search, progress), settings)
+    return found
 
 
 def _with_sensors(
@@ -227,7 +252,7 @@ def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, 
 
 
 def _refit_from(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
-    """Fit readings without their ripple, from the optimum of the first fit."""
+    """Fit readings without their ripple or outliers, from the optimum of the first fit."""
     start = search.objective.parameters.to_search(first.values)
     optimum = search.refit(start, first.free, first.noise)
     refitted = _finish(search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, first.seconds)

@@ -47,6 +47,7 @@ def start_parameters(
         Of the recording, with ``measured``.
     model : Model
     policy : {"auto", "reading", "estimated"}
+        A recording that resumes after a gap has every state's start estimated.
     resting : tuple of str, optional
         Outputs whose state may start anywhere; all by default.
     index : int
@@ -57,6 +58,7 @@ def start_parameters(
         States whose initial value is a parameter that is searched.
     """
     assert experiment.measured is not None
+    policy = "estimated" if recording.resumes else policy
     start: dict[str, float] = {}
     found: list[Parameter] = []
     seen: set[str] = set()

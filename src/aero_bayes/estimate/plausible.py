@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.data import Recording
+from aero_bayes.data import Recording, screen_all
 from aero_bayes.data.read import column_names
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.initial_states import state_of
@@ -27,6 +28,12 @@ def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
     for recording in recordings:
         _check_inputs(recording, model)
         _check_temperatures(recording, model)
+
+
+def screened(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
+    """Recordings with their faults mended and told, cut at gaps; units that they lack are the model's."""
+    units = {v.name: v.unit for v in (*model.inputs, *model.outputs)}
+    return screen_all([replace(r, units={**units, **r.units}) if set(units) - set(r.units) else r for r in recordings])
 
 
 def _check_inputs(recording: Recording, model: Model) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.calibration import Calibration, thin
+from aero_bayes.estimate.calibration import Calibration, rows_of_first_readings, thin
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Simulator
 
 FloatArray = NDArray[np.float64]
@@ -107,6 +107,8 @@ def _beginning(experiment: Experiment, changes: int) -> Experiment:
     if not ends:
         return experiment
     rows = max(int(np.searchsorted(experiment.time, min(ends))), 2)
+    if experiment.measured is not None:
+        rows = max(rows, rows_of_first_readings(experiment.measured))
     last = float(experiment.time[rows - 1])
     inputs = []
     for s in experiment.inputs:

@@ -13,6 +13,7 @@ from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.plausible import screened
 from aero_bayes.judge.checks import Choice, choose
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
@@ -94,6 +95,7 @@ def close_loop(
         folder = Path(out_dir) if out_dir is not None else scratch
         family = _family(name, settings.cache or folder / "fmu", settings)
         known = [v.name for v in family.base_model().outputs]
+        train, test = (screened(recordings, family.base_model()) for recordings in (train, test))
         recordings = Recordings.of(train, test, settings.held_out, known)
         context = LoopContext(family, recordings, settings, pool, folder, progress, LoopStatistics())
         states = states_of(family.base_model(), settings)

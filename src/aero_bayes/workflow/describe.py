@@ -27,7 +27,7 @@ def preamble(job: Job, command: str) -> Json:
         "command": command,
         "seed": job.options.seed,
         "versions": versions(),
-        "data": [recording.to_dict() for recording in recordings],
+        "data": [recording.to_dict() for recording in job.read or recordings],
         "simulated": any(is_simulated(recording) for recording in recordings),
         "units": units,
         "model": {

@@ -13,14 +13,13 @@ import click
 
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import ColumnMap, ColumnSpec, Layout, Recording, read_recording
-from aero_bayes.data.checks import long_gap_warning
 from aero_bayes.data.read import column_names
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
-from aero_bayes.estimate.plausible import check_plausible
+from aero_bayes.estimate.plausible import check_plausible, screened
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.export import declaration_of
 from aero_bayes.files import one_run_at_a_time, whole_file
@@ -60,6 +59,7 @@ class Job:
     """Everything that is known before the first simulation.
 
     ``name`` is the Modelica class, or the FMU's own model name; ``modelica`` says which of the two it came from.
+    ``read`` are the recordings as they were read, before faults of theirs were mended and they were cut at gaps.
     """
 
     options: RunOptions
@@ -71,6 +71,7 @@ class Job:
     tests: tuple[Recording, ...]
     parameters: ParameterSet
     fixed: dict[str, float]
+    read: tuple[Recording, ...] = ()
 
     @property
     def engine(self) -> Engine:
@@ -131,11 +132,12 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         check_duration(recordings, model, fixed)
     elif columns.get("time", TIME).unit is None and (slow := slow_sampling_warning(recordings, model, fixed)):
         click.echo(f"note: {slow}", err=True)
-    for recording in recordings:
-        if gap := long_gap_warning(recording):
-            click.echo(f"note: {recording.path}: {gap}", err=True)
+    read = (*recordings, *held_out)
+    recordings, held_out = screened(recordings, model), screened(held_out, model)
+    for finding in dict.fromkeys(f for recording in (*recordings, *held_out) for f in recording.findings):
+        click.echo(f"note: {finding.sentence}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
-    return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed)
+    return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed, read)
 
 
 def check_default(files: Sequence[Path], layout: Layout) -> None:
@@ -200,7 +202,12 @@ def layout_of(config: Config, declared: PackageDeclaration, model: Model | None 
 def columns_of(config: Config) -> dict[str, ColumnMap]:
     return {
         name: ColumnMap(
-            section.source or name, section.unit, section.scale, section.offset, section.counts_per_revolution
+            section.source or name,
+            section.unit,
+            section.scale,
+            section.offset,
+            section.counts_per_revolution,
+            section.unwrap,
         )
         for name, section in config.data.columns.items()
     }

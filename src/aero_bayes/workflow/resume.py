@@ -23,7 +23,7 @@ def resumable(job: Job, command: str) -> Iterator[Checkpoint]:
     """
     options = job.options
     path = options.out / CHECKPOINT
-    data = [recording.to_dict() for recording in (*job.recordings, *job.tests)]
+    data = [recording.to_dict() for recording in job.read]
     settings = job.config.model_dump(exclude={"posterior": True, "loop": {"max_minutes"}})
     identity = digest(command, versions(), options.seed, job.engine, job.model.sha256, data, settings)
     with one_run_at_a_time(options.out):

@@ -1,0 +1,121 @@
+"""Outliers: single readings that are far off a fit and off the readings beside them.
+
+They are told from heavy tails of the noise, which have as many readings a little too far off as very far ones, and from
+what a model lacks, which lasts longer than a reading or follows a change of an input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+
+from aero_bayes.data import DataFinding, Recording
+from aero_bayes.data.runs import MAD_TO_SD, FloatArray, Mask, after_changes, runs
+from aero_bayes.data.screen import hide
+from aero_bayes.display import with_unit
+from aero_bayes.estimate.calibration import Calibration
+
+#: Distance from the residuals around it, in robust standard deviations, above which a reading is an outlier (1 in 5e8
+#: of normal ones), and above which it is unusual (1 in 2,000).
+OUTLIER, UNUSUAL = 6.0, 3.5
+#: Share of normal readings that may be unusual, twice what is expected.
+NORMAL_UNUSUAL = 1e-3
+#: Smallest outlier as a share of the output's range: smaller ones decide nothing.
+MIN_SIZE = 0.01
+#: Readings around one that say what is usual there, most outliers in a row, and largest share of all readings.
+AROUND, MOST_IN_A_ROW, MAX_SHARE = 7, 2, 0.1
+#: Share of its distance from the fit that an outlier is off the readings beside it, too.
+MIN_OFF_NEIGHBOURS = 0.5
+#: After a change of an input, an outlier is a single reading that is off by more than what the fit moves within so many
+#: readings, times this: a delay that the model lacks leaves no more.
+BESIDE, MIN_TIMES_MOVED = 5, 2.0
+#: Fewest readings that tell what is usual.
+MIN_READINGS = 30
+
+
+def without_outliers(
+    calibration: Calibration, fitted: Sequence[FloatArray]
+) -> tuple[Calibration, tuple[DataFinding, ...]]:
+    """The calibration without the readings that are outliers of a fit, and what is told of them.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    fitted : sequence of ndarray, shape (n, m)
+        Outputs at the fit, of each experiment.
+
+    Returns
+    -------
+    tuple
+        The same calibration and nothing where there are none.
+    """
+    experiments, recordings = list(calibration.experiments), list(calibration.recordings)
+    if not recordings:
+        return calibration, ()
+    for k, (experiment, measured) in enumerate(zip(calibration.experiments, calibration.measured, strict=True)):
+        recording = recordings[k]
+        rows = np.searchsorted(recording.time, experiment.time)
+        inputs = {name: values[rows] for name, values in recording.inputs.items()}
+        kept = measured.copy()
+        for column, name in enumerate(experiment.outputs):
+            found = outlier_rows(measured[:, column], fitted[k][:, column], inputs)
+            if not found.any():
+                continue
+            kept[found, column] = np.nan
+            recording = _hidden(recording, name, rows[found], np.abs(measured - fitted[k])[found, column])
+        if recording is not recordings[k]:
+            recordings[k], experiments[k] = recording, replace(experiment, measured=kept)
+    findings = tuple(
+        f
+        for new, old in zip(recordings, calibration.recordings, strict=True)
+        for f in new.findings[len(old.findings) :]
+    )
+    if not findings:
+        return calibration, ()
+    return replace(calibration, experiments=tuple(experiments), recordings=tuple(recordings)), findings
+
+
+def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, FloatArray]) -> Mask:
+    """Rows of an output whose readings are outliers of a fit.
+
+    Parameters
+    ----------
+    measured, fitted : ndarray, shape (n,)
+        Readings, NaN in gaps, and the fit.
+    inputs : mapping of str to ndarray, shape (n,)
+    """
+    none = np.zeros(measured.size, dtype=bool)
+    at = np.flatnonzero(np.isfinite(measured))
+    if at.size < MIN_READINGS:
+        return none
+    residual, seen = measured[at] - fitted[at], measured[at]
+    off = residual - median_filter(residual, AROUND, mode="nearest")
+    size = MAD_TO_SD * float(np.median(np.abs(off)))
+    far = np.abs(off) > max(OUTLIER * size, MIN_SIZE * float(np.ptp(fitted[at])), 1e-300)
+    beside = np.abs(seen - median_filter(seen, AROUND, mode="nearest"))
+    far &= beside > MIN_OFF_NEIGHBOURS * np.abs(off)
+    moved = maximum_filter1d(fitted[at], BESIDE) - minimum_filter1d(fitted[at], BESIDE)
+    near = after_changes(inputs)[at] if inputs else none[at]
+    far &= ~near | (np.abs(off) > MIN_TIMES_MOVED * moved)
+    for start, stop in runs(far):
+        if stop - start > (1 if near[start:stop].any() else MOST_IN_A_ROW):
+            far[start:stop] = False
+    unusual = int(((np.abs(off) > UNUSUAL * size) & (np.abs(off) <= OUTLIER * size)).sum())
+    if not far.any() or far.mean() > MAX_SHARE or far.sum() <= unusual - NORMAL_UNUSUAL * at.size:
+        return none
+    found = none.copy()
+    found[at[far]] = True
+    return found
+
+
+def _hidden(recording: Recording, name: str, rows: np.ndarray, distances: FloatArray) -> Recording:
+    """The recording without the outliers, one finding for all that were ever found of an output."""
+    mask = np.zeros(recording.rows, dtype=bool)
+    mask[rows] = True
+    unit, share = recording.units.get(name, ""), mask.sum() / np.isfinite(recording.outputs[name]).sum()
+    size = with_unit(f"{float(np.median(distances)):.3g}", unit)
+    what = f"{int(mask.sum())} readings of {name} ({share:.2%}) are outliers, off the fit by about {size}."
+    return hide(recording, name, mask, "outliers", what, "They are not fitted.")

@@ -1,0 +1,135 @@
+"""Faults of readings are found where they were put, told with times and rows, and nothing is found elsewhere."""
+
+from __future__ import annotations
+
+import heated_room
+import numpy as np
+import pytest
+
+from aero_bayes.data import Recording, screen
+from aero_bayes.data.findings import DataFinding
+
+
+def only(recording: Recording) -> tuple[Recording, DataFinding]:
+    """The one part and the one finding of a recording."""
+    (part,) = screen(recording)
+    (finding,) = part.findings
+    return part, finding
+
+
+def put(rows: slice | list[int], value: float) -> Recording:
+    def change(readings: np.ndarray) -> np.ndarray:
+        readings[rows] = value
+        return readings
+
+    return heated_room.with_readings(heated_room.recording(), change)
+
+
+@pytest.mark.parametrize("value", [-999.0, 85.0, 0.0, 1234.5])
+def test_a_constant_that_is_no_reading(value: float) -> None:
+    part, finding = only(put([50, 51, 300], value))
+    assert (finding.kind, finding.signal, finding.mended) == ("sentinel", "T", True)
+    assert np.flatnonzero(np.isnan(part.outputs["T"])).tolist() == [50, 51, 300]
+    assert f"{value:g}" in finding.what
+    assert "6000, 6120, 36000 s" in finding.where
+    assert "51 to 52, 301" in finding.where
+
+
+def test_two_constants_at_once_and_one_within_the_range() -> None:
+    whole = put([50, 90, 300], -127.0)
+    whole.outputs["T"][[10, 200, 410, 411]] = 85.0
+    whole.outputs["T"][[20, 222, 420]] = 294.125
+    (part,) = screen(whole)
+    assert sorted(f.kind for f in part.findings) == ["sentinel"] * len(part.findings)
+    assert int(np.isnan(part.outputs["T"]).sum()) >= 7
+
+
+def test_an_impossible_value_of_an_input_is_held() -> None:
+    given = heated_room.recording()
+    outside = given.inputs["T_amb"].copy()
+    outside[[70, 71]] = -999.0
+    (part,) = screen(Recording("run", given.time, {**given.inputs, "T_amb": outside}, given.outputs, given.units))
+    assert part.inputs["T_amb"][[70, 71]].tolist() == [given.inputs["T_amb"][69]] * 2
+    assert [f.signal for f in part.findings] == ["T_amb"]
+
+
+def test_a_stuck_sensor() -> None:
+    given = heated_room.recording()
+    part, finding = only(put(slice(200, 260), float(given.outputs["T"][199])))
+    assert (finding.kind, finding.mended) == ("stuck", True)
+    assert np.flatnonzero(np.isnan(part.outputs["T"])).tolist() == list(range(200, 260))
+
+
+def test_a_clipped_sensor() -> None:
+    limit = float(np.quantile(heated_room.recording().outputs["T"], 0.9))
+    part, finding = only(heated_room.with_readings(heated_room.recording(), lambda y: np.minimum(y, limit)))
+    assert (finding.kind, finding.mended) == ("clipped", True)
+    assert np.isnan(part.outputs["T"]).mean() == pytest.approx(0.1, abs=0.01)
+
+
+def test_a_channel_that_never_moves_is_told_only() -> None:
+    part, finding = only(heated_room.with_readings(heated_room.recording(), lambda y: np.full_like(y, 290.0)))
+    assert (finding.kind, finding.mended) == ("stuck", False)
+    assert np.isfinite(part.outputs["T"]).all()
+
+
+def without_rows(recording: Recording, first: int, last: int) -> Recording:
+    keep = np.ones(recording.rows, dtype=bool)
+    keep[first:last] = False
+    return recording.rows_where(keep, "run")
+
+
+def test_a_recording_is_cut_at_a_gap() -> None:
+    first, second = screen(without_rows(heated_room.recording(), 200, 290))
+    assert (first.rows, second.rows) == (200, 310)
+    assert (first.resumes, second.resumes) == (False, True)
+    assert first.findings == second.findings
+    assert first.findings[0].kind == "gap"
+    assert "23880 s to 34800 s" in first.findings[0].what
+    assert "201" in first.findings[0].where
+    assert screen(second) == (second,)
+
+
+def test_inputs_that_were_constant_around_a_gap_make_no_cut() -> None:
+    given = heated_room.recording()
+    still = {name: np.full(given.rows, 5.0) for name in given.inputs}
+    given = Recording("run", given.time, still, given.outputs, given.units)
+    assert len(screen(without_rows(given, 200, 290))) == 1
+
+
+def test_a_logger_that_writes_changes_has_no_gaps() -> None:
+    given = heated_room.recording()
+    keep = np.random.default_rng(4).random(given.rows) < 0.1
+    assert len(screen(given.rows_where(keep, "run"))) == 1
+
+
+@pytest.mark.parametrize(("unit", "turn"), [("rad", 2.0 * np.pi), ("deg", 360.0)])
+def test_an_angle_that_wraps(unit: str, turn: float) -> None:
+    time = 0.01 * np.arange(1000)
+    angle = np.mod(turn * 0.35 * time**1.3, turn) + 1e-3 * np.random.default_rng(1).standard_normal(1000)
+    _, finding = only(Recording("run", time, {"u": np.sin(time)}, {"phi": angle}, {"phi": unit}))
+    assert (finding.kind, finding.mended) == ("wrapped", False)
+    assert "unwrap = true" in finding.done
+    assert screen(Recording("run", time, {"u": np.sin(time)}, {"phi": angle}, {"phi": "m"}))[0].findings == ()
+
+
+def test_nothing_is_found_in_recordings_without_a_fault() -> None:
+    """False alarms are rarer than 1 in 10,000: no reading of noise repeats, and none is eight steps off."""
+    for seed in range(40):
+        given = heated_room.recording(rows=400, seed=seed)
+        assert screen(given) == (given,)
+        counted = heated_room.with_readings(given, lambda y: np.round(y, 1))
+        assert screen(counted) == (counted,)
+        settled = heated_room.with_readings(given, lambda y: 290.0 + np.round(10.0 * np.exp(-0.2 * np.arange(400)), 9))
+        assert screen(settled) == (settled,)
+
+
+def test_a_switched_signal_is_no_fault() -> None:
+    """A flow that a valve shuts off reads zero exactly, and a pulse train has the same height each time."""
+    time = 0.1 * np.arange(600)
+    valve = (np.arange(600) % 60 < 40).astype(float)
+    noise = 0.01 * np.random.default_rng(2).standard_normal(600)
+    flow = np.where(valve > 0.0, 3.0 + noise, 0.0)
+    pulses = np.where(np.arange(600) % 100 < 3, 5.0, 1.0)
+    given = Recording("run", time, {"valve": valve, "pulses": pulses}, {"q": flow, "i": 2.0 * pulses + noise * 0.1})
+    assert screen(given) == (given,)
