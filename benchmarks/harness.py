@@ -95,7 +95,7 @@ def time_routes(routes: list[Route], rounds: int) -> dict[str, TimingRow]:
     return rows
 
 
-def update(path: Path, keys: Mapping[str, float | None], rows: list[TimingRow], groups: tuple[str, ...]) -> None:
+def update(path: Path, keys: Mapping[str, Any], rows: list[TimingRow], groups: tuple[str, ...]) -> None:
     """Merge keys and rows into the JSON report; rows of `groups` replace earlier ones."""
     report: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
     kept = [row for row in report.get("rows", []) if row.get("group") not in groups]

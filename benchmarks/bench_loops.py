@@ -1,0 +1,103 @@
+"""Whole loops by the command line, as a user runs them: seconds from start to end, and what they are spent on.
+
+``python benchmarks/bench_loops.py`` prints the rows. Loops on recordings that are not on this machine are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness import TimingRow, update
+
+ROOT = Path(__file__).resolve().parents[1]
+RECORDINGS = tuple(ROOT.parent / "shared" / name for name in ("rigs", "data"))
+GROUP = "loops"
+#: Folder of model and configuration by loop; recordings of real rigs stand in the studies' list of cases.
+LOOPS = ("cart", "coil", "battery", "silverbox", "aero_step", "aero_pulse")
+#: A loop that takes longer, in s, is stopped.
+TIME_LIMIT = 600.0
+
+
+@dataclass(frozen=True)
+class LoopCase:
+    """Configuration and recordings of one loop."""
+
+    name: str
+    folder: Path
+    train: tuple[Path, ...]
+    test: tuple[Path, ...]
+
+
+def cases() -> list[LoopCase]:
+    """Find the loops whose recordings are on this machine."""
+    document = tomllib.loads((ROOT / "studies" / "real_rigs" / "cases.toml").read_text(encoding="utf-8"))
+    example = ROOT / "examples" / "cart"
+    found = [LoopCase("cart", example, (example / "train.csv",), (example / "test.csv",))]
+    for name in LOOPS[1:]:
+        entry = document[name]
+        paths = {
+            role: [next((f / file for f in RECORDINGS if (f / file).is_file()), None) for file in entry.get(role, ())]
+            for role in ("train", "test")
+        }
+        if all(path is not None for files in paths.values() for path in files):
+            train, test = (tuple(p.resolve() for p in paths[role] if p is not None) for role in ("train", "test"))
+            found.append(LoopCase(name, ROOT / "studies" / "real_rigs" / str(entry.get("model", name)), train, test))
+    return found
+
+
+def run_loop(case: LoopCase) -> TimingRow:
+    """Run one loop with two workers and nothing kept from earlier runs."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        shutil.copytree(case.folder, folder / "model", ignore=shutil.ignore_patterns("out*"))
+        command = [str(Path(sys.executable).parent / "aero-bayes"), "close-loop", "--config", "model/rig.toml"]
+        command += [part for role in ("train", "test") for p in getattr(case, role) for part in (f"--{role}", str(p))]
+        command += ["--out", "run", "--workers", "2", "--quiet"]
+        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache")}
+        try:
+            done = subprocess.run(
+                command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
+            )
+        except subprocess.TimeoutExpired:
+            return TimingRow(GROUP, case.name, None, None, None, None, f"not done in {TIME_LIMIT:g} s")
+        seconds, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+        if done.returncode:
+            return TimingRow(GROUP, case.name, None, None, None, None, (done.stderr.strip().splitlines() or ["?"])[-1])
+        result = json.loads((folder / "run" / "result.json").read_text(encoding="utf-8"))
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    loop = result["loop"]
+    stages = ", ".join(f"{stage} {t:.1f} s" for stage, t in loop.get("seconds", {}).items())
+    note = f"{cpu:.1f} s of computing, {loop.get('simulations', '?')} simulations{'; ' if stages else ''}{stages}"
+    return TimingRow(GROUP, case.name, seconds, seconds, seconds, None, note)
+
+
+def run(out: Path, rounds: int = 1) -> None:
+    """Run all loops once and write them to ``out``/bench.json."""
+    rows = []
+    for case in cases():
+        rows.append(run_loop(case))
+        print(rows[-1].line(), flush=True)
+    update(out / "bench.json", {"loop_seconds": {row.name: row.seconds for row in rows}}, rows, (GROUP,))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("reports"))
+    run(parser.parse_args().out)
+
+
+if __name__ == "__main__":
+    main()
