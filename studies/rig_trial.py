@@ -51,10 +51,10 @@ class Answer:
         ``adequate``, ``extended`` or ``unexplained``.
     found : tuple of mapping
         Effects in the order found: ``id`` (``law@port``), ``port``, ``kind`` (``catalogue`` or ``free_form``) and
-        ``odds``.
+        ``wins``.
     equivalent : tuple of tuple of str
         Ids that the recording cannot tell apart.
-    odds : mapping of str to float
+    wins : mapping of str to float
         Of the first round, by id; ``nothing`` and what was not tried among them.
     unseen : mapping of str to float
         Root mean square of the residual on the test recording, per output.
@@ -63,7 +63,7 @@ class Answer:
     outcome: str
     found: tuple[Mapping[str, Any], ...] = ()
     equivalent: tuple[tuple[str, ...], ...] = ()
-    odds: Mapping[str, float] = field(default_factory=dict)
+    wins: Mapping[str, float] = field(default_factory=dict)
     unseen: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -86,12 +86,11 @@ def close_loop_by_command(folder: Path) -> Answer:
 def answer_of(result: Mapping[str, Any]) -> Answer:
     """Return the parts of ``result.json`` that are judged."""
     loop = result["loop"]
-    first = loop["steps"][0] if loop.get("steps") else {}
     return Answer(
         loop["outcome"],
-        tuple({key: effect.get(key) for key in ("id", "port", "kind", "odds")} for effect in loop["effects"]),
+        tuple({key: effect.get(key) for key in ("id", "port", "kind", "wins")} for effect in loop["effects"]),
         tuple(tuple(ids) for ids in loop.get("equivalent", [])),
-        {**{c["id"]: c["odds"] for c in first.get("candidates", [])}, **(first.get("odds") or {})},
+        {effect["id"]: effect["wins"] for effect in loop["effects"] if effect.get("wins") is not None},
         loop.get("after", {}).get("test", {}),
     )
 
@@ -140,7 +139,7 @@ def run(task: RigTrialTask, program: CloseLoop) -> Row:
         "outcome": answer.outcome,
         "found": list(answer.found),
         "equivalent": [list(ids) for ids in answer.equivalent],
-        "odds": dict(answer.odds),
+        "wins": dict(answer.wins),
         "after_over_noise": _over_noise(trial, answer),
         "seconds": round(seconds, 3),
         "whole_seconds": round(time.perf_counter() - began, 3),

@@ -1,4 +1,4 @@
-"""The many-rig trial's table: rates over the information distance, false names, odds; as JSON and as text."""
+"""The many-rig trial's table: rates over the information distance, false names, wins; as JSON and as text."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from trial_runs import Row, cell, quantile, rate, rates_by_band
 
 FRICTION = {"coulomb_friction", "friction_by_direction", "stribeck_friction", "presliding_friction", "rounded_friction"}
-#: Limits of the odds between which their calibration is given.
-ODDS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+#: Limits of the wins between which their calibration is given.
+WINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
 def in_class(row: Row, name: str) -> set[str]:
@@ -76,7 +76,7 @@ def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[st
             "d>=20": len(strong), "8<=d<20": len(weak), "none": len(none), "pair": len(clear_pairs),
             "outside": len(outside), "failed": len(rows) - len(good),
         },
-        "odds": calibration(law + none),
+        "wins": calibration(law + none),
         "by_rig": _by(good, lambda row: row["rig"]),
         "by_law": _by(law, lambda row: row["truth"][0]["law"]),
         "by_noise": _by(good, lambda row: row["noise"]),
@@ -92,27 +92,19 @@ def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[st
 
 
 def calibration(rows: Sequence[Row]) -> dict[str, Any]:
-    """Compute how often an answer with given odds is right; "nothing" is an answer too.
-
-    An answer is what the first round holds likeliest, its equivalents' odds added to it.
-    """
+    """Compute how often a named effect, or one that is called equivalent to it, is right, by how often it wins."""
     answers: list[tuple[float, bool]] = []
     for row in rows:
-        if not row["odds"]:
-            continue
-        best = max(row["odds"], key=lambda name: float(row["odds"][name]))
-        same = in_class(row, best)
-        odds = min(sum(float(row["odds"].get(name, 0.0)) for name in same), 1.0)
-        truth = {id_ for ids in row["ids"] for id_ in ids} or {"nothing"}
-        answers.append((odds, bool(same & truth)))
+        truth = {id_ for ids in row["ids"] for id_ in ids}
+        answers += [(float(wins), bool(in_class(row, name) & truth)) for name, wins in row["wins"].items()]
     bins = []
-    for low, high in pairwise(ODDS):
+    for low, high in pairwise(WINS):
         inside = [(p, right) for p, right in answers if low <= p < high or p == high == 1.0]
         bins.append(
             {
-                "odds": [low, high],
+                "wins": [low, high],
                 "answers": len(inside),
-                "mean_odds": float(np.mean([p for p, _ in inside])) if inside else None,
+                "mean_wins": float(np.mean([p for p, _ in inside])) if inside else None,
                 "right": float(np.mean([right for _, right in inside])) if inside else None,
             }
         )
@@ -134,7 +126,7 @@ def _by(rows: Sequence[Row], key: Any) -> dict[str, Any]:
 
 
 def _text(summary: dict[str, Any], rows: Sequence[Row], seen: Sequence[Row]) -> str:
-    counts, sure = summary["counts"], summary["odds"]["given_90"]
+    counts, sure = summary["counts"], summary["wins"]["given_90"]
     lines = [
         f"{summary['trials']} trials ({counts['failed']} failed)",
         f"right law, d >= 20          {cell(summary['right_law']['d>=20']):>8}  of {counts['d>=20']}",
@@ -146,7 +138,7 @@ def _text(summary: dict[str, Any], rows: Sequence[Row], seen: Sequence[Row]) -> 
         f"nothing missing: adequate   {cell(summary['nothing_missing']):>8}  of {counts['none']}",
         f"nothing missing: false name {cell(summary['false_name']):>8}",
         f"outside: no false name      {cell(summary['no_name_outside']):>8}  of {counts['outside']}",
-        f"right where odds >= 90 %    {cell(sure['right']):>8}  of {sure['answers']}",
+        f"right where wins >= 90 %    {cell(sure['right']):>8}  of {sure['answers']}",
         f"unseen error over noise     {cell(summary['after_over_noise_median'], False):>8}  median, "
         f"{cell(summary['after_over_noise_q95'], False)} at 95 %",
         f"seconds a loop              {cell(summary['seconds_median'], False):>8}  median",

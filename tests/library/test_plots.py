@@ -136,7 +136,7 @@ def test_the_loops_figures_show_both_models_and_the_choice(loop: aero_bayes.Loop
     assert after == pytest.approx(factor * loop.after.fitted["test", "position"])
     rounds = loop.plot_rounds()
     first = [bar.get_width() for bar in rounds.axes[0].patches]
-    assert max(first) == pytest.approx(max(rival.gain for rival in loop.steps[0].candidates))
+    assert max(first) == pytest.approx(max(100.0 * (1.0 - rival.share) for rival in loop.steps[0].candidates))
     assert "coulomb_friction@v chosen" in rounds.axes[0].get_title(loc="left")
     assert rounds.axes[0].get_yticklabels()[0].get_text() == loop.words["coulomb_friction@v"]
 

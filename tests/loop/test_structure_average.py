@@ -15,7 +15,7 @@ from aero_bayes.loop.found_effect import NewParameter
 from aero_bayes.loop.structure_average import NORMAL_POINTS, StructureAverage
 from aero_bayes.simulation import ParameterTarget
 
-ODDS = (0.6, 0.3, 0.1)
+WINS = (0.6, 0.3, 0.1)
 MEANS, SDS = np.array([1.0, 1.8, -0.5]), np.array([0.2, 0.1, 0.4])
 
 
@@ -24,7 +24,7 @@ def average(scale: str = "linear", lower: float = -50.0, upper: float = 50.0) ->
     unit = 1.0 if scale == "log" else upper - lower
     return StructureAverage(
         structures=(("one",), ("two",), ("three",)),
-        odds=ODDS,
+        wins=WINS,
         parameters=ParameterSet((item,)),
         draws={"a": (MEANS[0] + SDS[0] * NORMAL_POINTS) / unit},
         mean={"a": MEANS[0] / unit},
@@ -35,14 +35,14 @@ def average(scale: str = "linear", lower: float = -50.0, upper: float = 50.0) ->
 
 def quantile(level: float) -> float:
     """Of the mixture of normals, by its distribution function."""
-    return brentq(lambda x: float(np.dot(ODDS, norm.cdf(x, MEANS, SDS))) - level, -9.0, 9.0)
+    return brentq(lambda x: float(np.dot(WINS, norm.cdf(x, MEANS, SDS))) - level, -9.0, 9.0)
 
 
 def test_quantiles_and_deviation_are_those_of_the_mixture() -> None:
     found = average().mixture("a")
     assert [found.q05, found.q50, found.q95] == pytest.approx([quantile(q) for q in (0.05, 0.5, 0.95)], abs=2e-3)
-    mean = np.dot(ODDS, MEANS)
-    assert found.sd == pytest.approx(np.sqrt(np.dot(ODDS, SDS**2 + (MEANS - mean) ** 2)), rel=1e-3)
+    mean = np.dot(WINS, MEANS)
+    assert found.sd == pytest.approx(np.sqrt(np.dot(WINS, SDS**2 + (MEANS - mean) ** 2)), rel=1e-3)
     alone = average().chosen("a")
     assert [alone.q05, alone.q50, alone.q95] == pytest.approx(norm.ppf([0.05, 0.5, 0.95], 1.0, 0.2), abs=1e-3)
     assert alone.sd == pytest.approx(0.2, rel=1e-3)

@@ -1,4 +1,4 @@
-"""What the page says of evidence and of intervals over several structures."""
+"""What the page says of intervals over several structures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from aero_bayes.report import RunDirectory
-from aero_bayes.report.loop_evidence import averaged_table, evidence_words, structures_words
+from aero_bayes.report.loop_evidence import averaged_table, structures_words
 from aero_bayes.schema import LoopJson, RunJson
 
 CHOSEN = {"sd": 0.1, "q05": 1.0, "q50": 1.2, "q95": 1.4}
@@ -15,7 +15,7 @@ MIXTURE = {"sd": 0.3, "q05": 0.6, "q50": 1.1, "q95": 1.6}
 
 def run(**more: Any) -> RunDirectory:
     averaged = {
-        "structures": [{"terms": ["lag@u"], "odds": 0.71}, {"terms": ["delay@y"], "odds": 0.29}],
+        "structures": [{"terms": ["lag@u"], "wins": 0.71}, {"terms": ["delay@y"], "wins": 0.29}],
         "parameters": {"k": {"chosen": CHOSEN, "mixture": MIXTURE}, "d": {"chosen": CHOSEN, "mixture": MIXTURE}},
     }
     parameters = {"k": {"value": 1.2, **MIXTURE, "unit": "N/m"}, "d": {"value": 3.0, "status": "at_bound"}}
@@ -28,20 +28,10 @@ def loop_of(directory: RunDirectory) -> LoopJson:
     return directory.result.loop
 
 
-def test_effective_samples_stand_beside_the_readings_they_come_from() -> None:
-    counts: dict[str, Any] = {"readings": {"theta": 2001}, "effective_samples": {"theta": 209.7}}
-    assert "210 effective samples (of 2\u202f001 readings)." in evidence_words(loop_of(run(**counts)))
-    counts = {"readings": {"theta": 2001, "i_m": 2001}, "effective_samples": {"theta": 209.7, "i_m": 2001.0}}
-    words = evidence_words(loop_of(run(**counts)))
-    assert "2\u202f211 effective samples (of 4\u202f002 readings): 210 of" in words
-    assert "2\u202f001 of" in words
-    assert evidence_words(loop_of(run())) == ""
-
-
-def test_structures_are_named_with_their_odds() -> None:
+def test_structures_are_named_with_how_often_each_wins() -> None:
     words = structures_words(loop_of(run()))
-    assert "lag@u (odds 0.71)" in words
-    assert "delay@y (odds 0.29)" in words
+    assert "lag@u (best in 71 %)" in words
+    assert "delay@y (best in 29 %)" in words
     assert structures_words(loop_of(run(averaged=None))) == ""
 
 

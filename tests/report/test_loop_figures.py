@@ -8,23 +8,23 @@ from aero_bayes.report import changed_equations, is_all_equations, rounds_plates
 from aero_bayes.schema import CandidateJson, ComponentJson, DiagramJson, LoopJson, StepJson
 
 
-def rounds_of(gains: dict[str, float]) -> LoopJson:
-    candidates = [CandidateJson(id=id_, port="v", delta_evidence=gain, odds=0.123) for id_, gain in gains.items()]
-    return LoopJson(outcome="extended", steps=[StepJson(round=1, candidates=candidates, threshold=7.0, chosen="a")])
+def rounds_of(shares: dict[str, float]) -> LoopJson:
+    candidates = [CandidateJson(id=id_, port="v", share=share, share_sd=0.01) for id_, share in shares.items()]
+    return LoopJson(outcome="extended", steps=[StepJson(round=1, candidates=candidates, chosen="a")])
 
 
 def test_five_candidates_are_seen_and_the_others_folded() -> None:
-    first, others = rounds_plates(rounds_of({name: 100.0 - rank for rank, name in enumerate("abcdefgh")}), {})
+    first, others = rounds_plates(rounds_of({name: 0.1 + 0.1 * rank for rank, name in enumerate("abcdefgh")}), {})
     names = [re.findall(r">([a-h])</text>", str(drawing)) for drawing in (first.wide, others.wide, first.narrow)]
     assert names == [list("abcde"), list("fgh"), list("abcde")]
     assert first.table is not None
     assert others.table is None
-    assert len(rounds_plates(rounds_of({"a": 9.0}), {})) == 1
+    assert len(rounds_plates(rounds_of({"a": 0.5}), {})) == 1
 
 
 def test_the_label_of_the_longest_bar_ends_within_the_drawing() -> None:
-    for gain in (9.0, 1e3, 123456789.0):
-        (plate,) = rounds_plates(rounds_of({"a": gain, "b": 1.0}), {})
+    for share in (0.9, 0.5, 1e-9):
+        (plate,) = rounds_plates(rounds_of({"a": share, "b": 0.99}), {})
         for drawing, width in ((plate.wide, 980), (plate.narrow, 350)):
             texts = re.findall(r'<text x="([\d.]+)"[^>]*text-anchor="start"[^>]*>([^<]*)<', str(drawing))
             assert max(float(x) + 6.0 * len(text) for x, text in texts) < width

@@ -176,19 +176,17 @@ def test_the_rounds_name_every_candidate_and_mark_the_chosen(runs: Path, pages: 
     assert step["chosen"] == "pivot_coulomb_friction"
 
 
-def test_odds_are_shown_where_a_run_states_them(runs: Path, pages: dict[str, str], tmp_path: Path) -> None:
+def test_the_fall_of_the_error_is_shown_with_its_spread_and_smaller_effects_make_no_claim(
+    runs: Path, pages: dict[str, str], tmp_path: Path
+) -> None:
     result = result_of(copied(runs, "loop", tmp_path))
-    for step in result["loop"]["steps"]:
-        for candidate in step["candidates"]:
-            candidate["odds"] = None
-    for effect in result["loop"]["effects"]:
-        effect["odds"] = None
-    silent = page_of(tmp_path, result)
-    assert "odds" not in silent.partition("</style>")[2].partition("<script")[0]
-    result["loop"]["effects"][0]["odds"] = 1.25e7
-    result["loop"]["steps"][0]["candidates"][0]["odds"] = 1.25e7
+    effect = result["loop"]["effects"][0] | {"share": 0.123, "share_sd": 0.02}
+    result["loop"]["effects"][0] = effect
+    result["loop"]["smaller"] = [effect | {"id": "small_one", "share": 0.913}]
     text = page_of(tmp_path, result)
-    assert text.count("odds 1.25×10⁷") >= 2
+    assert "88 ± 2 %" in text
+    assert "9 ± 2 %" in text
+    assert "no claim" in text.partition("small_one")[0]
 
 
 def test_ripple_and_encoder_are_shown_with_their_evidence(runs: Path, tmp_path: Path) -> None:

@@ -34,7 +34,6 @@ from aero_bayes.search import (
     StructureSettings,
     common_noise,
     likely_pairs,
-    odds,
     starting_points,
     term_directions,
 )
@@ -212,14 +211,6 @@ def test_a_term_pays_for_every_candidate_and_a_refinement_twice():
     penalty = Penalty(18, 4.0, frozenset({"fine"}))
     assert penalty.of_term("plain") == pytest.approx(4.0 + math.log(18.0))
     assert penalty.of_term("fine") == pytest.approx(8.0 + math.log(18.0))
-
-
-def test_odds_add_up_and_go_with_the_gains():
-    shares, nothing = odds([10.0, 10.0, -math.inf])
-    assert sum(shares) + nothing == pytest.approx(0.98)
-    assert shares[0] == shares[1] > 0.48
-    assert shares[2] == 0.0
-    assert odds([])[1] == pytest.approx(0.98)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, 0.98])

@@ -22,7 +22,7 @@ def says(*ids: str, folder: Path, equivalent: tuple[tuple[str, ...], ...] = ()) 
     layout = Layout((ColumnSpec("P", "W"),), (ColumnSpec("T_heater", "K"), ColumnSpec("T_plate", "K")))
     test = read_recording(folder / "test.csv", layout=layout)
     rms = {name: float(np.std(values)) for name, values in test.outputs.items()}
-    found = tuple({"id": one, "port": one.partition("@")[2], "kind": "catalogue", "odds": 0.9} for one in ids)
+    found = tuple({"id": one, "port": one.partition("@")[2], "kind": "catalogue", "wins": 0.9} for one in ids)
     return Answer("extended" if ids else "adequate", found, equivalent, {"nothing": 1.0}, rms)
 
 
@@ -73,17 +73,17 @@ def _nothing(folder: Path) -> Answer:
     return says(folder=folder)
 
 
-def row(what: str, truth: str, found: tuple[str, ...], odds: float = 0.5, **more) -> dict:
+def row(what: str, truth: str, found: tuple[str, ...], wins: float = 0.5, **more) -> dict:
     laws = [{"law": one.partition("@")[0]} for one in truth.split()]
     return {
         "key": "k", "rig": "cart", "noise": "white", "what": what, "truth": laws, "d": [30.0] * len(laws),
         "ids": [[one] for one in truth.split()], "outcome": "extended" if found else "adequate", "equivalent": [],
         "found": [{"id": one, "port": one.partition("@")[2], "kind": "catalogue"} for one in found], "seconds": 1.0,
-        "odds": {(found or ("nothing",))[0]: odds, "other": 0.01}, "after_over_noise": {"y": 1.0}, **more,
+        "wins": dict.fromkeys(found, wins), "after_over_noise": {"y": 1.0}, **more,
     }  # fmt: skip
 
 
-def test_rates_and_odds_are_counted() -> None:
+def test_rates_and_wins_are_counted() -> None:
     friction = row("law", "stribeck_friction@v", ("coulomb_friction@v",))
     assert not right_law(friction)
     assert right_or_similar(friction)
@@ -91,17 +91,16 @@ def test_rates_and_odds_are_counted() -> None:
     assert right_pair(row("pair", "offset@u lag@y", ("lag@y", "offset@u")))
     assert not right_pair(row("pair", "offset@u lag@y", ("lag@y", "offset@u", "gain@u")))
     rows = [row("law", "offset@u", ("offset@u",), 0.97) for _ in range(9)] + [row("law", "lag@y", ("offset@u",), 0.93)]
-    rows += [row("none", "", (), 0.92), row("none", "", ("gain@u",), 0.6)]
+    rows += [row("none", "", ()), row("none", "", ("gain@u",), 0.92)]
     found = calibration(rows)
-    assert found["given_90"] == {"answers": 11, "right": pytest.approx(10 / 11)}
-    bins = {item["odds"][0]: item for item in found["bins"]}
+    assert found["given_90"] == {"answers": 11, "right": pytest.approx(9 / 11)}
+    bins = {item["wins"][0]: item for item in found["bins"]}
     assert (bins[0.95]["answers"], bins[0.95]["right"]) == (9, 1.0)
-    assert (bins[0.9]["answers"], bins[0.9]["right"]) == (2, 0.5)
+    assert (bins[0.9]["answers"], bins[0.9]["right"]) == (2, 0.0)
     summary, _ = summarise(rows, 17001, 11001)
     assert summary["right_law"]["d>=20"] == pytest.approx(0.9)
     assert summary["false_name"] == 0.5
-    shared = row("law", "offset@u", ("offset@u",), 0.5, equivalent=[["offset@u", "offset@v"]])
-    shared["odds"]["offset@v"] = 0.45
+    shared = row("law", "offset@v", ("offset@u",), 0.95, equivalent=[["offset@u", "offset@v"]])
     assert calibration([shared])["given_90"] == {"answers": 1, "right": 1.0}
 
 
@@ -125,14 +124,13 @@ def test_result_json_is_read_by_its_contract() -> None:
     result = {
         "loop": {
             "outcome": "extended",
-            "effects": [{"id": "lag@u", "port": "u", "kind": "catalogue", "odds": 0.8, "parameters": {}}],
+            "effects": [{"id": "lag@u", "port": "u", "kind": "catalogue", "wins": 0.8, "parameters": {}}],
             "equivalent": [["lag@u", "delay@u"]],
             "after": {"train": {"y": 0.2}, "test": {"y": 0.1}},
-            "steps": [{"odds": {"lag@u": 0.8, "delay@u": 0.2}}],
         }
     }
     answer = answer_of(result)
     assert answer.found[0]["id"] == "lag@u"
     assert answer.equivalent == (("lag@u", "delay@u"),)
-    assert answer.odds == {"lag@u": 0.8, "delay@u": 0.2}
+    assert answer.wins == {"lag@u": 0.8}
     assert answer.unseen == {"y": 0.1}

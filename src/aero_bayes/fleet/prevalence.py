@@ -1,9 +1,10 @@
 """How common an effect is in the fleet, taking account of the rigs that have it too weakly to be noticed.
 
-A rig's loop names an effect if it gains more log-evidence than a bar. Gains of those that have it are taken as
-log-normal; the rigs where it was named say of this distribution what lies above the bar, and so how much of it lies
-below. With x the logarithm of the gain over the bar, share π, centre a and width b, the likelihood of n rigs of which
-c name it is  ∏ π N(x_i; a, b²) · (1 - π Φ(a / b))^(n - c).  It is summed on a grid: no chain, no seed.
+A rig's loop names an effect if with it the logarithm of the error on left-out readings falls by more than a bar. Such
+falls (gains) of those that have it are taken as log-normal; the rigs where it was named say of this distribution what
+lies above the bar, and so how much of it lies below. With x the logarithm of the gain over the bar, share π, centre a
+and width b, the likelihood of n rigs of which c name it is  ∏ π N(x_i; a, b²) · (1 - π Φ(a / b))^(n - c).  It is summed
+on a grid: no chain, no seed.
 """
 
 from __future__ import annotations

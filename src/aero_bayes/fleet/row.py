@@ -14,8 +14,10 @@ from aero_bayes.schema import LoopJson, ParameterJson, RunJson
 
 #: Central 90 % of a normal density, in standard deviations to either side.
 Z90 = 1.6448536269514722
-#: What an effect's parameters cost in log-evidence, about: what is added to a gain before its logarithm is taken.
-EFFECT_PENALTY = 4.0
+#: Fall of the logarithm of the left-out error that makes an effect material: a quarter.
+MATERIAL_FALL = -math.log(0.75)
+#: Smallest share of the error that tells effects apart.
+MIN_SHARE = 1e-3
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
 MIN_LIKELIHOOD_SHARE = 0.05
 
@@ -109,13 +111,12 @@ def _over_floor(result: RunJson) -> dict[str, float]:
 
 
 def _named(loop: LoopJson) -> list[dict[str, Any]]:
-    """Effects that the loop named, those that its data cannot tell from each, and how far its gain is above the bar."""
+    """Effects that the loop named, those that its data cannot tell from each, and how far its fall is above the bar."""
     found = []
     for effect in loop.effects:
         alike = next((group for group in loop.equivalent if effect.id in group), [])
-        gain, bar = effect.evidence.log_evidence_gain, effect.evidence.needed
-        strength = (
-            math.log((gain + EFFECT_PENALTY) / (bar + EFFECT_PENALTY)) if gain and bar and gain > bar > 0.0 else 0.0
-        )
+        # An effect that is named because nothing but noise is left may lie below the bar.
+        fall = -math.log(max(effect.share, MIN_SHARE)) if effect.share else 0.0
+        strength = max(math.log(fall / MATERIAL_FALL), 0.0) if fall > 0.0 else 0.0
         found.append({"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id], "strength": strength})
     return found

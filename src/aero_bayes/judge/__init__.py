@@ -1,39 +1,30 @@
-"""What to make of a structure: what it leaves, what it predicts, and whether its terms may be named."""
+"""What to make of structures: what they leave, what they predict, and which of them is the cause."""
 
-from aero_bayes.judge.checks import (
-    Check,
-    CheckInput,
-    CheckResult,
-    Choice,
-    EnoughEvidence,
-    EnoughReadings,
-    LeaveBlockOut,
-    LeftOver,
-    choose,
-)
-from aero_bayes.judge.holdout import HeldOutGain, blocks_of, held_out_gain
+from aero_bayes.judge.choice import Choice, ChoiceSettings, Judge
+from aero_bayes.judge.choose import Chooser, finalists, rank
+from aero_bayes.judge.comparison import Comparison, Share
+from aero_bayes.judge.left_out import CommonBlocks, newton_errors, refitted_errors
 from aero_bayes.judge.prediction import Error, Prediction, describe_error_change, rms_error, surely_worse
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.validation import MAX_ERROR_RATIO, refusal
 
 __all__ = [
     "MAX_ERROR_RATIO",
-    "Check",
-    "CheckInput",
-    "CheckResult",
     "Choice",
-    "EnoughEvidence",
-    "EnoughReadings",
+    "ChoiceSettings",
+    "Chooser",
+    "CommonBlocks",
+    "Comparison",
     "Error",
-    "HeldOutGain",
-    "LeaveBlockOut",
-    "LeftOver",
+    "Judge",
     "Prediction",
     "Recordings",
-    "blocks_of",
-    "choose",
+    "Share",
     "describe_error_change",
-    "held_out_gain",
+    "finalists",
+    "newton_errors",
+    "rank",
+    "refitted_errors",
     "refusal",
     "rms_error",
     "surely_worse",

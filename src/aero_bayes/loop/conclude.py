@@ -11,32 +11,22 @@ from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.judge.checks import (
-    Check,
-    Choice,
-    EnoughEvidence,
-    EnoughReadings,
-    LeaveBlockOut,
-    LeftOver,
-    find_disturbance,
-)
+from aero_bayes.judge.choice import Choice
+from aero_bayes.judge.comparison import Share
+from aero_bayes.judge.disturbance import find_disturbance
 from aero_bayes.judge.prediction import Prediction, describe_error_change
 from aero_bayes.judge.validation import far_off, refusal
 from aero_bayes.laws.model_family import ExtendedModel
 from aero_bayes.loop.base_fit import BaseFit, refit_base
 from aero_bayes.loop.context import LoopContext
-from aero_bayes.loop.extend import ExtendedFit, extend
+from aero_bayes.loop.extend import ExtendedFit, extend, smaller_effects
 from aero_bayes.loop.found_effect import FoundEffect
 from aero_bayes.loop.result import LoopOutcome
-from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.loop.steps import Step, equivalents, steps_of
-from aero_bayes.search.explored import SearchResult
+from aero_bayes.loop.steps import Step, steps_of
 from aero_bayes.search.models import FittedModel
 
 #: Largest number of equivalent alternatives that are listed by name.
 MAX_NAMED_ALTERNATIVES = 2
-#: Effective samples for each free parameter below which no effect can be found.
-MIN_SAMPLES_PER_PARAMETER = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +37,14 @@ class Conclusion:
     ----------
     base : BaseFit
         The first model at its best, its inputs read and its parameters freed as in the chosen structure.
-    explored : SearchResult
-    chosen : FittedModel
-        The structure that passed the checks on the fitted readings.
+    choice : Choice
     steps : tuple of Step
     outcome : {"adequate", "extended", "unexplained"}
     sentence : str
     before, after : Prediction
-    written : Extension, optional
-    effects : tuple of FoundEffect
+    written : ExtendedModel, optional
+    effects, smaller : tuple of FoundEffect
+        Those that are named, and smaller ones.
     calibration : Calibration
     refit : Optimum
         The last fit, of ``calibration``.
@@ -64,8 +53,7 @@ class Conclusion:
     """
 
     base: BaseFit
-    explored: SearchResult
-    chosen: FittedModel
+    choice: Choice
     steps: tuple[Step, ...]
     outcome: LoopOutcome
     sentence: str
@@ -73,6 +61,7 @@ class Conclusion:
     after: Prediction
     written: ExtendedModel | None
     effects: tuple[FoundEffect, ...]
+    smaller: tuple[FoundEffect, ...]
     calibration: Calibration
     refit: Optimum
     reports: tuple[ResidualReport, ...]
@@ -80,83 +69,63 @@ class Conclusion:
 
 def conclude(context: LoopContext, base: BaseFit, choice: Choice) -> Conclusion:
     """Name the structure that was chosen, unless unseen readings refuse it."""
-    settings, explored, chosen = context.settings, choice.explored, choice.fitted
-    within = settings.structures.equivalence
-    base = refit_base(context, base, _first_of(explored, chosen))
+    settings, chosen = context.settings, choice.fitted
+    base = refit_base(context, base, _first_of(choice))
     before = context.unseen.predict(base.plain, base.fit)
     context.statistics.end_stage("judgement")
-    if not chosen.terms:
-        return _without_effect(context, base, explored, choice, before)
-    steps = steps_of(explored, chosen, within)
+    smaller = smaller_effects(context, choice)
+    if not (chosen.terms or (settings.include_smaller and smaller)):
+        return _without_effect(context, base, choice, before, smaller)
     try:
-        extended = extend(context, base, explored, chosen)
+        extended = extend(context, base, choice)
     except CannotFinishError:
         why = f"{_explained(chosen)}, but with {_them(chosen)} the model cannot be simulated on unseen data."
-        return _unexplained(base, explored, chosen, steps, why, before)
+        return _unexplained(base, choice, why, before, smaller)
     if "Validation" not in settings.leave_out and not settings.structures.require:
         reason = refusal(before, extended.after, context.recordings, extended.reports)
         if reason:
             why = f"{_explained(chosen)}, but {reason} The missing effect is a different one."
-            return _unexplained(base, explored, chosen, steps, why, before)
-    sentence = _extended_text(context, explored, chosen, extended, before)
+            return _unexplained(base, choice, why, before, smaller)
     return Conclusion(
-        base, explored, chosen, steps, "extended", sentence, before, extended.after, extended.written,
-        extended.effects, extended.calibration, extended.fit, extended.reports,
+        base, choice, steps_of(choice), "extended", _extended_text(context, choice, extended, before), before,
+        extended.after, extended.written, extended.effects, extended.smaller or smaller, extended.calibration,
+        extended.fit, extended.reports,
     )  # fmt: skip
 
 
-def checks_of(settings: LoopSettings) -> list[Check]:
-    """What a structure has to pass."""
-    standard: tuple[Check, ...] = (
-        EnoughReadings(),
-        EnoughEvidence(),
-        LeaveBlockOut(),
-        LeftOver(settings.max_residual_share),
-    )
-    return [c for c in settings.checks or standard if type(c).__name__ not in settings.leave_out]
-
-
-def _first_of(explored: SearchResult, chosen: FittedModel) -> FittedModel:
-    """The first model, its inputs read and its parameters freed as in a structure."""
-    return explored.fits.get(chosen.structure.minus(*chosen.terms), chosen)
+def _first_of(choice: Choice) -> FittedModel:
+    """The first model, its inputs read and its parameters freed as in the chosen structure."""
+    return choice.explored.fits.get(choice.structure.minus(*choice.structure.terms), choice.fitted)
 
 
 def _without_effect(
-    context: LoopContext, base: BaseFit, explored: SearchResult, choice: Choice, before: Prediction
+    context: LoopContext, base: BaseFit, choice: Choice, before: Prediction, smaller: tuple[FoundEffect, ...]
 ) -> Conclusion:
-    within = context.settings.structures.equivalence
-    best = choice.refused[0][0] if choice.refused else choice.fitted
-    steps = steps_of(explored, best, within)
-    structured = structured_residuals(base.reports)
-    last = steps[-1].why if steps else "no candidate was tried"
+    steps, structured = steps_of(choice), structured_residuals(base.reports)
     far = far_off(
         context.unseen, base.plain, base.fit, base.reports, base.floors, before, context.settings.max_error_ratio
     )
-    if not structured and not choice.refused:
-        sentence = f"The model is adequate for these recordings: {last}."
-        if far.beyond:
-            sentence = (
-                "The model fits the training data, but its error on unseen data is far larger: "
-                f"{_ratios_text(far.beyond)}. The training data do not show the missing effect, or do not determine "
-                "the parameters well enough."
-            )
-            return _unexplained(base, explored, choice.fitted, steps, sentence, before)
-        if far.sensitive:
-            sentence += (
-                f" The error on unseen data is larger: {_ratios_text(far.sensitive)}. The uncertainty of the "
-                "parameters explains this, because the unseen data are sensitive to them."
-            )
-        return Conclusion(
-            base, explored, choice.fitted, steps, "adequate", sentence, before, before, None, (), base.plain, base.fit,
-            base.reports,
-        )  # fmt: skip
-    sentence = _why_none(base, explored, choice, structured, last)
-    return _unexplained(base, explored, choice.fitted, steps, sentence, before)
+    if structured:
+        return _unexplained(base, choice, _why_none(base, choice, structured), before, smaller)
+    sentence = f"The model is adequate for these recordings: {steps[-1].why}."
+    if far.beyond:
+        sentence = (
+            "The model fits the training data, but its error on unseen data is far larger: "
+            f"{_ratios_text(far.beyond)}. The training data do not show the missing effect, or do not determine "
+            "the parameters well enough."
+        )
+        return _unexplained(base, choice, sentence, before, smaller)
+    if far.sensitive:
+        sentence += (
+            f" The error on unseen data is larger: {_ratios_text(far.sensitive)}. The uncertainty of the "
+            "parameters explains this, because the unseen data are sensitive to them."
+        )
+    return Conclusion(
+        base, choice, steps, "adequate", sentence, before, before, None, (), smaller, base.plain, base.fit, base.reports
+    )
 
 
-def _why_none(
-    base: BaseFit, explored: SearchResult, choice: Choice, structured: Sequence[ResidualReport], last: str
-) -> str:
+def _why_none(base: BaseFit, choice: Choice, structured: Sequence[ResidualReport]) -> str:
     """Why a residual with structure gets no name."""
     moment = find_disturbance(base.reports)
     if moment is not None:
@@ -165,32 +134,25 @@ def _why_none(
             f"Most of the residual of {recording} lies between {start:.3g} s and {stop:.3g} s. This is a single "
             "disturbance, so the model gets no new effect."
         )
-    parameters, samples = len(explored.first_model.optimum.free), explored.noise.total_samples
-    if samples < MIN_SAMPLES_PER_PARAMETER * parameters:
-        return (
-            f"The readings are correlated and count as {samples:.0f} independent ones. With {parameters} free "
-            "parameters these are too few to find a missing effect."
-        )
-    if choice.refused:
-        best, verdict = choice.refused[0]
-        return f"{_explained(best)}, but {_they(best)} not accepted: {verdict.reason}."
     worst = max(structured, key=lambda r: r.ratio)
-    return (
-        f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor{_nature(worst)}), "
-        f"but no effect of the library explains it: {last}."
-    )
+    size = f"{_ratio(worst.ratio)} times the noise floor{_nature(worst)}"
+    left = f"The residual of {worst.output} is structured ({size})"
+    unsure = choice.unsure
+    if unsure:
+        share = choice.comparison.share(unsure, choice.structure)
+        return (
+            f"{left}, but the readings are too few to name an effect: with {join_names(unsure.terms)} the error of "
+            f"{share.output} on left-out readings {share.fall}, and that is not clear over "
+            f"{choice.comparison.blocks} blocks."
+        )
+    return f"{left}, but no effect of the library is material: {steps_of(choice)[-1].why}."
 
 
 def _unexplained(
-    base: BaseFit,
-    explored: SearchResult,
-    chosen: FittedModel,
-    steps: tuple[Step, ...],
-    why: str,
-    before: Prediction,
+    base: BaseFit, choice: Choice, why: str, before: Prediction, smaller: tuple[FoundEffect, ...]
 ) -> Conclusion:
     return Conclusion(
-        base, explored, chosen, steps, "unexplained", why, before, before, None, (), base.plain, base.fit,
+        base, choice, steps_of(choice), "unexplained", why, before, before, None, (), smaller, base.plain, base.fit,
         base.reports,
     )  # fmt: skip
 
@@ -204,37 +166,41 @@ def _them(fitted: FittedModel) -> str:
     return "them" if len(fitted.terms) > 1 else "it"
 
 
-def _they(fitted: FittedModel) -> str:
-    return "they are" if len(fitted.terms) > 1 else "it is"
-
-
-def _extended_text(
-    context: LoopContext, explored: SearchResult, chosen: FittedModel, extended: ExtendedFit, before: Prediction
-) -> str:
+def _extended_text(context: LoopContext, choice: Choice, extended: ExtendedFit, before: Prediction) -> str:
     required = context.settings.structures.require
     effects = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
-    same = {t: equivalents(explored, chosen, t, context.settings.structures.equivalence) for t in chosen.terms}
     given, lacking = (
-        [_effect_text(e, same[e.id]) for e in effects if (e.id in required) is asked] for asked in (True, False)
+        [_effect_text(e, choice.alike(e.id)) for e in effects if (e.id in required) is asked] for asked in (True, False)
     )
     clauses = [f"was extended by {join_names(given)}, as required"] if given else []
     clauses += [f"lacks {join_names(lacking)}"] if lacking else []
+    if not clauses:
+        clauses = [f"was extended by small effects, {join_names([e.id for e in extended.smaller])}"]
+    falls = [
+        f" With {e.id} the error of {e.share_of} on left-out readings {Share(e.share, e.share_sd, e.share_of).fall}."
+        for e in effects
+        if e.id not in required
+    ]
     sentence = f"The model {', and '.join(clauses)}: {describe_error_change(before, extended.after, context.units)}"
     structured = structured_residuals(extended.reports)
-    return sentence + (
-        f" Structure remains in the residual of {', '.join(_structured_outputs(structured))}." if structured else ""
+    return (
+        sentence
+        + "".join(falls)
+        + (f" Structure remains in the residual of {', '.join(_structured_outputs(structured))}." if structured else "")
     )
 
 
 def _effect_text(effect: FoundEffect, same: Sequence[str]) -> str:
     """An effect, and what it may be instead: the data cannot tell."""
+    others = [other for other in same if other != effect.id]
+    instead = " or ".join(others) if len(others) <= MAX_NAMED_ALTERNATIVES else f"one of {len(others)} others"
     if effect.kind == "catalogue":
-        others = [other for other in same if other != effect.id]
-        if not others:
-            return effect.id
-        instead = " or ".join(others) if len(others) <= MAX_NAMED_ALTERNATIVES else f"one of {len(others)} others"
-        return f"{effect.id} (or {instead}: the data cannot tell them apart)"
-    return f"an effect at {effect.port} that no law of the library describes (learned as a curve over {effect.over})"
+        return effect.id + (f" (or {instead}: the data cannot tell them apart)" if others else "")
+    like = f", it looks like {effect.looks_like}" if effect.looks_like else ""
+    return (
+        f"an effect at {effect.port} that no law of the library describes (learned as a curve over {effect.over}{like}"
+        + (f"; or {instead}: the data cannot tell them apart)" if others else ")")
+    )
 
 
 def _structured_outputs(structured: Sequence[ResidualReport]) -> list[str]:

@@ -14,14 +14,12 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.prediction import Prediction
 from aero_bayes.laws.model_family import CurveBasis, ExtendedModel
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.found_effect import FoundEffect, LearnedCurve, NewParameter
-from aero_bayes.loop.steps import equivalents, in_order, loss_without, step_of
-from aero_bayes.search.explored import SearchResult
-from aero_bayes.search.models import FittedModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +28,15 @@ class ExtendedFit:
 
     written: ExtendedModel
     effects: tuple[FoundEffect, ...]
+    smaller: tuple[FoundEffect, ...]
     calibration: Calibration
     fit: Optimum
     reports: tuple[ResidualReport, ...]
     after: Prediction
 
 
-def extend(context: LoopContext, base: BaseFit, explored: SearchResult, chosen: FittedModel) -> ExtendedFit:
-    """Write a structure into the model and fit it at its best.
+def extend(context: LoopContext, base: BaseFit, choice: Choice) -> ExtendedFit:
+    """Write the chosen structure into the model, with smaller effects where these are wanted, and fit it at its best.
 
     Raises
     ------
@@ -45,7 +44,9 @@ def extend(context: LoopContext, base: BaseFit, explored: SearchResult, chosen: 
         If it cannot be simulated over all recordings.
     """
     context.progress("writing the extended model", 0.75)
-    terms, values = in_order(explored, chosen), dict(chosen.values)
+    smaller = choice.smaller if context.settings.include_smaller else ()
+    terms, chosen = (*choice.terms, *smaller), choice.explored.fits[choice.structure.plus(*smaller)]
+    values = dict(chosen.values)
     written = context.family.extend(terms, values, context.folder)
     context.statistics.written.append(written.path)
     values |= {new: values[old] for pairs in written.names.values() for old, new in pairs}
@@ -62,32 +63,44 @@ def extend(context: LoopContext, base: BaseFit, explored: SearchResult, chosen: 
     after = context.unseen.predict(calibration, fit)
     effects = []
     for id_ in terms:
-        effect = _effect(context, explored, chosen, id_, (written, calibration.parameters, fit))
+        effect = _effect(context, choice, id_, (written, calibration.parameters, fit))
         effects.append(replace(effect, width_influence=_width_influence(context, effect, calibration, fit)))
     context.statistics.end_stage("judgement")
-    return ExtendedFit(written, tuple(effects), calibration, fit, reports, after)
+    named = len(choice.terms)
+    return ExtendedFit(written, tuple(effects[:named]), tuple(effects[named:]), calibration, fit, reports, after)
+
+
+def smaller_effects(context: LoopContext, choice: Choice) -> tuple[FoundEffect, ...]:
+    """Effects that help beside the chosen ones and are not material, as the search fitted them."""
+    if not choice.smaller:
+        return ()
+    fitted = choice.explored.fits[choice.structure.plus(*choice.smaller)]
+    parameters, found = fitted_parameters(fitted.model.objective.parameters, fitted.optimum), []
+    for id_ in choice.smaller:
+        share, names = choice.share_of_smaller(id_), fitted.term_values(id_)
+        found.append(
+            FoundEffect(
+                id_, choice.explored.ports[id_], "catalogue", tuple(parameters[n] for n in names), share.value,
+                share.sd, share.output, choice.wins_of_smaller(id_), context.family.describe(id_),
+            )
+        )  # fmt: skip
+    return tuple(found)
 
 
 def _effect(
-    context: LoopContext,
-    explored: SearchResult,
-    chosen: FittedModel,
-    id_: str,
-    made: tuple[ExtendedModel, ParameterSet, Optimum],
+    context: LoopContext, choice: Choice, id_: str, made: tuple[ExtendedModel, ParameterSet, Optimum]
 ) -> FoundEffect:
     written, parameters, fit = made
     named = fitted_parameters(parameters, fit)
     over = context.family.curves().get(id_, "")
     columns = [parameters.index(new) for _, new in written.names[id_]]
-    within = context.settings.structures.equivalence
-    same = equivalents(explored, chosen, id_, within)
-    # Its odds are against all other terms that could replace it, beside the other chosen ones.
-    step = step_of(explored, chosen.structure.minus(id_), id_, 1, within)
+    small = id_ in choice.smaller
+    share = choice.share_of_smaller(id_) if small else choice.share(id_)
     return FoundEffect(
-        id_, explored.ports[id_], "free_form" if over else "catalogue",
-        tuple(named[new] for _, new in written.names[id_]), loss_without(explored, chosen, id_),
-        explored.penalty.of_term(id_), context.family.describe(id_), dict(written.widths[id_]), over=over,
-        odds=min(sum(r.odds for r in step.candidates if r.id in same), 1.0) if step is not None else None,
+        id_, choice.explored.ports[id_], "free_form" if over else "catalogue",
+        tuple(named[new] for _, new in written.names[id_]), share.value, share.sd, share.output,
+        choice.wins_of_smaller(id_) if small else choice.wins, context.family.describe(id_),
+        dict(written.widths[id_]), over=over, looks_like=choice.looks_like(id_) if over else "",
         curve=_learned(context.family.basis(id_), columns, parameters, fit) if over else None,
     )  # fmt: skip
 

@@ -61,23 +61,26 @@ class LearnedCurve:
 class FoundEffect:
     """An effect that earned its place.
 
-    ``gain`` is what the whole model loses in log-evidence without it; ``needed`` the least gain that counts.
-    ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its parameters move when
-    they are doubled. ``odds`` are those of the effect or one that the data do not tell from it, in the round that found
-    it. ``curve`` is what was learned, where it is no law.
+    ``share`` is the error on left-out readings with it over that without it, in the output ``share_of`` where it falls
+    most, and ``share_sd`` its standard error. ``wins`` is the share of resampled blocks in which its structure is the
+    best of its size. ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its
+    parameters move when they are doubled. ``curve`` is what was learned, where it is no law, and ``looks_like`` the law
+    that comes near.
     """
 
     id: str
     port: str
     kind: Literal["catalogue", "free_form"]
     parameters: tuple[NewParameter, ...]
-    gain: float
-    needed: float
+    share: float
+    share_sd: float
+    share_of: str
+    wins: float | None
     summary: str
     widths: Mapping[str, float] = field(default_factory=dict)
     width_influence: float | None = None
     over: str = ""
-    odds: float | None = None
+    looks_like: str = ""
     curve: LearnedCurve | None = None
 
     def to_dict(self, modelica: str) -> dict[str, object]:
@@ -86,15 +89,18 @@ class FoundEffect:
             "port": self.port,
             "kind": self.kind,
             "parameters": {p.name: p.to_dict() for p in self.parameters},
-            "evidence": {"log_evidence_gain": self.gain, "needed": self.needed},
+            "share": self.share,
+            "share_sd": self.share_sd,
+            "share_of": self.share_of,
+            "wins": self.wins,
             "modelica": modelica,
             "summary": self.summary,
             "widths": dict(self.widths),
             "width_influence_sd": self.width_influence,
-            "odds": self.odds,
         }
         if self.over:
             found["over"] = self.over
+            found["looks_like"] = self.looks_like
         if self.curve is not None:
             found["curve"] = self.curve.to_dict()
         return found

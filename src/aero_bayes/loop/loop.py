@@ -14,7 +14,8 @@ from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.plausible import screened
-from aero_bayes.judge.checks import Choice, choose
+from aero_bayes.judge.choice import Choice
+from aero_bayes.judge.choose import Chooser
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
 from aero_bayes.laws.candidate_filter import CandidateFilter
@@ -22,18 +23,17 @@ from aero_bayes.laws.fmu_family import FmuFamily
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop.base_fit import BaseFit, fit_base_model, for_search
-from aero_bayes.loop.conclude import checks_of, conclude
+from aero_bayes.loop.conclude import conclude
 from aero_bayes.loop.context import LoopContext, LoopStatistics, Progress
 from aero_bayes.loop.fixed_values import find_alternatives
 from aero_bayes.loop.forecast import announce_duration
 from aero_bayes.loop.process_noise import find_process_noise, states_of
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.loop.steps import in_order
 from aero_bayes.loop.tell import result_of
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.explored import Library, SearchControl, SearchResult
+from aero_bayes.search.explored import Library, SearchControl
 from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import WorkerPool
@@ -103,9 +103,7 @@ def close_loop(
         cache, choice = search_structures(context, base)
         conclusion = conclude(context, base, choice)
         context.statistics.keep_only(conclusion.written.path if conclusion.written is not None else None)
-        alternatives = (
-            find_alternatives(cache, choice.explored, conclusion.chosen, settings) if conclusion.effects else ()
-        )
+        alternatives = find_alternatives(cache, choice.explored, choice.fitted, settings) if conclusion.effects else ()
         process_noise = find_process_noise(context, conclusion, states)
         cache.close(context.statistics.add_simulations)
         result = result_of(context, conclusion, alternatives, process_noise)
@@ -136,22 +134,13 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     context.statistics.end_stage("models")
     context.statistics.set_time_limit(60.0 * settings.max_minutes)
     parts = settings.search_parts
-
-    def chosen(explored: SearchResult) -> Choice:
-        return choose(explored, checks_of(settings), settings.structures.require, searching.complete)
-
-    searching = StructureSearch(
-        cache,
-        library,
-        settings.structures,
-        fit,
-        base.floors,
-        parts,
-        work,
-        lambda found: bool(chosen(found).fitted.terms),
-    )
-    choice = chosen(searching.run(root))
-    choice = replace(choice, explored=searching.complete_path(in_order(choice.explored, choice.fitted), choice.fitted))
+    searching = StructureSearch(cache, library, settings.structures, fit, base.floors, parts, work)
+    explored = searching.run(root)
+    chooser = Chooser(
+        settings.choice, fit, searching.complete, context.map,
+        lambda share: context.progress("leaving out blocks of readings", 0.7 + 0.05 * share),
+    )  # fmt: skip
+    choice = chooser.choose(explored)
     context.statistics.end_stage("search")
     return cache, choice
 

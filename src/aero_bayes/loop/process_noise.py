@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from aero_bayes.check.residual_tests import structured_residuals
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.judge.checks import find_disturbance
+from aero_bayes.judge.disturbance import find_disturbance
 from aero_bayes.loop.conclude import Conclusion
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.extend import fitted_parameters

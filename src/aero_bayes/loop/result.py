@@ -50,6 +50,8 @@ class LoopResult:
         Class of the model as it stood, and of the one that came out.
     effects : tuple of FoundEffect
         What was added.
+    smaller : tuple of FoundEffect
+        Effects that help beside these and are not material: no claim is made of them.
     equivalent : tuple of tuples of str
         Ids that the data do not tell apart.
     before, after : Prediction
@@ -87,11 +89,11 @@ class LoopResult:
     calibrated : CalibratedModel, optional
         The model that came out with all its values, as Modelica; none where the model came as an FMU.
     averaged : StructureAverage, optional
-        The structures that the data do not tell apart, with their odds; none where there is one.
+        The structures that the data do not tell apart, with how often each is the best; none where there is one.
     process_noise : FoundProcessNoise, optional
         Process noise of what the laws leave; none where they leave only noise, or it gains nothing.
-    readings, effective_samples : mapping of str to int or float
-        Readings that the evidence rests on, by output, and how many independent ones they count for.
+    blocks : int
+        Blocks of readings that were left out in turn.
 
     Examples
     --------
@@ -144,8 +146,8 @@ class LoopResult:
     calibrated: CalibratedModel | None = None
     averaged: StructureAverage | None = None
     process_noise: FoundProcessNoise | None = None
-    readings: Mapping[str, int] = field(default_factory=dict)
-    effective_samples: Mapping[str, float] = field(default_factory=dict)
+    smaller: tuple[FoundEffect, ...] = ()
+    blocks: int = 0
 
     def __getitem__(self, name: str) -> NewParameter:
         if name not in self.parameters:
@@ -197,7 +199,7 @@ class LoopResult:
         return plot_backend().loop_figure(self, figure=ax or figure, dark=dark)
 
     def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
-        """Draw the log-evidence (nats) that each candidate would gain, step by step; orange: chosen.
+        """Draw by how much each candidate lowers the error on left-out readings, step by step; orange: chosen.
 
         Parameters
         ----------
@@ -220,7 +222,7 @@ class LoopResult:
         return plot_backend().rounds_figure(self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
-        """A row for each candidate of each round: port, gain in log-evidence (nats), odds, whether it was chosen.
+        """A row for each candidate of each round: port, share of the left-out error, wins, whether it was chosen.
 
         Examples
         --------
@@ -230,11 +232,11 @@ class LoopResult:
         import pandas
 
         rows = [
-            (step.number, rival.id, rival.port, rival.gain, rival.odds, rival.id == step.chosen)
+            (step.number, rival.id, rival.port, rival.share, rival.wins, rival.id == step.chosen)
             for step in self.steps
             for rival in step.candidates
         ]
-        return pandas.DataFrame(rows, columns=["round", "candidate", "port", "gain", "odds", "chosen"])
+        return pandas.DataFrame(rows, columns=["round", "candidate", "port", "share", "wins", "chosen"])
 
     def __repr__(self) -> str:
         found = ", ".join(effect.id for effect in self.effects)
@@ -263,6 +265,7 @@ class LoopResult:
             "base": self.base,
             "model": self.model,
             "effects": [effect.to_dict(self.modelica_path) for effect in self.effects],
+            "smaller": [effect.to_dict("") for effect in self.smaller],
             "equivalent": [list(ids) for ids in self.equivalent],
             "before": {role: self.before.pooled(role) for role in ("train", "test")},
             "after": {role: self.after.pooled(role) for role in ("train", "test")},
@@ -286,8 +289,7 @@ class LoopResult:
             },
             "averaged": self.averaged.to_dict() if self.averaged is not None else None,
             "process_noise": self.process_noise.to_dict() if self.process_noise is not None else None,
-            "readings": dict(self.readings),
-            "effective_samples": dict(self.effective_samples),
+            "blocks": self.blocks,
             "separate": list(self.separate),
             "story": list(self.story),
             "diff": self.diff,

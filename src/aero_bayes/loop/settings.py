@@ -12,7 +12,7 @@ from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.estimate.search_settings import GlobalSearchSettings
-from aero_bayes.judge.checks import Check
+from aero_bayes.judge.choice import ChoiceSettings
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.simulation.interface import SolverSettings
@@ -56,8 +56,10 @@ class LoopSettings(SettingsDisplay):
         model is fitted to all samples.
     max_minutes : float
         Time limit of the search; the loop continues with what was found by then, and says so.
-    max_residual_share : float
-        Largest share of the squared error above the noise floor that may remain; else no effect is named.
+    min_share : float
+        A term is material if with it the error on left-out readings of an output is at most this share of that without.
+    include_smaller : bool
+        Whether terms that help and are not material are written into the model, too.
     max_error_ratio : float
         Largest ratio of the error on unseen data to that of the fit for a model to count as adequate.
     leave_out : tuple of str
@@ -68,8 +70,6 @@ class LoopSettings(SettingsDisplay):
         With process noise, how far a state's initial value may be off the model's own: its standard deviation.
     parts : Parts, optional
         Edits, start rules and restarts of the search in place of the standard ones.
-    checks : tuple of Check, optional
-        Checks that a structure has to pass, in place of the standard ones.
 
     Examples
     --------
@@ -104,13 +104,13 @@ class LoopSettings(SettingsDisplay):
     free_later: tuple[str, ...] = ()
     search_samples: int = 5000
     max_minutes: float = 20.0
-    max_residual_share: float = 0.3
+    min_share: float = 0.75
+    include_smaller: bool = False
     max_error_ratio: float = 3.0
     leave_out: tuple[str, ...] = ()
     process_noise: tuple[str, ...] | None = None
     initial_sd: Mapping[str, float] = field(default_factory=dict)
     parts: Parts | None = None
-    checks: tuple[Check, ...] | None = None
 
     def __post_init__(self) -> None:
         for name in ("sources", "libraries"):
@@ -124,6 +124,11 @@ class LoopSettings(SettingsDisplay):
     def search_parts(self) -> Parts:
         """The parts of the search: those that are given, else the standard ones but for what is left out."""
         return self.parts or Parts.of(self.leave_out)
+
+    @property
+    def choice(self) -> ChoiceSettings:
+        """What counts as a cause."""
+        return ChoiceSettings(self.min_share, self.structures.require)
 
     def allows(self, port: str) -> bool:
         """Whether effects at a port are tried."""

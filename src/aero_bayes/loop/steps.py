@@ -1,27 +1,27 @@
-"""The search told as steps: one for each term that was chosen, with the other candidates, their gains and odds."""
+"""The search told as steps: one for each term that was chosen, with the other candidates and their left-out errors."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-from aero_bayes.search.explored import SearchResult
-from aero_bayes.search.models import FittedModel
-from aero_bayes.search.score import UNLISTED_PROBABILITY, odds
+from aero_bayes.judge.choice import Choice
+from aero_bayes.judge.comparison import Share
 from aero_bayes.search.structure import Structure
 
 
 @dataclass(frozen=True)
 class StepCandidate:
-    """A term beside those of the steps before: its gain in log-evidence, and its odds.
+    """A term beside those of the steps before: the left-out error with it over that without it.
 
-    ``refitted`` is False where its starts promised too little for a fit.
+    ``wins`` is the share of resampled blocks in which it is the best of its step; ``refitted`` whether it was fitted
+    again without each block, else its error is that of one Newton step.
     """
 
     id: str
     port: str
-    gain: float
-    odds: float
+    share: float
+    share_sd: float
+    wins: float
     refitted: bool = True
 
 
@@ -29,18 +29,14 @@ class StepCandidate:
 class Step:
     """What one term is worth beside those before it.
 
-    ``threshold`` is the least gain that counts; ``equivalent`` are terms that the data do not tell from the chosen one;
-    ``nothing`` and ``untried`` are the odds of no term and of one that no candidate is.
+    ``equivalent`` are terms that the data do not tell from the chosen one.
     """
 
     number: int
     candidates: tuple[StepCandidate, ...]
-    threshold: float
     chosen: str | None
     equivalent: tuple[str, ...]
     why: str
-    nothing: float
-    untried: float
 
     def to_dict(self) -> dict[str, object]:
         """The entry of result.json."""
@@ -48,114 +44,58 @@ class Step:
             {
                 "id": rival.id,
                 "port": rival.port,
-                "delta_evidence": rival.gain if math.isfinite(rival.gain) else None,
+                "share": rival.share,
+                "share_sd": rival.share_sd,
+                "wins": rival.wins,
                 "refitted": rival.refitted,
-                "odds": rival.odds,
             }
             for rival in self.candidates
         ]
         return {
             "round": self.number,
             "candidates": candidates,
-            "threshold": self.threshold,
             "chosen": self.chosen,
             "equivalent": list(self.equivalent),
-            "odds": {"nothing": self.nothing, "untried": self.untried},
             "why": self.why,
         }
 
 
-def in_order(explored: SearchResult, fitted: FittedModel) -> tuple[str, ...]:
-    """Terms of a structure, those first that would be missed most."""
-    return tuple(sorted(fitted.terms, key=lambda t: (-loss_without(explored, fitted, t), t)))
-
-
-def loss_without(explored: SearchResult, fitted: FittedModel, id_: str) -> float:
-    """Log-evidence that a structure loses without one of its terms; NaN where that was not fitted."""
-    rest = explored.fits.get(fitted.structure.minus(id_))
-    return fitted.log_evidence - rest.log_evidence if rest is not None else math.nan
-
-
-def equivalents(explored: SearchResult, fitted: FittedModel, id_: str, within: float) -> tuple[str, ...]:
-    """A term and those that could replace it without a loss of evidence, best first.
-
-    A refinement of the term holds it as a special case, so that it does as well by itself: it is not listed.
-    """
-    rest = fitted.structure.minus(id_)
-    rivals = [
-        (f.log_evidence, new[0])
-        for s, f in explored.fits.items()
-        if s.contains(rest)
-        and len(new := s.new_terms(rest)) == 1
-        and f.log_evidence > fitted.log_evidence - within
-        and explored.refines.get(new[0]) != id_
-    ]
-    others = [other for _, other in sorted(rivals, reverse=True) if other != id_]
-    return (id_, *others)
-
-
-def steps_of(explored: SearchResult, fitted: FittedModel, within: float) -> tuple[Step, ...]:
-    """One step for each term, and one more that says what was tried beside them."""
+def steps_of(choice: Choice) -> tuple[Step, ...]:
+    """One step for each chosen term, and one more that says what was tried beside them."""
     found: list[Step] = []
-    base = fitted.structure.minus(*fitted.terms)
-    for id_ in (*in_order(explored, fitted), None):
-        step = step_of(explored, base, id_, len(found) + 1, within)
-        if step is not None:
-            found.append(step)
+    base = choice.structure.minus(*choice.structure.terms)
+    for id_ in (*choice.terms, None):
+        if base in choice.ranking.squares:
+            found.append(_step(choice, base, id_, len(found) + 1))
         base = base.plus(id_) if id_ is not None else base
     return tuple(found)
 
 
-def step_of(explored: SearchResult, base: Structure, id_: str | None, number: int, within: float) -> Step | None:
-    """What a term is worth beside a structure, with its rivals there; None where that structure was not fitted."""
-    here = explored.fits.get(base)
-    if here is None:
-        return None
-    gains = {
-        s.new_terms(base)[0]: f.log_evidence - here.log_evidence
-        for s, f in explored.fits.items()
-        if s.contains(base) and len(s.new_terms(base)) == 1
-    }
-    unfitted = {
-        s.new_terms(base)[0]: max(gain, 0.0)
-        for s, gain in explored.predicted_gains.items()
-        if s.contains(base) and len(s.new_terms(base)) == 1
-    }
-    ranked = sorted(gains, key=lambda t: (-gains[t], t))
-    every = [*ranked, *(t for t in sorted(unfitted) if t not in gains)]
-    # A refinement and a curve have the smaller prior, as in the search.
-    priors = {t: explored.penalty.of_one - explored.penalty.of_term(t) for t in every}
-    shares, nothing = odds([gains.get(t, 0.0) + priors[t] for t in every])
-    rivals = tuple(
-        StepCandidate(t, explored.ports.get(t, ""), gains.get(t, unfitted.get(t, 0.0)), share, t in gains)
-        for t, share in zip(every, shares, strict=True)
-    )
-    penalty = explored.penalty.of_term(id_) if id_ is not None else explored.penalty.of_one
-    if id_ is not None and id_ in gains:
-        near = (t for t in ranked if t != id_ and gains[t] > gains[id_] - within)
-        same = (id_, *(t for t in near if explored.refines.get(t) != id_))
-        why = f"{id_} gains {gains[id_]:.1f} in log-evidence (needed: {penalty:.1f})"
-        why += f"; the data cannot tell it from {', '.join(same[1:])}" if len(same) > 1 else ""
-        return Step(number, rivals, penalty, id_, same, why, nothing, UNLISTED_PROBABILITY)
-    if not ranked:
-        return Step(
-            number,
-            (),
-            penalty,
-            None,
-            (),
-            "no candidate is expected to gain log-evidence",
-            nothing,
-            UNLISTED_PROBABILITY,
+def _step(choice: Choice, base: Structure, id_: str | None, number: int) -> Step:
+    ranking, true = choice.ranking, choice.comparison
+    beside = {s.new_terms(base)[0]: s for s in ranking.squares if s.contains(base) and len(s.new_terms(base)) == 1}
+    wins = ranking.wins([base, *beside.values()])
+    rivals = []
+    for term, structure in beside.items():
+        refitted = structure in true.squares and base in true.squares
+        share = (true if refitted else ranking).share(structure, base)
+        rivals.append(
+            StepCandidate(term, choice.explored.ports.get(term, ""), share.value, share.sd, wins[structure], refitted)
         )
-    best = f"the best, {ranked[0]}, gains {gains[ranked[0]]:z.1f}"
-    return Step(
-        number,
-        rivals,
-        penalty,
-        None,
-        (),
-        f"no candidate gains the needed {penalty:.1f} in log-evidence; {best}",
-        nothing,
-        UNLISTED_PROBABILITY,
+    rivals.sort(key=lambda r: (r.share, r.id))
+    same = choice.alike(id_) if id_ is not None else ()
+    return Step(number, tuple(rivals), id_, same, _why(choice, rivals, id_, same))
+
+
+def _why(choice: Choice, rivals: list[StepCandidate], id_: str | None, same: tuple[str, ...]) -> str:
+    if id_ is not None:
+        share = choice.share(id_)
+        why = f"with {id_} the error of {share.output} on left-out readings {share.fall}"
+        return why + (f"; the data do not tell it from {', '.join(same[1:])}" if len(same) > 1 else "")
+    if not rivals:
+        return "no further candidate was worth a fit"
+    best = rivals[0]
+    return (
+        f"no further term is material; with the best, {best.id}, the error on left-out readings "
+        f"{Share(best.share, best.share_sd, '').fall}"
     )

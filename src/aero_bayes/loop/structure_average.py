@@ -1,7 +1,7 @@
 """Intervals of parameters averaged over the structures that the data do not tell apart.
 
-Bayesian model averaging (Hoeting, Madigan, Raftery and Volinsky, 1999, Statistical Science 14, 382): the distribution
-of a parameter is the mixture of its distributions under each structure, weighted by their posterior odds.
+The distribution of a parameter is the mixture of its distributions under each structure (Hoeting, Madigan, Raftery and
+Volinsky, 1999, Statistical Science 14, 382), weighted by how often each predicts left-out readings best.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ from scipy.special import ndtri
 
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.judge.choice import Choice
 from aero_bayes.loop.found_effect import NewParameter
-from aero_bayes.loop.steps import equivalents
-from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 
 FloatArray = NDArray[np.float64]
@@ -42,14 +41,14 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class StructureAverage:
-    """Parameters of the first model under several structures with their odds.
+    """Parameters of the first model under several structures, with how often each predicts best.
 
     Parameters
     ----------
     structures : tuple of tuples of str
         Terms of each, the chosen structure first.
-    odds : tuple of float
-        Posterior probability of each structure among them: they sum to one.
+    wins : tuple of float
+        Share of resampled blocks in which each structure is the best of them: they sum to one.
     parameters : ParameterSet
         Those of the first model that all structures have.
     draws : mapping of str to ndarray, shape (n,)
@@ -61,7 +60,7 @@ class StructureAverage:
     """
 
     structures: tuple[tuple[str, ...], ...]
-    odds: tuple[float, ...]
+    wins: tuple[float, ...]
     parameters: ParameterSet
     draws: Mapping[str, FloatArray]
     mean: Mapping[str, float]
@@ -84,13 +83,13 @@ class StructureAverage:
         """A parameter under all structures."""
         mean = self.mean[name]
         centred = self.scale[name][:, np.newaxis] * (self.draws[name] - mean)
-        return self._spread(name, mean + self.shift[name][:, np.newaxis] + centred, np.array(self.odds))
+        return self._spread(name, mean + self.shift[name][:, np.newaxis] + centred, np.array(self.wins))
 
-    def _spread(self, name: str, coordinates: FloatArray, odds: FloatArray) -> Spread:
+    def _spread(self, name: str, coordinates: FloatArray, shares: FloatArray) -> Spread:
         part = ParameterSet((self.parameters[name],))
         low, high = (float(bound[0]) for bound in part.box)
         x = part.from_search(np.clip(coordinates, low, high).reshape(-1, 1))[:, 0]
-        weights = np.repeat(odds / coordinates.shape[1], coordinates.shape[1])
+        weights = np.repeat(shares / coordinates.shape[1], coordinates.shape[1])
         order = np.argsort(x, kind="stable")
         mass = np.cumsum(weights[order]) - 0.5 * weights[order]
         mean = float(weights @ x)
@@ -108,7 +107,7 @@ class StructureAverage:
     def to_dict(self) -> dict[str, object]:
         """As ``loop.averaged`` in result.json."""
         return {
-            "structures": [{"terms": list(t), "odds": o} for t, o in zip(self.structures, self.odds, strict=True)],
+            "structures": [{"terms": list(t), "wins": w} for t, w in zip(self.structures, self.wins, strict=True)],
             "parameters": {
                 name: {"chosen": self.chosen(name).to_dict(), "mixture": self.mixture(name).to_dict()}
                 for name in self.draws
@@ -116,48 +115,37 @@ class StructureAverage:
         }
 
 
-def structure_average(
-    explored: SearchResult, chosen: FittedModel, parameters: ParameterSet, refit: Optimum, within: float
-) -> StructureAverage | None:
+def structure_average(choice: Choice, parameters: ParameterSet, refit: Optimum) -> StructureAverage | None:
     """The chosen structure and those with an equivalent term in place of one of its own; None without any.
 
     Parameters
     ----------
-    explored : SearchResult
-    chosen : FittedModel
+    choice : Choice
     parameters : ParameterSet
         Of the model that came out.
     refit : Optimum
         Its last fit. The chosen structure's distribution is its Gaussian. How the other structures differ from it is
         taken from the fits of the search, which all saw the same readings under one noise.
-    within : float
-        Loss of log-evidence up to which terms are equivalent.
     """
-    fits = [chosen, *_equivalent_fits(explored, chosen, within)]
+    chosen = choice.fitted
+    fits = [choice.explored.fits[s] for s in choice.rivals]
     names = [n for n in _shared(chosen) if n in parameters and parameters.index(n) in refit.free]
     names = [n for n in names if all(n in _shared(f) for f in fits)]
     if len(fits) < 2 or not names:
         return None
-    scores = np.array([explored.penalty.score(f) for f in fits])
-    odds = np.exp(scores - scores.max())
+    wins = choice.comparison.wins(choice.rivals)
     places, widths = np.array([[_gaussian(f, n) for n in names] for f in fits]).transpose(2, 1, 0)
     columns = [parameters.index(n) for n in names]
     means = {n: float(refit.coordinates[j]) for n, j in zip(names, columns, strict=True)}
     return StructureAverage(
         structures=tuple(f.terms for f in fits),
-        odds=tuple((odds / odds.sum()).tolist()),
+        wins=tuple(wins[s] for s in choice.rivals),
         parameters=ParameterSet(tuple(parameters.items[j] for j in columns)),
         draws={n: means[n] + refit.sd(j) * NORMAL_POINTS for n, j in zip(names, columns, strict=True)},
         mean=means,
         shift={n: row - row[0] for n, row in zip(names, places, strict=True)},
         scale={n: row / max(float(row[0]), 1e-300) for n, row in zip(names, widths, strict=True)},
     )
-
-
-def _equivalent_fits(explored: SearchResult, chosen: FittedModel, within: float) -> list[FittedModel]:
-    """Fits with one term of a structure replaced by an equivalent one."""
-    swaps = ((t, other) for t in chosen.terms for other in equivalents(explored, chosen, t, within)[1:])
-    return [explored.fits[chosen.structure.minus(t).plus(other)] for t, other in swaps]
 
 
 def _shared(fitted: FittedModel) -> Iterable[str]:

@@ -18,6 +18,7 @@ from aero_bayes.estimate.fit import assess_columns, with_bounds
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.prediction import shifts
 from aero_bayes.loop.conclude import Conclusion
 from aero_bayes.loop.context import LoopContext
@@ -27,7 +28,6 @@ from aero_bayes.loop.found_effect import NewParameter
 from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.loop.steps import equivalents, in_order
 from aero_bayes.loop.structure_average import structure_average
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
@@ -49,12 +49,11 @@ def result_of(
     """All that the loop found, as plain values."""
     base, written, effects = conclusion.base, conclusion.written, conclusion.effects
     named = any(effect.kind == "catalogue" for effect in effects)
-    same = _equivalent(context.settings, conclusion) if named else ()
+    same = _equivalent(conclusion.choice) if named else ()
     parameters = base.plain.parameters
     fitted = fitted_parameters(conclusion.calibration.parameters, conclusion.refit)
     averaged = structure_average(
-        conclusion.explored, conclusion.chosen, conclusion.calibration.parameters, conclusion.refit,
-        context.settings.structures.equivalence,
+        conclusion.choice, conclusion.calibration.parameters, conclusion.refit
     ) if effects else None  # fmt: skip
     fitted = averaged.averaged(fitted) if averaged is not None else fitted
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
@@ -63,7 +62,7 @@ def result_of(
         conclusion.sentence
         + _alternative_sentence(alternatives)
         + (f" {process_noise.sentence}" if process_noise is not None and process_noise.explains else "")
-        + _time_limit_sentence(context.settings, conclusion.explored.ended)
+        + _time_limit_sentence(context.settings, conclusion.choice.explored.ended)
     )
     return LoopResult(
         outcome=conclusion.outcome,
@@ -71,6 +70,7 @@ def result_of(
         base=context.family.base,
         model=written.name if written is not None else context.family.base,
         effects=effects,
+        smaller=conclusion.smaller,
         equivalent=same,
         before=conclusion.before,
         after=conclusion.after,
@@ -98,8 +98,7 @@ def result_of(
         calibrated=_calibrated(context.family.base_model().source, conclusion, fitted),
         averaged=averaged,
         process_noise=process_noise,
-        readings=_readings_by_output(conclusion.chosen),
-        effective_samples=dict(conclusion.explored.noise.effective_samples),
+        blocks=conclusion.choice.comparison.blocks,
     )
 
 
@@ -124,10 +123,9 @@ def _calibrated(
     return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added)
 
 
-def _equivalent(settings: LoopSettings, conclusion: Conclusion) -> tuple[tuple[str, ...], ...]:
+def _equivalent(choice: Choice) -> tuple[tuple[str, ...], ...]:
     """Classes of terms that the data do not tell apart."""
-    explored, chosen = conclusion.explored, conclusion.chosen
-    classes = [equivalents(explored, chosen, t, settings.structures.equivalence) for t in in_order(explored, chosen)]
+    classes = [choice.alike(t) for t in choice.terms]
     return tuple(ids for ids in classes if len(ids) > 1)
 
 
@@ -164,7 +162,7 @@ def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
 def _story(
     context: LoopContext, conclusion: Conclusion, process_noise: FoundProcessNoise | None, sentence: str
 ) -> tuple[str, ...]:
-    explored, base = conclusion.explored, conclusion.base
+    explored, base = conclusion.choice.explored, conclusion.base
     worst = max(base.reports, key=lambda r: r.ratio)
     lines = [
         f"{context.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
@@ -196,19 +194,13 @@ def _data_sentence(context: LoopContext) -> str:
 
 
 def _comparison_sentence(conclusion: Conclusion) -> str:
-    """How many structures were compared, on how many effective samples."""
-    explored, readings = conclusion.explored, _readings_by_output(conclusion.chosen)
-    samples = explored.noise.effective_samples
-    counts = ", ".join(f"{n:,.0f} of {o} (of {readings[o]:,} readings)" for o, n in samples.items())
-    return f"{len(explored.fits)} model structures were compared. Effective samples: {counts}."
-
-
-def _readings_by_output(fitted: FittedModel) -> dict[str, int]:
-    """Readings that structures were compared on."""
-    counts: dict[str, int] = {}
-    for series in fitted.model.objective.series:
-        counts[series.output] = counts.get(series.output, 0) + series.sampling.size
-    return counts
+    """How many structures were compared, and how."""
+    choice = conclusion.choice
+    return (
+        f"{len(choice.explored.fits)} model structures were compared by their error on readings that were left out, in "
+        f"{choice.comparison.blocks} blocks; the {len(choice.comparison.squares)} best were fitted again without each "
+        "block."
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,10 +233,10 @@ def _separating_experiments(
     """For the first class of equivalent terms: the experiments that would separate them, on a rig that is known."""
     if not classes or context.family.base_model().declared.limits.input is None:
         return ()
-    chosen, (first, *others) = conclusion.chosen, classes[0]
+    chosen, (first, *others) = conclusion.choice.fitted, classes[0]
     lines = []
     for other in others[:2]:
-        rival = conclusion.explored.fits.get(chosen.structure.minus(first).plus(other))
+        rival = conclusion.choice.explored.fits.get(chosen.structure.minus(first).plus(other))
         pair = f"{first} from {other}"
         if rival is None:
             continue

@@ -1,4 +1,4 @@
-"""The steps of a closed loop: what each candidate would gain, and what was chosen."""
+"""The steps of a closed loop: by how much each candidate lowers the left-out error, and what was chosen."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from aero_bayes.loop.result import LoopResult
 from aero_bayes.plots.figure import WIDTH, ground
 from aero_bayes.plots.style import palette, settings
 from aero_bayes.plots.view import loop_json
-from aero_bayes.report.loop_figures import gain_text, rounds, short_label
+from aero_bayes.report.loop_figures import fall, fall_text, rounds, short_label
 
 
 def rounds_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
-    """Draw the gain in log-evidence as bars: a row for each candidate, a column for each step.
+    """Draw by how much the error on left-out readings falls as bars: a row for each candidate, a column for each step.
 
     Raises
     ------
@@ -33,20 +33,18 @@ def rounds_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark
             found = {c.id: c for c in step.candidates}
             for row, id_ in enumerate(ids):
                 candidate = found.get(id_)
-                if candidate is None or candidate.delta_evidence is None:
+                if candidate is None or candidate.share is None:
                     continue
                 chosen = id_ == step.chosen
-                gain = max(candidate.delta_evidence, 0.0)
+                length = max(fall(candidate), 0.0)
                 edge = colours["ink"] if id_ in step.equivalent else "none"
-                axes.barh(row, gain, 0.62, color=colours["warm" if chosen else "measured"], edgecolor=edge)
-                label = f" {gain_text(candidate.delta_evidence)}"
-                axes.text(gain, row, label, va="center", fontsize=7.5, color=colours["ink" if chosen else "muted"])
-            if step.threshold is not None:
-                axes.axvline(step.threshold, color=colours["muted"], linewidth=0.8, dashes=(4, 3))
-            axes.set_xscale("symlog", linthresh=10.0)
-            axes.set_xlim(0, 12.0 * max([10.0, *(c.delta_evidence or 0.0 for c in step.candidates)]))
+                axes.barh(row, length, 0.62, color=colours["warm" if chosen else "measured"], edgecolor=edge)
+                label = f" {fall_text(candidate)}"
+                axes.text(length, row, label, va="center", fontsize=7.5, color=colours["ink" if chosen else "muted"])
+            axes.set_xlim(0, 130)
+            axes.set_xticks(range(0, 101, 25))
             axes.set_title(f"step {step.round}: {step.chosen or 'nothing'} chosen", color=colours["ink"])
-            axes.set_xlabel("gain in log-evidence (nats)")
+            axes.set_xlabel("fall of the left-out error (%)")
         grid[0].set_yticks(range(len(ids)), [short_label(id_, loop.words) for id_ in ids])
         grid[0].invert_yaxis()
     return figure

@@ -1,42 +1,24 @@
-"""What the loop's evidence rests on, the structures that it leaves with intervals over all of them, process noise."""
+"""The structures that the loop leaves, with intervals over all of them, and process noise."""
 
 from __future__ import annotations
 
 from markupsafe import Markup
 
 from aero_bayes.display import join_names
-from aero_bayes.report.loop_figures import gain_text
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, parameter_quantity
-from aero_bayes.report.text import NO_VALUE, count, significant, symbol
+from aero_bayes.report.text import NO_VALUE, significant, symbol
 from aero_bayes.schema import LoopJson, QuantilesJson
 
 
-def evidence_words(loop: LoopJson) -> Markup:
-    """How many effective samples the log-evidence rests on; empty where the result does not say."""
-    samples = {output: n for output, n in loop.effective_samples.items() if n is not None and output in loop.readings}
-    if not samples:
-        return Markup("")
-    words = Markup("It is honest evidence: the log-evidence of {} effective samples (of {} readings)").format(
-        count(sum(samples.values())), count(sum(loop.readings[o] for o in samples))
-    )
-    if len(samples) == 1:
-        return words + "."
-    parts = [
-        Markup("{} of {} (of {})").format(count(n), symbol(output), count(loop.readings[output]))
-        for output, n in samples.items()
-    ]
-    return words + Markup(": {}.").format(Markup(", ").join(parts))
-
-
 def structures_words(loop: LoopJson) -> str:
-    """The structures that the data leave, with their odds; empty where there is one."""
+    """The structures that the data leave, with how often each is the best; empty where there is one."""
     if loop.averaged is None:
         return ""
-    found = [f"{join_names(s.terms)} (odds {significant(s.odds, 2)})" for s in loop.averaged.structures]
+    found = [f"{join_names(s.terms)} (best in {100.0 * (s.wins or 0.0):.0f} %)" for s in loop.averaged.structures]
     return (
         f"The data leave {len(found)} structures: {'; '.join(found)}. The intervals of the parameters that all of them "
-        "have are those of the mixture, weighted by these odds."
+        "have are those of the mixture, weighted by how often each is the best on resampled blocks."
     )
 
 
@@ -73,7 +55,7 @@ def process_noise_words(loop: LoopJson) -> str:
     found = loop.process_noise
     if found is None:
         return ""
-    gain, needed = gain_text(found.log_evidence_gain), significant(found.needed, 2)
+    gain, needed = significant(found.log_evidence_gain, 3), significant(found.needed, 2)
     return f"{found.sentence} Its gain in log-evidence is {gain} (needed: {needed})."
 
 

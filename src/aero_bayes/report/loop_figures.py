@@ -13,16 +13,14 @@ from aero_bayes.report.drawing import Band, Line, Panel, tick_text
 from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate, plate
 from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import NO_VALUE, count, greek_name, minus, scaled_unit, significant
+from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit
 from aero_bayes.schema import CandidateJson, EffectJson, LoopJson, StepJson
 
 PORT = 430.0
 _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
-#: Odds below which the number says no more.
-MIN_PRINTED_ODDS = 1e-3
-#: Width of a digit of a tick, and the least between two ticks.
-TICK = 6.0
+#: Falls of the error that are marked on the axis, in %.
+TICKS = (0, 25, 50, 75, 100)
 #: Candidates that are seen at once; the others are folded.
 SHOWN = 5
 #: Width of a letter beside a bar, and letters of a candidate's label.
@@ -31,11 +29,11 @@ LETTER, LABEL_LETTERS = 6.3, 52
 
 def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
     """Rounds that tried anything, all candidates (those taken first, then by their best gain), those to be drawn."""
-    steps = [step for step in loop.steps if any(c.delta_evidence is not None for c in step.candidates)]
+    steps = [step for step in loop.steps if any(c.share is not None for c in step.candidates)]
     best: dict[str, float] = {}
     for step in steps:
         for c in step.candidates:
-            best[c.id] = max(best.get(c.id, -math.inf), -math.inf if c.delta_evidence is None else c.delta_evidence)
+            best[c.id] = max(best.get(c.id, -math.inf), fall(c))
     taken = [step.chosen for step in steps if step.chosen in best]
     rest = sorted((id_ for id_ in best if id_ not in taken), key=lambda id_: -best[id_])
     ids = [*dict.fromkeys(taken), *rest]
@@ -43,19 +41,19 @@ def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
 
 
 def rounds_plates(loop: LoopJson, words: Mapping[str, str]) -> list[Plate]:
-    """A row for each candidate, a column for each round, bars of log-evidence gained: the best, then all others."""
+    """A row for each candidate, a column for each round, bars of how far the error falls: the best, then all others."""
     steps, ids, shown = rounds(loop)
     if not steps:
         return []
-    alt = f"Gain in log-evidence of {len(ids)} candidates over {len(steps)} steps. " + " ".join(
+    alt = f"Fall of the error on left-out readings for {len(ids)} candidates over {len(steps)} steps. " + " ".join(
         f"Step {step.round}: {step.chosen or 'none'} chosen." for step in steps
     )
     caption = Markup(
-        "Gain in log-evidence of each candidate in each step, with all parameters fitted again; logarithmic scale. "
-        "Orange: chosen. Outlined: the data cannot tell it from the chosen one. Dashed: the smallest gain that counts."
+        "By how much the error on readings that were left out falls with each candidate, in the output where it falls "
+        "most, with all parameters fitted again. Orange: chosen. Outlined: the data cannot tell it from the chosen one."
     )
     left_out = len(ids) - len(shown)
-    rest = Markup.escape(f"{left_out} candidates without any gain are not shown." if left_out else "")
+    rest = Markup.escape(f"{left_out} candidates that do not lower the error are not shown." if left_out else "")
     plates: list[Plate] = []
     for part, about, below in ((shown[:SHOWN], alt, caption), (shown[SHOWN:], f"The other candidates. {alt}", rest)):
         if part:
@@ -73,13 +71,10 @@ def _rounds_drawing(steps: list[StepJson], ids: list[str], words: Mapping[str, s
     canvas = Canvas(width, _TOP + row * len(ids) + 24, alt)
     column = (width - label - 10) / len(steps)
     found = [c for step in steps for c in step.candidates]
-    most = max(10.0, *(c.delta_evidence or 0.0 for c in found))
-    longest, short = (8 + LETTER * max(len(_beside(c, odds=odds)) for c in found) for odds in (True, False))
-    with_odds = column > 2.0 * longest
-    beside = longest if with_odds else short
+    beside = 8 + LETTER * max(len(fall_text(c)) for c in found)
 
-    def across(gain: float) -> float:
-        return (column - beside) * math.log1p(max(gain, 0.0)) / math.log1p(most)
+    def across(percent: float) -> float:
+        return (column - beside) * min(max(percent, 0.0), 100.0) / 100.0
 
     for index, id_ in enumerate(ids):
         y = _TOP + row * index
@@ -91,22 +86,14 @@ def _rounds_drawing(steps: list[StepJson], ids: list[str], words: Mapping[str, s
     for k, step in enumerate(steps):
         left = label + 4 + column * k
         canvas.text(left, 14, f"Step {step.round}", INK, 12)
-        if step.threshold:
-            edge = left + across(step.threshold)
-            canvas.curve([edge, edge], [_TOP - 6, _TOP + row * len(ids)], MUTED, 0.9, "4 3")
-        free = left - TICK
-        for gain in (10.0**power for power in range(0, 7) if 10.0**power <= most):
-            text, middle = tick_text(gain), left + across(gain)
-            half = 0.5 * TICK * len(text)
-            if middle - half > free:
-                canvas.text(middle, _TOP - 10, text, MUTED, 10, "middle")
-                free = middle + half + TICK
+        for percent in TICKS[:: 1 if column > 200.0 else 2]:
+            canvas.text(left + across(percent), _TOP - 10, tick_text(percent), MUTED, 10, "middle")
         by_id = {c.id: c for c in step.candidates}
         for index, id_ in enumerate(ids):
             if id_ in by_id:
                 y = _TOP + row * index + (0 if wide else _ROW - 3)
-                length = max(across(by_id[id_].delta_evidence or 0.0), 1.5)
-                _bar(canvas, by_id[id_], step, (left, y, length), _beside(by_id[id_], odds=with_odds))
+                length = max(across(fall(by_id[id_])), 1.5)
+                _bar(canvas, by_id[id_], step, (left, y, length), fall_text(by_id[id_]))
     return canvas.svg()
 
 
@@ -117,21 +104,15 @@ def short_label(id_: str, words: Mapping[str, str], letters: int = LABEL_LETTERS
 
 
 def _bar(canvas: Canvas, found: CandidateJson, step: StepJson, place: tuple[float, float, float], text: str) -> None:
-    """A candidate's gain as a bar (left, top, length), with its text where it gains anything."""
+    """A candidate's fall of the error as a bar (left, top, length), with its text where it falls at all."""
     left, y, length = place
     chosen = found.id == step.chosen
     colour, opacity = (WARM_COLOUR, 1.0) if chosen else (ACCENT, 0.45)
     alike = "" if found.id not in step.equivalent or chosen else f";stroke:var(--{WARM_COLOUR});stroke-width:1.6"
     outline = f"M{left:.1f} {y + 4:.1f}h{length:.1f}v10h-{length:.1f}Z"
     canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
-    if (found.delta_evidence or 0.0) >= 1.0 or chosen:
+    if fall(found) >= 1.0 or chosen:
         canvas.text(left + length + 4, y + 13, text, INK if chosen else MUTED, 10.5)
-
-
-def _beside(found: CandidateJson, *, odds: bool) -> str:
-    """Text beside a bar: the gain, and the odds unless they are negligible."""
-    stated = odds and found.odds is not None and found.odds >= MIN_PRINTED_ODDS
-    return gain_text(found.delta_evidence) + (f", {odds_text(found.odds or 0.0)}" if stated else "")
 
 
 def _rounds_table(steps: list[StepJson], ids: list[str], words: Mapping[str, str]) -> Markup:
@@ -144,7 +125,9 @@ def _rounds_table(steps: list[StepJson], ids: list[str], words: Mapping[str, str
             (name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True)))
         )
     heads = [Column(f"step {step.round}", "right") for step in steps]
-    return html_table(("candidate", "port", *heads), rows, "Candidates: gain in log-evidence in each step")
+    return html_table(
+        ("candidate", "port", *heads), rows, "Candidates: fall of the error on left-out readings in each step"
+    )
 
 
 def _candidate_cell(found: CandidateJson | None, step: StepJson) -> Markup:
@@ -152,20 +135,23 @@ def _candidate_cell(found: CandidateJson | None, step: StepJson) -> Markup:
         return Markup(NO_VALUE)
     notes = [
         "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
-        "" if found.refitted else "not fitted, its predicted gain is too small",
-        "" if found.odds is None else odds_text(found.odds),
+        "" if found.refitted else "by one Newton step",
+        "" if not found.wins else f"best in {100.0 * found.wins:.0f} % of the resampled blocks",
     ]
-    return Markup("{}<small>{}</small>").format(gain_text(found.delta_evidence), "; ".join(filter(None, notes)))
+    return Markup("{}<small>{}</small>").format(fall_text(found), "; ".join(filter(None, notes)))
 
 
-def odds_text(odds: float) -> str:
-    """Odds among all candidates of a step; below a limit only that they are."""
-    return f"odds {significant(odds, 3)}" if odds >= MIN_PRINTED_ODDS else f"odds below {MIN_PRINTED_ODDS:g}"
+def fall(found: CandidateJson | EffectJson) -> float:
+    """By how much the error on left-out readings falls, in %; minus infinity where that is not known."""
+    return -math.inf if found.share is None else 100.0 * (1.0 - found.share)
 
 
-def gain_text(value: float | None) -> str:
-    """A gain in log-evidence."""
-    return NO_VALUE if value is None else count(value) if abs(value) >= 1000 else minus(f"{value:z.1f}")
+def fall_text(found: CandidateJson | EffectJson) -> str:
+    """The same in words, with its standard error."""
+    if found.share is None:
+        return NO_VALUE
+    spread = "" if found.share_sd is None else f" ± {100.0 * found.share_sd:.0f}"
+    return minus(f"{fall(found):z.0f}{spread} %")
 
 
 def curve_plate(effect: EffectJson) -> Plate | None:

@@ -10,7 +10,7 @@ from difflib import SequenceMatcher
 from markupsafe import Markup, escape
 
 from aero_bayes.report.figure import Plate
-from aero_bayes.report.loop_figures import curve_plate, gain_text
+from aero_bayes.report.loop_figures import curve_plate, fall_text
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.tables import Column, html_table, parameter_quantity, ratio_glyph
 from aero_bayes.report.text import NO_VALUE, pretty_unit, role_words, signed, significant, symbol
@@ -36,11 +36,9 @@ def effects(loop: LoopJson, stated: Collection[str]) -> list[EffectSection]:
 
 def _effect(entry: EffectJson, elsewhere: Collection[str]) -> EffectSection:
     kind = "a curve learned from the data" if entry.kind == "free_form" else ""
-    evidence = f"log-evidence {gain_text(entry.evidence.log_evidence_gain)}"
-    if entry.evidence.needed is not None:
-        evidence += f" (needed: {significant(entry.evidence.needed, 2)})"
-    if entry.odds is not None:
-        evidence += f", odds {significant(entry.odds, 3)}"
+    evidence = f"error on left-out readings lower by {fall_text(entry)}"
+    if entry.looks_like:
+        evidence += f", looks like {entry.looks_like}"
     rows = []
     for name, stated in entry.parameters.items():
         if name in elsewhere:
@@ -52,6 +50,24 @@ def _effect(entry: EffectJson, elsewhere: Collection[str]) -> EffectSection:
     where = f"port {entry.port}" + (f", as a function of {entry.over}" if entry.over else "")
     table = html_table(columns, rows, f"Parameters of {entry.id}") if rows else None
     return EffectSection(entry.id, entry.summary or kind, where, evidence, table, curve_plate(entry))
+
+
+def smaller_table(loop: LoopJson) -> Markup | None:
+    """Effects that help beside the named ones and are not material; None if there are none."""
+    rows = [
+        (
+            Markup("<code>{}</code><small>{}</small>").format(entry.id, entry.summary), entry.port, fall_text(entry),
+            "; ".join(
+                f"{name} = {parameter_quantity(stated)[0].value} {stated.unit}".strip()
+                for name, stated in entry.parameters.items()
+            ),
+        )
+        for entry in loop.smaller
+    ]  # fmt: skip
+    if not rows:
+        return None
+    columns = ("effect", "port", Column("fall of the left-out error", "right"), "parameters")
+    return html_table(columns, rows, "Smaller effects, of which no claim is made")
 
 
 def before_after_table(run: RunDirectory, loop: LoopJson) -> Markup | None:

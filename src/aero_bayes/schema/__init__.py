@@ -40,7 +40,6 @@ from aero_bayes.schema.fleet import (
 from aero_bayes.schema.loop import (
     CandidateJson,
     EffectJson,
-    EvidenceJson,
     LoopJson,
     ShiftJson,
     StepJson,
@@ -64,7 +63,6 @@ __all__ = [
     "DiagramJson",
     "EffectJson",
     "EncoderJson",
-    "EvidenceJson",
     "FitJson",
     "FleetCostJson",
     "FleetEffectJson",

@@ -8,13 +8,6 @@ from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson, Quantil
 from aero_bayes.schema.estimate import ResidualJson
 
 
-class EvidenceJson(JsonTable):
-    """Log-evidence that the model loses without the effect, and the least that counts."""
-
-    log_evidence_gain: JsonNumber = None
-    needed: JsonNumber = None
-
-
 class CurveJson(JsonTable):
     """A learned curve: output of the port as a function of a signal, and its standard deviation."""
 
@@ -26,41 +19,47 @@ class CurveJson(JsonTable):
 
 
 class EffectJson(JsonTable):
-    """An effect that was added; ``id`` is ``law@port`` or an id of a library."""
+    """An effect; ``id`` is ``law@port`` or an id of a library.
+
+    ``share`` is the error on left-out readings with it over that without it, in the output ``share_of``; ``wins`` the
+    share of resampled blocks in which its structure is the best; ``looks_like`` the law that comes near a curve.
+    """
 
     id: str
     port: str
     kind: Literal["catalogue", "free_form"]
     parameters: dict[str, ParameterJson] = {}
-    evidence: EvidenceJson = EvidenceJson()
-    odds: JsonNumber = None
+    share: JsonNumber = None
+    share_sd: JsonNumber = None
+    share_of: str = ""
+    wins: JsonNumber = None
     modelica: str = ""
     summary: str = ""
     widths: dict[str, JsonNumber] = {}
     width_influence_sd: JsonNumber = None
     over: str = ""
+    looks_like: str = ""
     curve: CurveJson | None = None
 
 
 class CandidateJson(JsonTable):
-    """A candidate of a round: gain in log-evidence over the model without it, odds against doing without."""
+    """A candidate of a round: error on left-out readings with it over that without it."""
 
     id: str
     port: str
-    delta_evidence: JsonNumber = None
-    odds: JsonNumber = None
+    share: JsonNumber = None
+    share_sd: JsonNumber = None
+    wins: JsonNumber = None
     refitted: bool = True
 
 
 class StepJson(JsonTable):
-    """A round of the search; ``threshold`` is the least gain that counts, ``odds`` those of nothing and the untried."""
+    """A step: one term beside those of the steps before, and its rivals."""
 
     round: int
     candidates: list[CandidateJson] = []
-    threshold: JsonNumber = None
     chosen: str | None = None
     equivalent: list[str] = []
-    odds: dict[str, JsonNumber] = {}
     why: str = ""
 
 
@@ -74,11 +73,11 @@ class ShiftJson(JsonTable):
     in_sd: JsonNumber
 
 
-class StructureOddsJson(JsonTable):
-    """One of the structures that the data do not tell apart: its terms, and its probability among them."""
+class StructureWinsJson(JsonTable):
+    """One of the structures that the data do not tell apart: its terms, and how often it is the best of them."""
 
     terms: list[str]
-    odds: JsonNumber
+    wins: JsonNumber
 
 
 class AveragedParameterJson(JsonTable):
@@ -91,7 +90,7 @@ class AveragedParameterJson(JsonTable):
 class AveragedStructuresJson(JsonTable):
     """The structures that the data do not tell apart, the chosen one first; parameters that all of them have."""
 
-    structures: list[StructureOddsJson]
+    structures: list[StructureWinsJson]
     parameters: dict[str, AveragedParameterJson] = {}
 
 
@@ -117,7 +116,7 @@ RmsByRole = dict[str, dict[str, JsonNumber]]
 class LoopJson(JsonTable):
     """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
 
-    ``readings`` and ``effective_samples``, by output, are what the log-evidence rests on.
+    ``smaller`` are effects that help and are not material; ``blocks`` of readings were left out in turn.
     """
 
     outcome: Literal["adequate", "extended", "unexplained"]
@@ -125,6 +124,7 @@ class LoopJson(JsonTable):
     base: str = ""
     model: str = ""
     effects: list[EffectJson] = []
+    smaller: list[EffectJson] = []
     equivalent: list[list[str]] = []
     before: RmsByRole = {}
     after: RmsByRole = {}
@@ -136,8 +136,7 @@ class LoopJson(JsonTable):
     whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
     averaged: AveragedStructuresJson | None = None
     process_noise: LoopProcessNoiseJson | None = None
-    readings: dict[str, int] = {}
-    effective_samples: dict[str, JsonNumber] = {}
+    blocks: int = 0
     separate: list[str] = []
     story: list[str] = []
     diff: str = ""

@@ -6,7 +6,7 @@ from aero_bayes.search.explored import Library, SearchControl, SearchResult
 from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.parts import PARTS, Parts
 from aero_bayes.search.restarts import Restart
-from aero_bayes.search.score import Penalty, common_noise, odds
+from aero_bayes.search.score import Penalty, common_noise
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import START_RULES, Start, StartRule, starting_points
 from aero_bayes.search.structure import Structure
@@ -35,7 +35,6 @@ __all__ = [
     "StructureSettings",
     "common_noise",
     "likely_pairs",
-    "odds",
     "starting_points",
     "term_directions",
 ]

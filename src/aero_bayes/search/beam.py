@@ -48,8 +48,6 @@ class StructureSearch:
     parts : Parts
         Edits, start rules and restarts.
     control : SearchControl
-    explained : callable
-        Whether the laws of the library explain the residual; else curves are learned.
     """
 
     cache: ModelCache
@@ -59,7 +57,6 @@ class StructureSearch:
     floors: Mapping[tuple[str, str], float]
     parts: Parts
     control: SearchControl = field(default_factory=SearchControl)
-    explained: Callable[[SearchResult], bool] = lambda explored: bool(explored.best.terms)
 
     def __post_init__(self) -> None:
         self.fit = replace(self.fit, hold_noise=True)
@@ -70,7 +67,8 @@ class StructureSearch:
         self._candidate_fits: dict[tuple[Structure, tuple[str, ...]], FittedModel | None] = {}
         self._predicted_gains: dict[Structure, float] = {}
         self._skipped: dict[str, None] = {}
-        self._ended, self._library_exhausted = "", False
+        self._ended = ""
+        self._completed: set[Structure] = set()
         special = frozenset((*self.library.refines, *self.library.curves))
         listed = sum(1 for t in self.library.terms if t not in special)
         free_later = len(self.cache.free_later)
@@ -92,29 +90,17 @@ class StructureSearch:
         self._update_noise()
         self._restart([], "the first model")
         self._expand_all()
-        if self.library.curves and not self._noise.adequate and not self._time_is_up("learned curves"):
-            self._library_exhausted = not self.explained(self._result())
-            if self._library_exhausted:
-                self._level([self._fits[self._root]], "learned curves")
-                self._expand_all()
         return self._result()
 
     def complete(self, fitted: FittedModel) -> SearchResult:
-        """All that was found, and a structure without each of its terms where that was not fitted yet."""
+        """All that was found, and a structure without each of its terms, fitted from where the structure is, too."""
+        if fitted.structure in self._completed:
+            return self._result()
+        self._completed.add(fitted.structure)
         for id_ in fitted.terms:
-            rest = fitted.structure.minus(id_)
-            if rest not in self._fits:
-                with suppress(CannotFinishError):
-                    self._keep_better(self._fit_alone(rest, fitted.values))
+            with suppress(CannotFinishError):
+                self._keep_better(self._fit_alone(fitted.structure.minus(id_), fitted.values))
         return self._result()
-
-    def complete_path(self, order: Sequence[str], fitted: FittedModel) -> SearchResult:
-        """The same for a structure whose terms come in one after the other."""
-        explored = self.complete(fitted)
-        for id_ in reversed(order):
-            fitted = explored.fits.get(fitted.structure.minus(id_), fitted)
-            explored = self.complete(fitted)
-        return explored
 
     def _expand_all(self) -> None:
         """Expand until no structure is left to expand."""
@@ -134,7 +120,7 @@ class StructureSearch:
         return SearchResult(
             dict(self._fits), self._noise, self._penalty, self.floors,
             {s: p for s, p in self._predicted_gains.items() if s not in self._fits}, self.cache.ports,
-            self.library.refines, tuple(self._skipped),
+            self.library.refines, self.library.curves, tuple(self._skipped),
             self._ended,
         )  # fmt: skip
 
@@ -180,7 +166,7 @@ class StructureSearch:
             context = EditContext(
                 fitted, adequate and fitted is best, self.library.terms, self.library.refines, self.library.curves,
                 self._rivals(), self.cache.free_later, tuple(self._directions(fitted)),
-                self.cache.interpolation_is_free, fitted is best, self._library_exhausted,
+                self.cache.interpolation_is_free, fitted is best,
             )  # fmt: skip
             for edit in self.parts.edits:
                 self._fit_smaller(fitted, edit.neighbours(context), targets)

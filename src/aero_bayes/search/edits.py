@@ -52,8 +52,6 @@ class EditContext:
         Whether the inputs may be read the other way.
     best : bool
         Whether it is the best structure so far.
-    unlisted : bool
-        Whether the laws of the library were tried and do not explain the residual.
     states : tuple of str
         States of the first model that process noise may drive.
     """
@@ -68,7 +66,6 @@ class EditContext:
     directions: tuple[Direction, ...]
     interpolation_is_free: bool
     best: bool
-    unlisted: bool
     states: tuple[str, ...] = ()
 
     @property
@@ -101,11 +98,14 @@ class AddTerm:
 
 
 class AddCurve:
-    """A learned curve at each port, if no law of the library explains the residual; a curve fits almost anything."""
+    """A learned curve at each port beside the laws: it bounds what any law at its port can explain."""
 
     def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if here.unlisted and not here.adequate:
-            for id_ in here.curves:
+        if here.adequate or not (here.best or not here.structure.terms):
+            return
+        taken = {port_of(t) for t in here.structure.terms}
+        for id_ in here.curves:
+            if port_of(id_) not in taken:
                 yield here.structure.plus(id_)
 
 
@@ -179,7 +179,7 @@ class AddProcessNoise:
     """Process noise of each state, if no law and no curve explains the residual."""
 
     def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if here.unlisted and not here.adequate:
+        if not here.adequate:
             for state in here.states:
                 if state not in here.structure.process_noise:
                     yield replace(here.structure, process_noise=(*here.structure.process_noise, state))
@@ -191,6 +191,11 @@ EDITS: tuple[Edit, ...] = (
 )  # fmt: skip
 #: The edits of the structure that was chosen. A random force explains whatever a missing law would: it is tried last.
 LAST_EDITS: tuple[Edit, ...] = (AddProcessNoise(),)
+
+
+def port_of(id_: str) -> str:
+    """The port of a term ``law@port``."""
+    return id_.rpartition("@")[2]
 
 
 def with_term(here: EditContext, structure: Structure, id_: str) -> Structure:

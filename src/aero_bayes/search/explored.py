@@ -78,8 +78,8 @@ class SearchResult:
     """All that a search found: every structure fitted, scored under one noise.
 
     ``predicted_gains`` are those of structures that were not fitted, because the gains are too small; ``ports`` is the
-    port of each term. ``skipped`` are terms with which the model cannot be simulated; ``ended`` is what was being done
-    when the time limit passed, empty where the search was completed.
+    port of each term, ``curves`` those that are learned. ``skipped`` are terms with which the model cannot be
+    simulated; ``ended`` is what was being done when the time limit passed, empty where the search was completed.
     """
 
     fits: Mapping[Structure, FittedModel]
@@ -89,6 +89,7 @@ class SearchResult:
     predicted_gains: Mapping[Structure, float]
     ports: Mapping[str, str]
     refines: Mapping[str, str]
+    curves: tuple[str, ...] = ()
     skipped: tuple[str, ...] = ()
     ended: str = ""
 

@@ -16,7 +16,7 @@ RESTARTS: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3), (DeclaredVal
 PARTS: tuple[str, ...] = (
     *(type(e).__name__ for e in (*EDITS, *LAST_EDITS) if type(e).__name__ != "AddTerm"),
     *(type(r).__name__ for r in START_RULES if type(r).__name__ != "NominalValues"),
-    "KnownTerms", "GrowingHorizon", "DeclaredValues", "LeaveBlockOut", "LeftOver", "Validation",
+    "KnownTerms", "GrowingHorizon", "DeclaredValues", "Validation",
 )  # fmt: skip
 
 

@@ -101,7 +101,7 @@ def fit_process_noise(
     base = _base_fit(model_of(Structure()), values, floors, fit)
     context = EditContext(
         fitted=base, adequate=False, offered=(), refines={}, curves=(), rivals=(), free_later=(), directions=(),
-        interpolation_is_free=False, best=True, unlisted=True, states=tuple(states),
+        interpolation_is_free=False, best=True, states=tuple(states),
     )  # fmt: skip
     wanted = [s for edit in edits for s in edit.neighbours(context)]
     built = [(model_of(s), s) for s in wanted]

@@ -10,7 +10,7 @@ Varin, Reid and Firth, 2011, Statistica Sinica 21, 5). So do the weights of seve
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,9 +23,6 @@ from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 from aero_bayes.sensors.whiteness import residual_correlation_time
 
 FloatArray = NDArray[np.float64]
-
-#: Prior probability that the missing effect is none of the candidates.
-UNLISTED_PROBABILITY = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,16 +138,3 @@ class Penalty:
         freed = len(fitted.structure.freed) * (math.log(max(self.parameters, 1)) + self.margin)
         off = self.margin * fitted.parameters_on_bound
         return fitted.log_evidence - sum(self.of_term(t) for t in fitted.terms) - freed - off
-
-
-def odds(gains: Sequence[float]) -> tuple[list[float], float]:
-    """Probabilities of rival terms with these gains in log-evidence, and of no term at all.
-
-    Half of the prior is with no term, half is shared; :data:`UNLISTED_PROBABILITY` is kept for what no candidate is.
-    """
-    if not gains:
-        return [], 1.0 - UNLISTED_PROBABILITY
-    logs = np.array([math.log(0.5), *(math.log(0.5 / len(gains)) + g if math.isfinite(g) else -np.inf for g in gains)])
-    shares = np.exp(logs - logs.max())
-    shares *= (1.0 - UNLISTED_PROBABILITY) / shares.sum()
-    return shares[1:].tolist(), float(shares[0])

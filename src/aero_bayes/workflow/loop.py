@@ -75,6 +75,8 @@ def loop_settings(job: Job) -> LoopSettings:
     return LoopSettings(
         structures=replace(defaults.structures, max_effects=section.max_effects, require=section.require),
         leave_out=section.leave_out,
+        min_share=section.min_share,
+        include_smaller=section.include_smaller,
         global_search=global_search,
         calibration=calibration,
         seed=job.options.seed,

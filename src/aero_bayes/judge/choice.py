@@ -1,0 +1,231 @@
+"""The choice of a structure by its error on readings that were left out: place, then name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
+from aero_bayes.judge.comparison import Comparison, Share
+from aero_bayes.search.explored import SearchResult
+from aero_bayes.search.models import FittedModel
+from aero_bayes.search.structure import Structure
+
+
+@dataclass(frozen=True)
+class ChoiceSettings:
+    """What counts as a cause.
+
+    Parameters
+    ----------
+    min_share : float
+        A term is material if with it the left-out error of an output is at most this share of that without it: a
+        quarter less is what an engineer would change a model for.
+    require : tuple of str
+        Terms that need not be material.
+    """
+
+    min_share: float = 0.75
+    require: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The chosen structure, and what it was chosen from.
+
+    Parameters
+    ----------
+    fitted : FittedModel
+    near : tuple of Structure
+        Material structures that the best one does not clearly beat, the chosen one first.
+    smaller : tuple of str
+        Terms that clearly lower the left-out error beside the chosen ones, and are not material.
+    comparison : Comparison
+        Of the structures that were fitted again without each block.
+    ranking : Comparison
+        Of all structures, by the closed form.
+    before, after : tuple of ResidualReport
+        What the first model and the chosen one leave.
+    explored : SearchResult
+    min_share : float
+        Of the settings.
+    """
+
+    fitted: FittedModel
+    near: tuple[Structure, ...]
+    smaller: tuple[str, ...]
+    comparison: Comparison
+    ranking: Comparison
+    before: tuple[ResidualReport, ...]
+    after: tuple[ResidualReport, ...]
+    explored: SearchResult
+    min_share: float
+
+    @property
+    def structure(self) -> Structure:
+        return self.fitted.structure
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The chosen terms, those first that would be missed most."""
+        return tuple(sorted(self.structure.terms, key=lambda t: (self.share(t).value, t)))
+
+    def share(self, term: str) -> Share:
+        """Left-out error with a chosen term over that without it."""
+        return self.comparison.share(self.structure, best_within(self.comparison, self.structure.minus(term)))
+
+    def alike(self, term: str) -> tuple[str, ...]:
+        """A chosen term and those that do as well in its place, best first.
+
+        A curve at its port and a refinement hold it as a special case: they are not listed.
+        """
+        explored, rest = self.explored, set(self.structure.terms) - {term}
+        others = [s for s in self.near if len(s) == len(self.structure) and rest < set(s.terms) and term not in s.terms]
+        swapped = [next(iter(set(s.terms) - rest)) for s in sorted(others, key=lambda s: self.comparison.scores[s])]
+        own = explored.ports.get(term)
+        kept = [
+            o
+            for o in swapped
+            if explored.refines.get(o) != term and not (o in explored.curves and explored.ports.get(o) == own)
+        ]
+        return tuple(dict.fromkeys((term, *kept)))
+
+    @property
+    def unsure(self) -> Structure | None:
+        """Where nothing is chosen: the best structure with a term that lowers the error by a quarter, not clearly."""
+        much = [
+            s
+            for s in self.comparison.squares
+            if len(s) == 1 and self.comparison.share(s, self.structure).value <= self.min_share
+        ]
+        return self.comparison.best(much) if much and not self.structure.terms else None
+
+    def looks_like(self, term: str) -> str:
+        """The law at a curve's port that comes near the curve; empty where none does."""
+        explored, rest = self.explored, self.structure.minus(term)
+        laws = [
+            s
+            for s in self.ranking.squares
+            if s.contains(rest)
+            and len(new := s.new_terms(rest)) == 1
+            and new[0] not in explored.curves
+            and explored.ports.get(new[0]) == explored.ports.get(term)
+            and self.ranking.share(s, best_within(self.ranking, rest)).value <= self.min_share
+        ]
+        return self.ranking.best(laws).new_terms(rest)[0] if laws else ""
+
+    def share_of_smaller(self, term: str) -> Share:
+        """Left-out error with a smaller term beside the chosen ones over that without it."""
+        whole = self.structure.plus(*self.smaller)
+        return self.ranking.share(whole, best_within(self.ranking, whole.minus(term)))
+
+    def wins_of_smaller(self, term: str) -> float:
+        """Share of resampled blocks in which a smaller term helps."""
+        whole = self.structure.plus(*self.smaller)
+        return self.ranking.wins([whole, best_within(self.ranking, whole.minus(term))])[whole]
+
+    @property
+    def rivals(self) -> tuple[Structure, ...]:
+        """The chosen structure, and each that the data do not tell from it by a term in place of another."""
+        swaps = [self.structure.minus(t).plus(o) for t in self.structure.terms for o in self.alike(t)[1:]]
+        terms = {s.terms for s in swaps}
+        return (self.structure, *(s for s in self.near if s.terms in terms))
+
+    @property
+    def wins(self) -> float:
+        """Share of resampled blocks in which the chosen structure is the best of its size.
+
+        Structures that hold it as a special case do not count.
+        """
+        explored = self.explored
+        own = {explored.ports.get(t) for t in self.structure.terms}
+
+        def special(term: str) -> bool:
+            curve = term in explored.curves and explored.ports.get(term) in own
+            return term not in self.structure.terms and (curve or explored.refines.get(term) in self.structure.terms)
+
+        among = [
+            s
+            for s in self.comparison.squares
+            if s == self.structure
+            or (len(s) <= len(self.structure) and s.terms != self.structure.terms and not any(map(special, s.terms)))
+        ]
+        return self.comparison.wins(among)[self.structure]
+
+
+@dataclass(eq=False)
+class Judge:
+    """Says which structures are material, and which of them is chosen.
+
+    Parameters
+    ----------
+    explored : SearchResult
+    comparison : Comparison
+        Of some of the structures, among them one without any term.
+    settings : ChoiceSettings
+    """
+
+    explored: SearchResult
+    comparison: Comparison
+    settings: ChoiceSettings
+    _only_noise: dict[Structure, bool] = field(default_factory=dict)
+
+    def only_noise(self, structure: Structure) -> bool:
+        """Whether a structure leaves nothing but noise, under the noise of the best structure."""
+        if structure not in self._only_noise:
+            reports = residual_reports(self.explored.fits[structure], self.explored)
+            self._only_noise[structure] = self.explored.noise.adequate and not structured_residuals(reports)
+        return self._only_noise[structure]
+
+    def rest(self, structure: Structure, term: str) -> Structure:
+        """The best structure whose terms are among the others of this one."""
+        return best_within(self.comparison, structure.minus(term))
+
+    def material(self, structure: Structure) -> bool:
+        """Whether every term matters: it clearly lowers the left-out error, and by a quarter or down to the noise."""
+        asked = [t for t in structure.terms if t not in self.settings.require]
+        return bool(structure.terms) and all(self._matters(structure, self.rest(structure, t)) for t in asked)
+
+    def _matters(self, structure: Structure, rest: Structure) -> bool:
+        if not self.comparison.clearly_better(structure, rest):
+            return False
+        much = self.comparison.share(structure, rest).value <= self.settings.min_share
+        return much or (self.only_noise(structure) and not self.only_noise(rest))
+
+    def near(self) -> list[Structure]:
+        """Structures that the best one does not clearly beat, the chosen one first.
+
+        They are material; without any that is, they are those without a term beside the required ones. The chosen one
+        has the fewest terms, then the fewest parameters.
+        """
+        required = set(self.settings.require)
+        allowed = [s for s in self.comparison.squares if required <= set(s.terms)]
+        among = [s for s in allowed if set(s.terms) > required and self.material(s)]
+        among = among or [s for s in allowed if set(s.terms) == required]
+        best = self.comparison.best(among)
+        near = [s for s in among if s == best or not self.comparison.clearly_better(best, s)]
+        return sorted(near, key=lambda s: (len(s), len(self.explored.fits[s].optimum.free), self.comparison.scores[s]))
+
+    def smaller(self, chosen: Structure) -> tuple[str, ...]:
+        """Laws that clearly lower the left-out error beside the chosen terms: those of the best structure of these."""
+
+        def helps(s: Structure) -> bool:
+            return all(self.comparison.clearly_better(s, self.rest(s, t)) for t in s.new_terms(chosen))
+
+        larger = [
+            s
+            for s in self.comparison.squares
+            if s.contains(chosen) and s != chosen and not set(s.new_terms(chosen)) & set(self.explored.curves)
+        ]
+        found = [s for s in larger if helps(s)]
+        return self.comparison.best(found).new_terms(chosen) if found else ()
+
+
+def residual_reports(fitted: FittedModel, explored: SearchResult) -> tuple[ResidualReport, ...]:
+    """Reports on the residuals of a fit, under the noise that all structures are compared with."""
+    own = fitted.with_noise(explored.noise.noise)
+    return check_residuals(own.model.objective.calibration, own.model.objective.series, own.optimum, explored.floors)
+
+
+def best_within(comparison: Comparison, structure: Structure) -> Structure:
+    """The best structure that has no terms but those of another."""
+    return comparison.best(s for s in comparison.squares if set(s.terms) <= set(structure.terms))

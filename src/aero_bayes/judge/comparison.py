@@ -1,0 +1,120 @@
+"""Structures compared by their errors on readings that were left out, output by output."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm, t
+
+from aero_bayes.search.structure import Structure
+
+FloatArray = NDArray[np.float64]
+
+#: Standard errors by which one structure must predict better than another to count as clearly better.
+MIN_STANDARD_ERRORS = 2.0
+#: Draws of as many blocks as there are, with replacement, and their seed: standard errors are known to 4 %.
+DRAWS, SEED = 400, 1
+
+
+@dataclass(frozen=True)
+class Share:
+    """Error on left-out readings with something over that without it, in the output where it falls most."""
+
+    value: float
+    sd: float
+    output: str
+
+    @property
+    def fall(self) -> str:
+        """How far the error falls, in words."""
+        if self.value > 1.0:
+            return f"rises by {100.0 * (self.value - 1.0):.0f} % (+- {100.0 * self.sd:.0f})"
+        return f"falls by {100.0 * (1.0 - self.value):.0f} % (+- {100.0 * self.sd:.0f})"
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Errors of structures on the same left-out readings.
+
+    The score of a structure is the sum over outputs of the logarithm of its squared error, so that no output outvotes
+    another. Standard errors are of differences, over resampled blocks.
+
+    Parameters
+    ----------
+    squares : mapping of Structure to ndarray, shape (blocks, m)
+        Sums of squared errors by block and output.
+    outputs : tuple of str, length m
+    least : ndarray, shape (m,)
+        Sum of squared errors of an output up to which it counts as predicted without error.
+    """
+
+    squares: Mapping[Structure, FloatArray]
+    outputs: tuple[str, ...]
+    least: FloatArray
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return len(next(iter(self.squares.values())))
+
+    @cached_property
+    def _draws(self) -> FloatArray:
+        """How often each block is in each resampled set (draws, blocks)."""
+        count = self.blocks
+        drawn = np.random.default_rng(SEED).integers(0, count, (DRAWS, count))
+        return np.stack([np.bincount(row, minlength=count) for row in drawn]).astype(np.float64)
+
+    @cached_property
+    def _needed(self) -> float:
+        """Standard errors that count as clear: with few blocks more of them (Student's t)."""
+        blocks = self._draws.shape[1]
+        return float(t.ppf(norm.cdf(MIN_STANDARD_ERRORS), blocks - 1)) if blocks > 1 else math.inf
+
+    @cached_property
+    def scores(self) -> dict[Structure, float]:
+        """Of each structure; lower is better."""
+        return {s: float(self._logs(e.sum(axis=0)).sum()) for s, e in self.squares.items()}
+
+    @cached_property
+    def _resampled(self) -> dict[Structure, FloatArray]:
+        """Scores (draws,) of each structure."""
+        return {s: self._logs(self._draws @ e).sum(axis=-1) for s, e in self.squares.items()}
+
+    def _logs(self, squares: FloatArray) -> FloatArray:
+        return np.asarray(np.log(np.maximum(squares, np.maximum(self.least, 1e-300))))
+
+    def ahead(self, one: Structure, other: Structure) -> float:
+        """By how many standard errors one structure predicts better than another."""
+        difference = self.scores[other] - self.scores[one]
+        error = float(np.std(self._resampled[other] - self._resampled[one]))
+        if not math.isfinite(difference):
+            return math.inf if self.scores[one] < self.scores[other] else 0.0
+        return difference / error if error > 0.0 else 0.0
+
+    def clearly_better(self, one: Structure, other: Structure) -> bool:
+        """Whether one structure predicts left-out readings better than another by two standard errors."""
+        return self.ahead(one, other) > self._needed
+
+    def best(self, among: Iterable[Structure]) -> Structure:
+        """The one with the least score; of equal ones the one with fewer terms."""
+        return min(among, key=lambda s: (self.scores[s], len(s), s.terms))
+
+    def share(self, one: Structure, other: Structure) -> Share:
+        """Error with one structure over that with another, in the output where it falls most."""
+        with_it, without = self.squares[one], self.squares[other]
+        logs = 0.5 * (self._logs(with_it.sum(axis=0)) - self._logs(without.sum(axis=0)))
+        k = int(np.argmin(logs))
+        drawn = 0.5 * (
+            self._logs(self._draws @ self.squares[one])[:, k] - self._logs(self._draws @ self.squares[other])[:, k]
+        )
+        return Share(float(np.exp(logs[k])), float(np.std(np.exp(drawn))), self.outputs[k])
+
+    def wins(self, among: Sequence[Structure]) -> dict[Structure, float]:
+        """Share of the resampled blocks in which each structure is the best of some."""
+        first = np.argmin(np.stack([self._resampled[s] for s in among]), axis=0)
+        return {s: float(np.mean(first == k)) for k, s in enumerate(among)}

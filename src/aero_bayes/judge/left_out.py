@@ -1,0 +1,185 @@
+"""Squared errors on readings that were left out: the one measure by which structures are compared.
+
+All structures are held against the same blocks of readings. The closed form (one Newton step) ranks all structures; it
+is wrong where a block decides a parameter, so the finalists are fitted again without each block.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.leave_out import BLOCK_COUNT, MIN_BLOCK_READINGS, leave_blocks_out, time_cells
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.objective import Objective, Series
+from aero_bayes.estimate.parameters import prior_curvature
+from aero_bayes.search.models import FittedModel
+
+FloatArray = NDArray[np.float64]
+Readings = NDArray[np.int_]
+
+#: Recordings from which on whole recordings are left out: fewer do not show how much an error differs between them.
+MIN_WHOLE_RECORDINGS = 3
+#: Error that counts as none, as a share of an output's range: the accuracy of the solver in a search.
+ROUNDING_SHARE = 1e-5
+#: Steps of a fit without a block, which starts near its end.
+MAX_REFIT_STEPS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class CommonBlocks:
+    """The readings that are left out in turn, the same for all structures.
+
+    Parameters
+    ----------
+    outputs : tuple of str, length m
+    blocks : tuple of ndarray of int
+        Readings of each block, as columns of the whitened slopes.
+    owner : ndarray of int, shape (N,)
+        The output of each reading.
+    least : ndarray, shape (m,)
+        Sum of squared errors of an output up to which it counts as predicted without error, in units of the noise.
+    whole : bool
+        Whether the blocks are whole recordings.
+    """
+
+    outputs: tuple[str, ...]
+    blocks: tuple[Readings, ...]
+    owner: Readings
+    least: FloatArray
+    whole: bool
+
+    @classmethod
+    def of(cls, fits: Sequence[FittedModel]) -> CommonBlocks:
+        """Cut the readings so that no structure's parameters hang on one block.
+
+        Blocks of time hold equal shares of readings and of leverage, averaged over the structures. Whole recordings
+        are left out where there are three or more.
+
+        Parameters
+        ----------
+        fits : sequence of FittedModel
+            Under one noise.
+        """
+        objective, noise = fits[0].model.objective, fits[0].optimum.noise
+        series, calibration = objective.series, objective.calibration
+        recordings = sorted({s.experiment for s in series})
+        whole = len(recordings) >= MIN_WHOLE_RECORDINGS
+        leverage = sum((_leverage(f) for f in fits), np.zeros(objective.readings))
+        blocks: list[Readings] = []
+        for e in recordings:
+            readings = sum(s.sampling.size for s in series if s.experiment == e)
+            count = 1 if whole else max(min(BLOCK_COUNT // len(recordings), readings // MIN_BLOCK_READINGS), 1)
+            blocks += [cell for cell in time_cells(series, leverage, e, count) if cell.size]
+        outputs = objective.outputs
+        owner = np.repeat([outputs.index(s.output) for s in series], [s.sampling.size for s in series])
+        rounding = [
+            ROUNDING_SHARE * float(calibration.scale[calibration.outputs.index(o)]) / noise[o].sd for o in outputs
+        ]
+        least = np.bincount(owner).astype(np.float64) * np.square(rounding)
+        return cls(outputs, tuple(blocks), owner, least, whole)
+
+    def squares(self, block: Readings, residual: FloatArray) -> FloatArray:
+        """Sum of squares (m,) of the residual (n,) of a block, by output."""
+        found = np.bincount(self.owner[block], weights=residual**2, minlength=len(self.outputs))
+        return np.asarray(found, dtype=np.float64)
+
+    def moving(self, fitted: FittedModel) -> list[int]:
+        """Places among the free columns of those that move when a block is left out.
+
+        Initial values and delays of a recording stay where it is left out whole: nothing else determines them.
+        """
+        items = fitted.model.objective.parameters.items
+        return [k for k, j in enumerate(fitted.optimum.free) if not self.whole or items[j].recording is None]
+
+
+def newton_errors(fitted: FittedModel, common: CommonBlocks) -> FloatArray:
+    """Squared errors (blocks, m) of each block, predicted by a fit without it: one Newton step, kept in the bounds."""
+    optimum, parameters, moving = fitted.optimum, fitted.model.objective.parameters, common.moving(fitted)
+    columns = [optimum.free[k] for k in moving]
+    slopes, residual = optimum.whitened.slopes[moving], optimum.whitened.residual
+    prior = prior_curvature(parameters.prior_derivatives(optimum.coordinates)[1][columns])
+    low, high = (bound[columns] for bound in parameters.box)
+    at, found = optimum.coordinates[columns], []
+    for left in leave_blocks_out(slopes, residual, prior, common.blocks):
+        step = np.clip(at + left.step, low, high) - at
+        found.append(common.squares(left.readings, residual[left.readings] - slopes[:, left.readings].T @ step))
+    return np.array(found)
+
+
+def refitted_errors(fitted: FittedModel, common: CommonBlocks, block: int, settings: LocalFitSettings) -> FloatArray:
+    """Squared errors (m,) of one block, predicted by a fit to all other readings.
+
+    The fit starts at the optimum of all readings, or after the Newton step where that leaves less. Infinite where the
+    model cannot be simulated.
+    """
+    optimum, readings, moving = fitted.optimum, common.blocks[block], common.moving(fitted)
+    own = fitted.model.objective
+    rest = _without(own, readings)
+    columns = [optimum.free[k] for k in moving]
+    fit = replace(settings, hold_noise=True).with_limits(MAX_REFIT_STEPS, settings.local.tolerance)
+    try:
+        end = local_fit(rest, _start(fitted, common, block, rest), columns, noise=optimum.noise, settings=fit)
+    except CannotFinishError:
+        return np.full(len(common.outputs), math.inf)
+    found = own.evaluate(end.coordinates)
+    if found is None:
+        return np.full(len(common.outputs), math.inf)
+    return common.squares(readings, own.whiten(found, optimum.noise).residual[readings])
+
+
+def _start(fitted: FittedModel, common: CommonBlocks, block: int, rest: Objective) -> FloatArray:
+    """The optimum of all readings, or the point after the Newton step, whichever leaves less of the other readings."""
+    optimum, parameters, moving = fitted.optimum, fitted.model.objective.parameters, common.moving(fitted)
+    columns = [optimum.free[k] for k in moving]
+    slopes = optimum.whitened.slopes[moving]
+    prior = prior_curvature(parameters.prior_derivatives(optimum.coordinates)[1][columns])
+    others = np.setdiff1d(np.arange(common.owner.size), common.blocks[block])
+    (left, _) = leave_blocks_out(slopes, optimum.whitened.residual, prior, [common.blocks[block], others])
+    low, high = (bound[columns] for bound in parameters.box)
+    moved = optimum.coordinates.copy()
+    moved[columns] = np.clip(moved[columns] + left.step, low, high)
+    points = [optimum.coordinates, moved]
+    costs = [
+        math.inf if e is None else -rest.whiten(e, optimum.noise).log_likelihood
+        for e in rest.residuals(np.array(points))
+    ]
+    return points[int(np.argmin(costs))]
+
+
+def _leverage(fitted: FittedModel) -> FloatArray:
+    """Share of the leverage of a fit that each reading has (N,); zero where no parameter is determined."""
+    optimum = fitted.optimum
+    second = fitted.model.objective.parameters.prior_derivatives(optimum.coordinates)[1][list(optimum.free)]
+    slopes = optimum.whitened.slopes
+    curvature = slopes @ slopes.T + prior_curvature(second)
+    own = np.einsum("kn,kn->n", slopes, np.linalg.pinv(curvature, hermitian=True) @ slopes)
+    whole = float(own.sum())
+    return own / whole if whole > 0.0 and math.isfinite(whole) else np.zeros(own.size)
+
+
+def _without(objective: Objective, readings: Readings) -> Objective:
+    """The objective without some readings (columns of the whitened slopes), on the same simulator."""
+    measured = [y.copy() for y in objective.calibration.measured]
+    for series, rows in _by_series(objective.series, readings):
+        measured[series.experiment][series.sampling.index[rows], series.column] = np.nan
+    experiments = tuple(
+        replace(e, measured=y) for e, y in zip(objective.calibration.experiments, measured, strict=True)
+    )
+    found = objective.with_calibration(replace(objective.calibration, experiments=experiments), objective.simulator)
+    found.result_cache = None
+    return found
+
+
+def _by_series(series: Sequence[Series], readings: Readings) -> list[tuple[Series, Readings]]:
+    """Readings by their series, as places in it."""
+    first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
+    return [
+        (s, readings[(readings >= a) & (readings < b)] - a)
+        for s, a, b in zip(series, first[:-1], first[1:], strict=True)
+    ]

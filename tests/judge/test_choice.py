@@ -1,0 +1,116 @@
+"""The choice of a structure on models with closed forms: what is material, what is small, what the data do not tell."""
+
+from __future__ import annotations
+
+import closed_form
+import numpy as np
+import pytest
+
+from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
+from aero_bayes.judge import Choice, ChoiceSettings, Chooser
+from aero_bayes.laws import CandidateTerm
+from aero_bayes.search import CandidateModel, FitNoise, Library, Parts, Structure, StructureSearch, StructureSettings
+from aero_bayes.sensors import OutputNoise
+from aero_bayes.simulation import ParameterTarget, open_simulator
+
+TIME = np.arange(600) * 0.05
+NOISE = 0.3
+FIT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noise=True)
+#: What each parameter adds: two of the first model; three laws, of which the last two are alike; a curve of three.
+SINE, BEND = np.sin(TIME), np.sin(TIME) ** 2
+BASIS = np.stack(
+    [np.ones(600), TIME / 30.0, SINE, np.sign(np.sin(1.7 * TIME)), np.sign(np.sin(1.7 * TIME)) + 1e-9 * SINE,
+     SINE, BEND, SINE * BEND]
+)  # fmt: skip
+TERMS = {
+    "line@u": CandidateTerm("line@u", "u", ((1.0,), (-1.0,)), (2,)),
+    "square@v": CandidateTerm("square@v", "v", ((1.0,), (-1.0,)), (3,)),
+    "twin@w": CandidateTerm("twin@w", "w", ((1.0,), (-1.0,)), (4,)),
+    "curve@u": CandidateTerm("curve@u", "u", (), (5, 6, 7)),
+}
+
+
+class OneModel:
+    """A cache of one model that has all its candidates at hand."""
+
+    free_later = ()
+    interpolation_is_free = False
+
+    def __init__(self, objective):
+        self.model = CandidateModel(objective, TERMS, (0, 1), open_simulator)
+        self.ports = {id_: c.port for id_, c in TERMS.items()}
+
+    def of(self, structure, extra=()):
+        return self.model
+
+
+def chosen(missing, seed: int, settings: ChoiceSettings | None = None, samples: int = 600) -> Choice:
+    """The choice where a signal (n,) is missing from the first model."""
+    rng, time = np.random.default_rng(seed), TIME[:samples]
+    y = BASIS[:2].T @ [1.0, 2.0] + missing + NOISE * rng.normal(size=600)
+    parameters = [
+        Parameter(n, "1", 0.0, -50.0, 50.0, Normal(0.0, 3.0), "linear", "", ParameterTarget(n)) for n in "abcdefgh"
+    ]
+    problem = closed_form.calibration([(time, y[:samples, None])], ["y"], parameters)
+    simulator = closed_form.FormulaSimulator(problem.problem(), lambda t, p: (p @ BASIS[:, :samples])[:, None])
+    cache = OneModel(Objective(problem, simulator))
+    searching = StructureSearch(
+        cache, Library([tuple(TERMS)], {}, ("curve@u",)), StructureSettings(), FIT, {("run 0", "y"): NOISE},
+        Parts(restarts=()),
+    )  # fmt: skip
+    root = cache.model.fit(Structure(), cache.model.at({}, ()), FitNoise({"y": OutputNoise(NOISE)}), FIT)
+    return Chooser(settings or ChoiceSettings(), FIT, searching.complete).choose(searching.run(root))
+
+
+def test_a_law_is_named_where_it_does_as_well_as_the_curve_at_its_port():
+    choice = chosen(1.5 * BASIS[2], 1)
+    assert choice.terms == ("line@u",)
+    assert choice.alike("line@u") == ("line@u",)
+    assert choice.share("line@u").value < 0.4
+    assert choice.share("line@u").output == "y"
+    assert choice.wins > 0.9
+
+
+def test_the_place_with_its_curve_is_the_answer_where_no_law_does_as_well():
+    choice = chosen(2.0 * BASIS[2] + 1.5 * BASIS[6], 2)
+    assert choice.terms == ("curve@u",)
+    assert choice.looks_like("curve@u") == "line@u"
+
+
+def test_two_laws_are_named_where_both_are_missing_and_each_stands_for_its_class():
+    choice = chosen(1.5 * BASIS[2] + 1.0 * BASIS[3], 3)
+    assert set(choice.terms) in ({"line@u", "square@v"}, {"line@u", "twin@w"})
+    (pulse,) = set(choice.terms) - {"line@u"}
+    assert set(choice.alike(pulse)) == {"square@v", "twin@w"}
+    assert {s.terms for s in choice.rivals} == {("line@u", "square@v"), ("line@u", "twin@w")}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_named_where_nothing_is_missing(seed):
+    choice = chosen(0.0 * TIME, 10 + seed)
+    assert choice.terms == ()
+    assert choice.smaller == ()
+
+
+def test_a_term_that_lowers_the_error_by_less_than_a_quarter_is_a_smaller_one():
+    """Beside a slow wave that nothing explains, a square of half its size helps and is no cause."""
+    left = 3.0 * np.sin(0.61 * TIME)
+    choice = chosen(left + 1.65 * BASIS[3], 4)
+    assert choice.terms == ()
+    assert set(choice.smaller) & {"square@v", "twin@w"}
+    small = choice.smaller[0]
+    assert 0.75 < choice.share_of_smaller(small).value < 1.0
+    assert choice.wins_of_smaller(small) > 0.95
+    # What counts as a cause is a setting.
+    assert chosen(left + 1.65 * BASIS[3], 4, ChoiceSettings(min_share=0.99)).terms
+
+
+def test_a_small_term_is_named_where_nothing_but_noise_is_left_with_it_and_not_without():
+    choice = chosen(0.2 * BASIS[2], 5)
+    assert choice.terms == ("line@u",)
+    assert choice.share("line@u").value > 0.75
+
+
+def test_few_readings_name_nothing_that_is_not_clear():
+    choice = chosen(0.5 * BASIS[2], 6, samples=15)
+    assert choice.terms == ()
