@@ -157,12 +157,12 @@ def _one_set(name: str, width: int, attribute: str, bodies: dict[str, list[str]]
         f"#define Vector Vector_{name}",
         f"#define Mask Mask_{name}",
     ]
-    arguments = "const double *k, const double *time, const double *u, const double *x, double *restrict out"
+    arguments = "int lanes, const double *k, const double *time, const double *u, const double *x, double *restrict out"
     for function, body in bodies.items():
         lines += [
             f"{attribute}static void {function}_{name}({arguments}) {{",
             "    (void)k; (void)time; (void)u; (void)x; (void)out;",
-            "    for (int lane = 0; lane < AB_LANES; lane += WIDTH) {",
+            "    for (int lane = 0; lane < lanes; lane += WIDTH) {",
             *body,
             "    }",
             "}",

@@ -3,11 +3,12 @@
 #ifndef AERO_BAYES_LANES_H
 #define AERO_BAYES_LANES_H
 
-enum { AB_LANES_VERSION = 1, AB_LANES = 8 };
+enum { AB_LANES_VERSION = 2, AB_LANES = 8 };
 enum { AB_BASELINE, AB_AVX2 }; /* instruction sets; AB_AVX2 has fused multiply-add too */
 
-/* Of k (constants of a lane: its parameters and what depends on these alone), time, inputs and states. */
-typedef void lane_function(const double *k, const double *time, const double *u, const double *x, double *out);
+/* Of k (constants of a lane: its parameters and what depends on these alone), time, inputs and states; of the first
+ * `lanes` lanes, four or eight. */
+typedef void lane_function(int lanes, const double *k, const double *time, const double *u, const double *x, double *out);
 
 typedef struct {
     int version, lanes;

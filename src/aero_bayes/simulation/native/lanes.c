@@ -52,13 +52,13 @@ static void lay_out(Lanes *s, Room *room)
 {
     const int n = s->n, nk = s->model->constants + 1, nu = s->nu + 1;
     s->k = REALS(nk), s->u = REALS(nu), s->u0 = REALS(nu), s->slope = REALS(nu), s->u_time = REALS(1);
-    s->time = REALS(1), s->h = REALS(1), s->over_h = REALS(1), s->later = REALS(1), s->error = REALS(1);
+    s->time = REALS(1), s->h = REALS(1), s->over_h = REALS(1), s->later = REALS(1), s->error = REALS(1), s->growth = REALS(1);
     s->norm = REALS(2), s->accepted = take(room, WIDE, sizeof(int64_t));
     s->x = REALS(n), s->x1 = REALS(n), s->f = REALS(n), s->ft = REALS(n), s->point = REALS(n), s->value = REALS(n);
     s->largest = REALS(n), s->nominal = REALS(n), s->inverse = REALS(n);
     s->jac = REALS(n * n), s->lu = REALS(n * n), s->stage = REALS(STAGES * n), s->dense = REALS(5 * n);
     s->output_u = REALS(nu), s->output_x = REALS(n), s->output = REALS(s->model->ny);
-    s->pivot = INTEGERS(n * WIDE);
+    s->pivot = INTEGERS(n * WIDE), s->there = take(room, (size_t)(n * n), 1);
     s->lower_start = INTEGERS(n + 1), s->upper_start = INTEGERS(n + 1);
     s->lower = INTEGERS(n * n), s->upper = INTEGERS(n * n);
     s->constant = take(room, (size_t)nk + (size_t)nu, sizeof(double));
@@ -67,12 +67,12 @@ static void lay_out(Lanes *s, Room *room)
 }
 
 /* Where the factors without exchanges have entries: those of df/dx, and what elimination fills in. */
-static int find_pattern(Lanes *s)
+static void find_pattern(Lanes *s)
 {
     const Problem *p = s->problem;
     const int n = s->n;
-    char *there = calloc((size_t)(n * n), 1);
-    if (!there) return 1;
+    char *there = s->there;
+    for (int j = 0; j < n; j++) there[j * n + j] = 1;
     for (int j = 0; j < n; j++)
         for (int k = p->column_start[j]; k < p->column_start[j + 1]; k++) there[p->row[k] * n + j] = 1;
     for (int j = 0; j < n; j++)
@@ -87,8 +87,6 @@ static int find_pattern(Lanes *s)
             if (there[i * n + j]) s->upper[upper++] = j;
     }
     s->lower_start[n] = lower, s->upper_start[n] = upper;
-    free(there);
-    return 0;
 }
 
 void lanes_close(Lanes *s)
@@ -109,7 +107,7 @@ static Lanes *lanes_open(Problem *p)
     Lanes *s = model ? calloc(1, sizeof *s) : NULL;
     if (!s) return NULL;
     *s = (Lanes){.problem = p, .model = model, .constants = constants, .n = p->n, .nu = model->nu};
-    s->kernels = lane_kernels_for(instructions());
+    for (int half = 0; half < 2; half++) s->kernels[half] = lane_kernels_for(instructions(), half);
     s->moves = model->time_varying;
     for (int64_t e = 0; e < p->n_experiments; e++)
         for (int i = 0; i < p->experiments[e].n_signals; i++) s->moves |= p->experiments[e].signals[i].linear;
@@ -120,7 +118,7 @@ static Lanes *lanes_open(Problem *p)
         memset(s->memory, 0, room.used + 64);
         room = (Room){s->memory, 0};
         lay_out(s, &room);
-        failed = find_pattern(s);
+        find_pattern(s);
     }
     for (int l = 0; l < WIDE; l++) {
         Lane *lane = &s->lane[l];
@@ -307,7 +305,7 @@ static void advance_lane(Lanes *s, Lane *lane)
         const int status = emit_until(r, h, lane->last ? g->end - r->resolution : t1, 0);
         if (is_error(status)) end_lane(lane, outcome_of(r->fmu, status));
     }
-    g->h = h * step_growth(s->error[lane->at]);
+    g->h = h * s->growth[lane->at];
     r->taken++;
     r->t = t1;
 }
@@ -336,21 +334,22 @@ void lanes_advance(Lanes *s)
         s->time[l] = lane->run->t;
     }
     if (busy < 0) return;
-    for (int l = 0; l < WIDE; l++) {
+    const LaneKernels *kernels = s->kernels[busy < WIDE / 2];
+    for (int l = 0; l < kernels->lanes; l++) {
         const Lane *lane = &s->lane[l];
         if (lane->run && !lane->ended) continue;
         if (lane->stale) copy_lane(s, l, busy);
         s->time[l] = s->time[busy];
     }
-    if (s->moves) s->kernels->inputs(s, s->time);
-    s->model->derivatives(s->k, s->time, s->u, s->x, s->f);
-    s->model->jacobian(s->k, s->time, s->u, s->x, s->jac);
-    if (fresh) s->kernels->slope_sizes(s);
+    if (s->moves) kernels->inputs(s, s->time);
+    s->model->derivatives(kernels->lanes, s->k, s->time, s->u, s->x, s->f);
+    s->model->jacobian(kernels->lanes, s->k, s->time, s->u, s->x, s->jac);
+    if (fresh) kernels->slope_sizes(s);
     for (int l = 0; l < WIDE; l++)
         if (s->lane[l].run && !s->lane[l].ended) choose_size(s, &s->lane[l]);
     for (int l = 0; l < WIDE; l++)
         if (!s->lane[l].run || s->lane[l].ended) s->h[l] = s->h[busy];
-    s->kernels->step(s);
+    kernels->step(s);
     for (int l = 0; l < WIDE; l++) {
         Lane *lane = &s->lane[l];
         s->accepted[l] = 0;
@@ -365,10 +364,10 @@ void lanes_advance(Lanes *s)
         const int outcome = reject_step(r, &lane->segment, s->h[l], s->error[l]);
         if (outcome) end_lane(lane, outcome);
     }
-    if (dense) s->kernels->dense(s);
+    if (dense) kernels->dense(s);
     for (int l = 0; l < WIDE; l++)
         if (s->accepted[l]) advance_lane(s, &s->lane[l]);
-    s->kernels->accept(s);
+    kernels->accept(s);
 }
 
 /* Values of the outputs that are no states, as read_values of outputs.c. */
@@ -385,7 +384,7 @@ int lane_values(Run *r, double t, const double *x, double *y, int64_t stride)
             s->output_u[i * WIDE + l] = s->u0[at] + s->slope[at] * (t - s->u_time[lane->at]);
         }
     for (int l = 0; l < WIDE; l++) s->later[l] = t;
-    s->model->outputs(lane->constants, s->later, s->output_u, s->output_x, s->output);
+    s->model->outputs(WIDE / 2, lane->constants, s->later, s->output_u, s->output_x, s->output);
     for (int64_t o = 0; o < e->m; o++)
         if (e->output_state[o] < 0)
             y[o * stride] = s->output[(int64_t)((unsigned)e->output_reference[o] - s->model->first_output) * WIDE];

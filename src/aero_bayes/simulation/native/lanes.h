@@ -27,16 +27,17 @@ typedef struct LaneKernels LaneKernels;
 typedef struct Lanes {
     Problem *problem;
     const LaneTable *model;
-    const LaneKernels *kernels;
+    const LaneKernels *kernels[2]; /* for all lanes, and for the first half of them */
     ab_lanes_constants_function *constants;
     int n, nu, moves; /* states, inputs; the derivatives move with time, or inputs do */
     Lane lane[WIDE];
     void *memory;
     double *k, *u, *u0, *slope, *u_time;
-    double *time, *h, *over_h, *later, *error, *norm;
+    double *time, *h, *over_h, *later, *error, *growth, *norm;
     double *x, *x1, *f, *ft, *point, *value, *jac, *lu, *inverse, *stage, *dense, *largest, *nominal;
     int64_t *accepted; /* all bits of a lane or none */
     int *pivot, pivoted;
+    char *there; /* entries of df/dx and of the factors without exchanges */
     int *lower_start, *lower, *upper_start, *upper; /* columns of the factors' rows without exchanges */
     double *constant; /* of one lane */
     double *output_u, *output_x, *output; /* for outputs that are no states */
@@ -45,6 +46,7 @@ typedef struct Lanes {
 
 /* The vector arithmetic for one instruction set, see lanes.inc. */
 struct LaneKernels {
+    int lanes;
     void (*inputs)(const Lanes *, const double *time);
     void (*slope_sizes)(Lanes *);
     void (*step)(Lanes *);
@@ -53,7 +55,7 @@ struct LaneKernels {
 };
 
 /* lane_kernels.c */
-const LaneKernels *lane_kernels_for(int instructions);
+const LaneKernels *lane_kernels_for(int instructions, int half);
 
 /* lanes.c */
 Lanes *lanes_of(Problem *);
