@@ -194,4 +194,6 @@ def test_a_start_is_not_called_as_a_parameter_of_the_model(modelica):
     free = parameters_from_model(model, overrides={"T": Override(), "y_start": Override()})
     settings = CalibrationSettings(delay="none", start="estimated")
     made = calibrate([Recording("step", time, {"u": np.ones(time.size)}, {"y": y})], model, free, settings=settings)
-    assert made.parameters.names == ("T", "y_start", "y_initial")
+    assert made.parameters.names == ("T", "y_start")  # searched as the initial value that it is
+    held = calibrate([made.recordings[0]], model, free.without(["y_start"]), settings=settings)
+    assert held.parameters.names == ("T", "y_initial")
