@@ -85,3 +85,31 @@ def test_an_initial_value_that_is_a_parameter(case: Path, config: str):
         assert run.value("T0") == pytest.approx(288.0, abs=0.02)
         assert run.result["parameters"]["T0"]["status"] == "identified"
     assert aero_bayes.load_model(run.out / "RoomT0_fitted.fmu").parameter("T0").start == pytest.approx(288.0, abs=0.02)
+
+
+@pytest.mark.parametrize("case", ["17_noise_free"], indirect=True)
+def test_data_without_noise(case: Path):
+    run = Run(case, "fit", "--config", "rig.toml", "--data", "run.csv")
+    assert run.value("C") == pytest.approx(2.0e6, rel=1e-6)
+    assert run.value("G") == pytest.approx(120.0, rel=1e-6)
+    assert run.result["residual"]["run"]["T"]["exact"] is True
+    assert "no noise at all" in run.result["verdict"]["text"]
+    assert not run.model_blamed
+    loop = Run(case, "close-loop", "--config", "rig.toml", "--train", "run.csv")
+    assert loop.result["loop"]["outcome"] == "adequate"
+    assert loop.result["loop"]["simulations"] < 5000
+
+
+@pytest.mark.parametrize("case", ["33_sqrt_domain"], indirect=True)
+def test_runs_that_leave_the_domain_of_a_root(case: Path):
+    run = Run(case, "fit", "--config", "hand.toml", "--data", "run.csv")
+    solver = run.result["diagnosis"][1]
+    assert solver["found"]
+    for word in ("root of a negative number", "sqrt of h", "Drain.mo:7"):
+        assert word in solver["what"]
+        assert word in run.text
+    assert " s with the start values" in solver["where"]
+    assert not run.model_blamed
+    guarded = Run(case, "fit", "--config", "handm.toml", "--data", "run.csv")
+    assert guarded.value("A") == pytest.approx(0.5, rel=0.05)
+    assert guarded.value("a") == pytest.approx(0.002, rel=0.05)

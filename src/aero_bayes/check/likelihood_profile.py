@@ -110,4 +110,5 @@ def profile_likelihood(
                 at, last = found.point, grid[k]
     item = fit.calibration.parameters.items[column]
     values = np.exp(grid) if item.scale == "log" else grid * (item.upper - item.lower)
-    return LikelihoodProfile(name, item.unit, values, cost - cost.min())
+    lowest = cost.min() if np.isfinite(cost).any() else 0.0  # no run of the profile may have been completed
+    return LikelihoodProfile(name, item.unit, values, cost - lowest)

@@ -27,6 +27,9 @@ ResidualVerdict = Literal["adequate", "structured"]
 
 #: Probability that a residual which is noise is called structured by all its tests together.
 FALSE_ALARM_RATE = 1e-3
+#: Residual, as a share of what an output moves, up to which it is rounding, and up to which it may be the solver's
+#: error: no sensor is that good, and simulated data without noise leave less.
+ROUNDING_SHARE, SOLVER_SHARE = 1e-6, 1e-4
 #: Largest lag of the autocorrelation of a report, in samples.
 CORRELATION_LAGS = 200
 #: Ratio of a residual to the noise floor above which it is structured, regardless of the tests.
@@ -65,6 +68,7 @@ class ResidualReport:
     worst_time: tuple[float, float]
     worst_share: float
     verdict: ResidualVerdict
+    exact: bool = False
 
     @property
     def ratio(self) -> float:
@@ -86,11 +90,19 @@ class ResidualReport:
             "white": self.p_value >= FALSE_ALARM_RATE,
             "p_value": self.p_value,
             "verdict": self.verdict,
+            "exact": self.exact,
             "tests": {test.name: test.p_value for test in self.tests},
             "correlations": dict(self.correlations),
             "worst_time": list(self.worst_time),
             "worst_share": self.worst_share,
         }
+
+
+def exact_level(calibration: Calibration, series: Series) -> float:
+    """RMS residual, in the output's unit, up to which there is no noise, only rounding and the solver's error."""
+    size, moved = float(np.max(np.abs(series.measured))), float(np.ptp(series.measured))
+    solver = calibration.solver.relative_tolerance * size + calibration.solver.absolute_tolerance
+    return max(ROUNDING_SHARE * moved, min(solver, SOLVER_SHARE * moved))
 
 
 def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
@@ -201,7 +213,9 @@ def check_residuals(
         tests += [smooth_dependence_test(name, over, innovations, own, noise, white) for name, over in states.items()]
         rms = float(np.sqrt(np.mean(residual**2)))
         worst = min(1.0, len(tests) * min(test.p_value for test in tests))
-        structured = worst < FALSE_ALARM_RATE or (floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300))
+        exact = rms <= exact_level(calibration, own)
+        beyond = floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300)
+        structured = not exact and (worst < FALSE_ALARM_RATE or beyond)
         acf = autocorrelation(residual, CORRELATION_LAGS)
         lags = own.sampling.interval * np.arange(acf.size, dtype=np.float64)
         window, share = _worst_window(own.sampling.time, innovations)
@@ -209,7 +223,7 @@ def check_residuals(
         reports.append(
             ResidualReport(
                 calibration.names[own.experiment], own.output, rms, floor, size, tuple(tests), lags, acf,
-                correlations, window, share, "structured" if structured else "adequate",
+                correlations, window, share, "structured" if structured else "adequate", exact,
             )
         )  # fmt: skip
     return tuple(reports)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from aero_bayes.check.residual_tests import check_residuals
 from aero_bayes.display import join_names
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.result import Fit
@@ -12,6 +13,10 @@ def check_noise(fit: Fit) -> DiagnosisRow:
     unequal = fit.calibration.spreads
     if unequal:
         return _unequal_row(fit)
+    reports = check_residuals(fit.calibration, fit.series, fit.optimum, {})
+    if reports and all(report.exact for report in reports):
+        left = ", ".join(f"{o} {rms:.1g}" for o, rms in fit.rms.items())
+        return DiagnosisRow("noise", False, f"There is no noise at all: what is left ({left}) is rounding.")
     correlated = {o: n for o, n in fit.noise.items() if n.kind == "ou"}
     if not correlated:
         return DiagnosisRow("noise", False, "The noise was taken as white in every output.")

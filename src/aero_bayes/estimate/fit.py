@@ -34,7 +34,7 @@ from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
 from aero_bayes.estimate.noise_report import structure_warnings
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.objective import Evaluation, Objective
 from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_parameters
 from aero_bayes.estimate.plausible import screened
@@ -337,16 +337,15 @@ def _with_identified(search: GlobalSearch, here: Optimum) -> tuple[int, ...]:
     optional = [j for j, p in enumerate(parameters) if p.auto]
     if not optional:
         return here.free
-    verdict = assess_columns(search.objective, here, tuple(sorted({*here.free, *optional})))[0]
-    shown = [j for j in optional if verdict.status[parameters.names[j]] is Status.IDENTIFIED]
+    verdict = _verdict(search.objective, here, optional)
+    shown = [j for j in optional if verdict.status.get(parameters.names[j]) is Status.IDENTIFIED]
     return tuple(sorted({*here.free, *shown}))
 
 
 def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
     """Identifiability of some columns at an optimum, and the optimum with the slopes by all of them."""
     part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
-    found = objective.evaluate(here.coordinates, columns)
-    assert found is not None, "the optimum has been simulated before"
+    found = _evaluated(objective, here, columns)
     white = objective.whiten(found, here.noise)
     wide = replace(here, free=columns, evaluation=found, whitened=white)
     information = white.information
@@ -356,6 +355,37 @@ def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]
     values = objective.parameters.from_search(here.coordinates)[list(columns)]
     verdict = assess(part.names, values, [p.scale == "log" for p in part], information, part.prior_sd())
     return verdict, wide
+
+
+def _verdict(objective: Objective, here: Optimum, optional: Sequence[int]) -> Identifiability:
+    """Identifiability of the free columns and of optional ones, of the free ones alone where the others cannot run."""
+    columns = tuple(sorted({*here.free, *optional}))
+    if columns != here.free and objective.evaluate(here.coordinates, columns) is None:
+        columns = here.free
+    return assess_columns(objective, here, columns)[0]
+
+
+def _evaluated(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> Evaluation:
+    """The optimum with the slopes by some columns; as the search evaluated it where a run fails so near to it."""
+    found = objective.evaluate(here.coordinates, columns)
+    if found is None:
+        rows = [here.free.index(j) for j in columns]
+        old = here.evaluation
+        by = tuple(s[rows] for s in old.slopes) if old.slopes is not None else None
+        by_sd = tuple(s[rows] for s in old.log_sd_slopes) if old.log_sd_slopes is not None else None
+        found = replace(old, slopes=by, log_sd_slopes=by_sd)
+    return found
+
+
+def _predicted(objective: Objective, values: FloatArray, here: Optimum) -> tuple[FloatArray, ...]:
+    """Outputs (n, m) of each experiment; where a run fails so near to the optimum, those of the search at readings."""
+    found = objective.predictions(values)
+    if all(np.isfinite(y).all() for y in found):
+        return found
+    filled = tuple(np.full_like(y, np.nan) for y in found)
+    for series, predicted in zip(objective.series, here.evaluation.predicted, strict=True):
+        filled[series.experiment][series.sampling.index, series.column] = predicted
+    return filled
 
 
 def _finish(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
@@ -368,7 +398,7 @@ def _finish(search: GlobalSearch, result: GlobalSearchResult, settings: FitSetti
         )
         here = search.settle_noise(replace(here, noise=search.initial_noise()))
     optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)
-    verdict, _ = assess_columns(objective, here, tuple(sorted({*here.free, *optional})))
+    verdict = _verdict(objective, here, optional)
     blind = {calibration.parameters.index(name) for name in verdict.no_effect}
     sampled = tuple(j for j in here.free if j not in blind)
     point, steps = settle_blind(objective, here, [j for j in here.free if j in blind])
@@ -379,7 +409,7 @@ def _finish(search: GlobalSearch, result: GlobalSearchResult, settings: FitSetti
     values = calibration.parameters.from_search(point)
     rest = [j for j, p in enumerate(calibration.parameters) if j not in sampled and p.name not in verdict.in_steps]
     values[rest] = calibration.parameters.start[rest]
-    fitted = objective.predictions(values)
+    fitted = _predicted(objective, values, here)
     spread = curvature_adjustment(objective, here)
     layout = NoiseLayout.of(calibration, here.noise)
     covariance = np.zeros((len(sampled) + layout.size,) * 2)

@@ -137,6 +137,7 @@ def noise_covariance(
             ea, eb = step * np.eye(size)[a], step * np.eye(size)[b]
             corners = [value(owner[a], centre + sa * ea + sb * eb) for sa in (1, -1) for sb in (1, -1)]
             hessian[a, b] = hessian[b, a] = -(corners[0] - corners[1] - corners[2] + corners[3]) / (4.0 * step**2)
-    values, vectors = np.linalg.eigh(hessian)
+    # Where a run fails a density may not be finite: the prior's width is what is left.
+    values, vectors = np.linalg.eigh(np.where(np.isfinite(hessian), hessian, 0.0))
     floor = 1.0 / layout.sigma**2
     return np.asarray((vectors / np.maximum(values, floor)) @ vectors.T)

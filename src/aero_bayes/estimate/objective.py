@@ -186,7 +186,7 @@ class Objective:
             values = self.parameters.away_from_zero(values, active)
         found = self._filter(values, active) if self.filtered else self._compare(values, active)
         if found is None or any(
-            np.max(np.abs(rows), initial=0.0) > MAX_MAGNITUDE for rows in (*found.residual, *(found.slopes or ()))
+            not np.max(np.abs(rows), initial=0.0) <= MAX_MAGNITUDE for rows in (*found.residual, *(found.slopes or ()))
         ):
             return None
         return found

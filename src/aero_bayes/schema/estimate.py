@@ -99,6 +99,7 @@ class ResidualJson(JsonTable):
     white: bool
     p_value: JsonNumber = None
     verdict: Literal["adequate", "structured"]
+    exact: bool = False
     tests: dict[str, JsonNumber] = {}
     correlations: dict[str, JsonNumber] = {}
     worst_time: list[JsonNumber] = []

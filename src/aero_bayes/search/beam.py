@@ -88,6 +88,8 @@ class StructureSearch:
         if self.settings.require:
             self._fit_required(root.structure)
         self._update_noise()
+        if self._noise.exact:
+            return self._result()
         self._restart([], "the first model")
         self._expand_all()
         return self._result()

@@ -57,6 +57,11 @@ class CommonNoise:
         """Whether the best structure leaves only noise in every output."""
         return not self.structured
 
+    @property
+    def exact(self) -> bool:
+        """Whether nothing but rounding is left: no term could explain more."""
+        return all(report.exact for report in self.reports)
+
 
 def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -> CommonNoise:
     """The noise of a fit, for all structures that are compared with it.

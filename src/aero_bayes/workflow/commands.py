@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
@@ -216,7 +218,9 @@ def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
 
 
 def _closing(result: Json) -> Json:
-    return {"verdict": fit_verdict(result["diagnosis"], result.get("mcmc"), result["identifiability"]["flat"])}
+    exact = all(entry["exact"] for outputs in result["residual"].values() for entry in outputs.values())
+    flat = result["identifiability"]["flat"]
+    return {"verdict": fit_verdict(result["diagnosis"], result.get("mcmc"), flat, exact)}
 
 
 def _finish(
@@ -248,9 +252,17 @@ def _finish(
 def _page(job: Job, result: Json, series: Series) -> Path:
     """Write the files of a run and draw its page."""
     out = job.options.out
-    write_series(out, only_measured(series))
-    write_result(out, result | context_part(job, result))
-    return write_run_page(out)
+    # Result and page stand together or not at all, also where the disk is full: both are made beside, then moved.
+    with TemporaryDirectory(dir=out, prefix=".run-") as beside:
+        made = Path(beside)
+        if (posterior := out / "posterior.nc").is_file():
+            os.link(posterior, made / posterior.name)
+        write_series(made, only_measured(series))
+        write_result(made, result | context_part(job, result))
+        page = write_run_page(made)
+        for name in ("series.npz", "result.json", page.name):
+            (made / name).replace(out / name)
+    return out / page.name
 
 
 def write_page(found: Fit | Posterior, path: Path) -> Path:

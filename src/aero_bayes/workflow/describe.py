@@ -72,7 +72,10 @@ def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
 
 
 def fit_verdict(
-    diagnosis: Sequence[Mapping[str, Any]], mcmc: Mapping[str, Any] | None, flat: Sequence[str] = ()
+    diagnosis: Sequence[Mapping[str, Any]],
+    mcmc: Mapping[str, Any] | None,
+    flat: Sequence[str] = (),
+    exact: bool = False,
 ) -> Json:
     """Verdict on a fit.
 
@@ -84,6 +87,8 @@ def fit_verdict(
         The sampler.
     flat : sequence of str
         Sentences on parameters that are determined only in combination.
+    exact : bool
+        Whether no residual is more than rounding.
     """
     if mcmc is not None and not mcmc.get("converged", False):
         return {"level": "bad", "text": f"The sampler has not converged: {mcmc.get('reason', 'no reason given')}."}
@@ -97,7 +102,8 @@ def fit_verdict(
         rest = "The residual is more than noise; this is looked into before the model is blamed."
         return {"level": "warning", "text": f"{told} {rest}"}
     sampled = ", and the posterior has converged" if mcmc is not None else ""
-    text = " ".join(filter(None, [f"The model explains the recordings down to the noise{sampled}.", told, *flat]))
+    down = "exactly: they have no noise at all" if exact else "down to the noise"
+    text = " ".join(filter(None, [f"The model explains the recordings {down}{sampled}.", told, *flat]))
     caution = bool(flat) or any(row["cause"] in ("data", "solver", "search") for row in found)
     return {"level": "warning" if caution else "good", "text": text}
 
