@@ -4,9 +4,9 @@ The file is passed over twice: once to count its lines and hash it, so that the 
 taken, and once to parse blocks of lines into arrays of the right size. A block is parsed in bulk; only one that does
 not parse is looked at cell by cell, by the code that decides what a number is and says where one is not.
 
-Columns are separated by commas, or by semicolons or tabs, where a comma is a decimal mark. Lines that begin with ``#``
-or ``%`` may stand above the header, a line of units below it (``F`` is then called ``F [N]``), and times may be dates
-with a time of day (ISO 8601).
+Columns are separated by commas, by semicolons or tabs, where a comma is a decimal mark, or by spaces. Lines that begin
+with ``#`` or ``%`` may stand above the header, a line of units below it (``F`` is then called ``F [N]``), and times may
+be dates with a time of day (ISO 8601), or times of day. Other forms are in :mod:`aero_bayes.data.csv_forms`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.data.csv_forms import (
+    CLOCK,
+    FORTRAN,
+    THOUSANDS,
+    after_midnight,
+    bad_rows,
+    cells_of,
+    check_layout,
+    clock_seconds,
+    skipped_preamble,
+    with_commas,
+)
 from aero_bayes.errors import InputError
 from aero_bayes.unknown_names import known_names_hint
 
@@ -33,6 +45,8 @@ SPECIAL = re.compile(rb"[+-]?(nan|inf|infinity|1\.#\w+)", re.IGNORECASE)
 TIMESTAMP = re.compile(rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?")
 SEPARATORS = (b",", b";", b"\t")
 COMMENTS = (b"#", b"%")
+#: Lines in which the end of a file's own header is looked for.
+MOST_PREAMBLE = 60
 #: Where a byte can stand in a number that the bulk parser and NUMBER read alike; others go cell by cell.
 IS_PLAIN_BYTE = np.zeros(256, dtype=bool)
 IS_PLAIN_BYTE[list(b"0123456789+-.eE,\n\r")] = True
@@ -86,6 +100,7 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
         commas, a column missing or twice, text in a number, a value that is not finite, too large for the memory.
     """
     header = read_header(path)
+    check_layout(f"{path}, row {header.line}", header.names, wanted, _first_rows(path, header))
     picked = _pick(path, header, wanted, optional)
     sha256, lines = _scan(path)
     rows = max(lines - header.line, 0)
@@ -100,10 +115,11 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
         )
     store = np.empty((len(picked), rows))
     skipped: list[int] = []
-    row, line, dates = 0, header.line + 1, False
+    row, line, dates, clock = 0, header.line + 1, False, False
     time = next(iter(picked))
     for block in _blocks(path, header):
-        dates = dates or (row == 0 and _begins_with_a_date(block, picked[time]))
+        begin = _first_cell(block, picked[time]) if row == 0 else b""
+        dates, clock = dates or bool(TIMESTAMP.fullmatch(begin)), clock or bool(CLOCK.fullmatch(begin))
         values, blanks, count = _parse(path, block, header.names, picked, line)
         if row + len(values) > rows:
             raise InputError(f"{path}: changed while it was read")
@@ -113,9 +129,16 @@ def read_columns(path: Path, wanted: Sequence[str], optional: Sequence[str], mem
     if row == 0:
         raise InputError(f"{path}: holds a header but no data, expected one sample a line")
     columns = {name: store[index, :row] for index, name in enumerate(picked)}
-    if dates:
-        columns[time] = columns[time] - columns[time][0]
+    if dates or clock:
+        columns[time] = after_midnight(columns[time]) if clock else columns[time] - columns[time][0]
     return CsvTable(columns, sha256, header.line + 1, tuple(skipped))
+
+
+def read_quality(path: Path, column: str, rows: int) -> NDArray[np.bool_]:
+    """Which of the rows a column of quality words calls bad."""
+    header = read_header(path)
+    lines = (line for block in _blocks(path, header) for line in block.split(b"\n") if line.strip(b" \t\r"))
+    return bad_rows(path, lines, header.names.index(column), rows)
 
 
 def free_memory() -> int:
@@ -146,7 +169,11 @@ def read_header(path: Path) -> Header:
     """
     raw, line, size = b"", 0, 0
     with path.open("rb") as file:
-        while line == 0 or raw.lstrip(b"\xef\xbb\xbf \t").startswith(COMMENTS):
+        above = skipped_preamble([file.readline(1 << 16) for _ in range(MOST_PREAMBLE)])
+        file.seek(0)
+        for _ in range(above):
+            line, size = line + 1, size + len(file.readline(1 << 16))
+        while line == above or raw.lstrip(b"\xef\xbb\xbf \t").startswith(COMMENTS):
             last, raw = raw, file.readline(1 << 20)
             line, size = line + 1, size + len(raw)
         below = file.readline(1 << 20)
@@ -165,11 +192,12 @@ def read_header(path: Path) -> Header:
         # the header is often the last comment
         line, size = line - 1, size - len(raw)
         separator, names = _split(last.decode("utf-8-sig", "replace").strip(" \t#%\r\n"))
-    if len(names) == 1 and " " in names[0]:
-        raise InputError(f"{path}, row {line}: columns are separated by spaces, expected commas, semicolons or tabs")
+    if len(names) == 1 and re.search(r"\S[ \t]+\S", names[0]):
+        separator, names = b" ", names[0].split()
     if _are_numbers(names):
         raise InputError(f"{path}, row {line}: holds numbers, expected a header such as time,u,y")
-    units = [_bare(cell) for cell in below.split(separator)]
+    below = FORTRAN.sub(rb"\1e\2", below)
+    units = [_bare(cell) for cell in (below.split() if separator == b" " else below.split(separator))]
     numbers = any(form.fullmatch(cell.replace(b",", b".")) for form in (NUMBER, SPECIAL, TIMESTAMP) for cell in units)
     if len(units) == len(names) > 1 and any(units) and not numbers:
         marks = (f" [{unit.decode('utf-8', 'replace')}]" if unit else "" for unit in units)
@@ -187,9 +215,17 @@ def _are_numbers(names: list[str]) -> bool:
     return all(NUMBER.fullmatch(name.replace(",", ".").encode()) for name in names if name)
 
 
-def _begins_with_a_date(block: bytes, column: int) -> bool:
+def _first_cell(block: bytes, column: int) -> bytes:
     cells = block.lstrip(b" \r\n").partition(b"\n")[0].split(b",")
-    return len(cells) > column and bool(TIMESTAMP.fullmatch(_bare(cells[column])))
+    return _bare(cells[column]) if len(cells) > column else b""
+
+
+def _first_rows(path: Path, header: Header, count: int = 20) -> list[list[str]]:
+    """Cells of the first rows, as text."""
+    with path.open("rb") as file:
+        file.seek(header.size)
+        lines = [file.readline(1 << 16) for _ in range(count)]
+    return [[_bare(c).decode("utf-8", "replace") for c in line.split(header.separator)] for line in lines if line]
 
 
 def _pick(path: Path, header: Header, wanted: Sequence[str], optional: Sequence[str]) -> dict[str, int]:
@@ -216,22 +252,20 @@ def _scan(path: Path) -> tuple[str, int]:
 
 def _blocks(path: Path, header: Header) -> Iterator[bytes]:
     """Whole lines, about ``BLOCK_BYTES`` bytes at a time, with commas between columns and decimal points."""
-    plain = bytes.maketrans(b"," + header.separator, b".,") if header.separator != b"," else None
     with path.open("rb") as file:
         file.seek(header.size)
         rest = b""
         while block := file.read(BLOCK_BYTES):
-            block = block.translate(plain)
             cut = block.rfind(b"\n") + 1
             if cut:
-                yield rest + block[:cut]
+                yield with_commas(rest + block[:cut], header.separator)
                 rest = block[cut:]
             else:
                 rest += block
             if len(rest) > BLOCK_BYTES:
                 raise InputError(f"{path}: a line is longer than {BLOCK_BYTES >> 20} MiB, expected one sample a line")
         if rest:
-            yield rest
+            yield with_commas(rest, header.separator)
 
 
 def _parse(
@@ -285,7 +319,7 @@ def _parse_cells(
         if not text.strip(b" \t\r"):
             blanks.append(line + offset)
             continue
-        cells = text.split(b",")
+        cells = cells_of(text, len(header), header[-1])
         if len(cells) != len(header):
             noun = "cell" if len(cells) == 1 else "cells"
             raise InputError(
@@ -309,10 +343,13 @@ def _instant(path: Path, line: int, column: str, cell: bytes) -> float:
     """A time, or a date in s since 1970; without a zone it is taken for universal, which knows no hour twice."""
     text = _bare(cell)
     if not TIMESTAMP.fullmatch(text):
+        if (clock := clock_seconds(text)) is not None:
+            return clock
         if b":" in text:
             shown = text[:40].decode("utf-8", "replace")
             raise InputError(
-                f"{path}, row {line}, column {column}: {shown!r} is not a number, nor a date like 2026-03-01T10:00:00.0"
+                f"{path}, row {line}, column {column}: {shown!r} is not a number, a date like 2026-03-01T10:00:00.0 or "
+                "a time of day like 10:00:00"
             )
         return _cell(path, line, column, cell)
     try:
@@ -326,6 +363,8 @@ def _cell(path: Path, line: int, column: str, cell: bytes) -> float:
     text = _bare(cell)
     if not text:
         return np.nan
+    if THOUSANDS.fullmatch(text):
+        text = text.replace(b",", b"")
     if NUMBER.fullmatch(text):
         value = float(text)
         if np.isfinite(value):

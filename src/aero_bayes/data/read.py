@@ -6,12 +6,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aero_bayes.data.checks import check_recording
-from aero_bayes.data.csv_text import FloatArray, read_columns, read_header
+from aero_bayes.data.csv_forms import plain_seconds, quality_columns
+from aero_bayes.data.csv_text import CsvTable, FloatArray, read_columns, read_header, read_quality
+from aero_bayes.data.frames import frame_columns, is_table, read_frame
 from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.matlab import is_matlab, matlab_names, read_matlab
 from aero_bayes.data.recording import Recording
+from aero_bayes.data.screen import hide
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
@@ -31,8 +35,9 @@ def read_recording(
     Parameters
     ----------
     path : path
-        A CSV file with a header, or a MATLAB ``.mat`` file (version 5, or 7.3 where h5py is installed); told apart by
-        content. An empty cell (NaN in MATLAB) of an output is a gap; the text ``nan`` is an error.
+        A CSV file with a header, or a MATLAB ``.mat`` file (version 5, or 7.3 where h5py is installed), told apart by
+        content; or a table in Excel (``.xlsx``) or Parquet, where pandas has its reader installed. An empty cell (NaN
+        in MATLAB) of an output is a gap; the text ``nan`` is an error.
     columns : mapping of str to ColumnMap, optional
         Where a column of the layout is found if not under its own name and in SI.
     layout : Layout, optional
@@ -70,9 +75,14 @@ def read_recording(
     wanted += [quantity.name for quantity in layout.outputs if quantity.name in maps]
     optional = [quantity.name for quantity in layout.outputs if quantity.name not in maps]
     where: Callable[[int], str] = _sample
-    first_row = 1
+    first_row, bad = 1, dict[str, NDArray[np.bool_]]()
     try:
-        if is_matlab(file):
+        if is_table(file):
+            needed = list(dict.fromkeys(sources[name] for name in wanted))
+            columns_of_file, sha256 = frame_columns(file, sources["time"], needed, [sources[name] for name in optional])
+            found = {n: columns_of_file[source] for n, source in sources.items() if source in columns_of_file}
+            first_row = 2
+        elif is_matlab(file):
             found, sha256 = read_matlab(file, sources, wanted, optional, memory)
         else:
             table = read_columns(
@@ -83,6 +93,7 @@ def read_recording(
             )
             found = {name: table.columns[source] for name, source in sources.items() if source in table.columns}
             sha256, line, first_row = table.sha256, table.line, table.line(0)
+            bad = _bad_readings(file, sources, layout, table)
 
             def where(row: int) -> str:
                 return f"row {line(row)}"
@@ -94,6 +105,8 @@ def read_recording(
             next(iter(sources[quantity.name] for quantity in layout.outputs), ""), column_names(file)
         )
         raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
+    if maps.get("time", ColumnMap("time")).unit is None:
+        found["time"] = plain_seconds(found["time"])
     values = {name: _in_unit(column, name, maps.get(name), layout) for name, column in found.items()}
     recording = Recording(
         name=file.stem,
@@ -106,12 +119,29 @@ def read_recording(
         path=file,
         first_row=first_row,
     )
+    for name, rows in bad.items():
+        what = f"{int(rows.sum())} readings of {name} are marked as bad by the column of its quality."
+        recording = hide(recording, name, rows, "quality", what)
     check_recording(recording, layout, where)
     return recording
 
 
+def _bad_readings(
+    file: Path, sources: Mapping[str, str], layout: Layout, table: CsvTable
+) -> dict[str, NDArray[np.bool_]]:
+    """Rows of outputs that a column of quality words calls bad, by output."""
+    outputs = {q.name: sources[q.name] for q in layout.outputs if sources[q.name] in table.columns}
+    bad: dict[str, NDArray[np.bool_]] = {}
+    for column, signals in quality_columns(read_header(file).names, outputs).items():
+        rows = read_quality(file, column, next(iter(table.columns.values())).size)
+        bad |= {signal: bad.get(signal, rows) | rows for signal in signals if rows.any()}
+    return bad
+
+
 def column_names(path: Path) -> list[str]:
-    """Names of the columns of a CSV file, or of the variables of a MATLAB file."""
+    """Names of the columns of a file, or of the variables of a MATLAB file."""
+    if is_table(path):
+        return list(read_frame(path).columns)
     return matlab_names(path) if is_matlab(path) else read_header(path).names
 
 

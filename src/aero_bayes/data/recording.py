@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.arguments import names_of
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.findings import DataFinding
+from aero_bayes.data.frames import numbers, seconds
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.plot_backend import plot_backend
@@ -112,7 +113,8 @@ class Recording:
         Parameters
         ----------
         frame : pandas.DataFrame
-            Times in s stand in its column ``time``, or are its index.
+            Times stand in its column ``time``, or are its index: in s, as durations, or as dates with or without a
+            time zone, which count from the first.
         inputs, outputs : str or sequence of str
             Its columns that were applied and measured, named as in the model and in its units.
         name : str
@@ -137,9 +139,11 @@ class Recording:
         for column in (c for names in roles for c in names):
             if column not in frame.columns:
                 raise InputError(f"frame: no column {column}{known_names_hint(column, map(str, frame.columns))}")
-        time = frame["time"] if "time" in frame.columns else frame.index
-        given, measured = ({c: np.asarray(frame[c]) for c in names} for names in roles)
-        found = cls(name, np.asarray(time), given, measured, {"time": "s", **(units or {})})
+            if list(frame.columns).count(column) > 1:
+                raise InputError(f"frame: column {column} appears more than once, expected once")
+        time = seconds(frame["time"] if "time" in frame.columns else frame.index)
+        given, measured = ({c: numbers(frame[c], name) for c in names} for names in roles)
+        found = cls(name, time, given, measured, {"time": "s", **(units or {})})
         check_recording(found)
         return found
 
@@ -277,8 +281,13 @@ class Recording:
 
 
 def _numbers(name: str, column: str, values: ArrayLike) -> FloatArray:
+    given = np.asarray(values)
     try:
-        return np.asarray(values, dtype=np.float64)
+        if column == "time" and given.dtype.kind in "mM":
+            given = (given - given[0] if given.dtype.kind == "M" else given) / np.timedelta64(1, "s")
+        if given.dtype.kind in "mM":
+            raise TypeError
+        return np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{name}: column {column} holds something else than numbers") from None
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.config import Config
 from aero_bayes.data import read_recording
-from aero_bayes.data.csv_text import read_header
+from aero_bayes.data.read import column_names
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import CalibrationSettings, calibrate
 from aero_bayes.estimate.objective import Objective
@@ -32,7 +32,7 @@ from aero_bayes.workflow.job import columns_of, layout_of
 FloatArray = NDArray[np.float64]
 
 #: What a column of time is called, without its unit.
-TIME_NAMES = {"time", "t", "timestamp", "zeit"}
+TIME_NAMES = {"time", "t", "timestamp", "zeit", "xvalue", "datetime"}
 #: Number of sample times at which sensitivities are computed.
 SAMPLE_COUNT = 2000
 #: Change of an output, as a share of its range, by a relative change of one of a parameter, below which it has none.
@@ -88,7 +88,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     built = load_model(name, sources=[source], libraries=libraries)
     signals = ["time", *(v.name for v in (*built.inputs, *built.outputs))]
     units = {"time": "s"} | {v.name: v.unit for v in (*built.inputs, *built.outputs)}
-    matched = match_columns(signals, read_header(data).names, units)
+    matched = match_columns(signals, column_names(data), units)
     head = _head(name, [source, *libraries], out, built, data, matched)
     own = OwnClasses(read_classes_of(source), name)
     # the user's own first: of two that the outputs cannot tell apart, the first is free

@@ -1,0 +1,158 @@
+"""Logs in other forms than plain CSV are read as what they say, or refused in one line; and data frames of any time."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+
+from aero_bayes import InputError, Recording, read_recording
+from aero_bayes.data import Layout
+from aero_bayes.data.layout import ColumnMap
+
+LAYOUT = Layout.of(["P", "Q"], ["T"], {"P": "W", "Q": "W", "T": "K"})
+TIME = 120.0 * np.arange(40)
+P, Q = 1000.0 + 500.0 * (np.arange(40) % 3), -0.25 * np.arange(40)
+T = 290.0 + 0.125 * np.arange(40)
+ROWS = list(zip(TIME, P, Q, T, strict=True))
+
+
+def german(x: float, decimals: int = 3) -> str:
+    return f"{x:,.{decimals}f}".translate(str.maketrans(",.", ".,"))
+
+
+def clock(t: float) -> str:
+    return f"{int(t + 86000) // 3600 % 24:02d}:{int(t + 86000) % 3600 // 60:02d}:{(t + 86000) % 60:06.3f}"
+
+
+def lines(head: str, row: Callable[[float, float, float, float], str]) -> str:
+    return "\n".join([head, *(row(*r) for r in ROWS)]) + "\n"
+
+
+def summer_time(t: float) -> str:
+    """The night in which an hour is there twice."""
+    start = pandas.Timestamp("2026-10-24T23:50Z").tz_convert("Europe/Berlin")
+    return (start + pandas.Timedelta(seconds=t)).isoformat()
+
+
+FORMS = {
+    "sep.csv": lines("sep=;\ntime;P;Q;T", lambda *r: ";".join(f"{x:.3f}".replace(".", ",") for x in r)),
+    "spaces.csv": lines("  time    P   Q     T", lambda *r: "  ".join(f"{x:12.4f}" for x in r)),
+    "fortran.txt": lines("time P Q T", lambda *r: " ".join(f"{x:.8e}".replace("e", "D") for x in r)),
+    "clock.csv": lines("time,P,Q,T", lambda t, *r: f"{clock(t)},{','.join(map(str, r))}"),
+    "thousands.csv": lines("time,P,Q,T", lambda t, p, q, y: f'"{t:,.1f}","{p:,.1f}",{q},{y}'),
+    "tausend.csv": lines("time;P;Q;T", lambda *r: ";".join(map(german, r))),
+    "log.lvm": "LabVIEW Measurement\nSeparator\tTab\n***End_of_Header***\n\nChannels\t3\n***End_of_Header***\n"
+    + lines("time\tP\tQ\tT\tComment", lambda *r: "\t".join(map(str, r))),
+    "epoch.csv": lines("time,P,Q,T", lambda t, *r: f"{1792800000000 + int(1000 * t)},{','.join(map(str, r))}"),
+    "days.csv": lines("time,P,Q,T", lambda t, *r: f"{46319.75 + t / 86400:.9f},{','.join(map(str, r))}"),
+    "zones.csv": lines("time,P,Q,T", lambda t, *r: f"{summer_time(t)},{','.join(map(str, r))}"),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_form_is_read_right(form: str, tmp_path: Path) -> None:
+    (tmp_path / form).write_text(FORMS[form])
+    found = read_recording(tmp_path / form, layout=LAYOUT)
+    assert found.time - found.time[0] == pytest.approx(TIME, abs=1e-3)
+    for values, expected in ((found.inputs["P"], P), (found.inputs["Q"], Q), (found.outputs["T"], T)):
+        assert values == pytest.approx(expected, abs=1e-3)
+    assert found.findings == ()
+
+
+def test_a_unit_of_time_that_was_given_holds(tmp_path: Path) -> None:
+    (tmp_path / "epoch.csv").write_text(FORMS["epoch.csv"])
+    found = read_recording(tmp_path / "epoch.csv", {"time": ColumnMap("time", unit="ms")}, layout=LAYOUT)
+    assert np.diff(found.time) == pytest.approx(np.diff(TIME))
+
+
+def test_seconds_far_from_zero_stay_seconds(tmp_path: Path) -> None:
+    for start, step in ((40000.0, 0.01), (46319.75, 0.002), (1.7e9, 120.0), (50000.0, 0.5), (43000.0, 1.0 / 256.0)):
+        rows = [f"{start + step * k!r},1,1,{y}" for k, y in enumerate(T)]
+        (tmp_path / "run.csv").write_text("\n".join(["time,P,Q,T", *rows]))
+        assert np.diff(read_recording(tmp_path / "run.csv", layout=LAYOUT).time) == pytest.approx(step, rel=1e-3)
+
+
+@pytest.mark.parametrize("column", ["T_quality", "Quality", "T status"])
+def test_readings_that_are_marked_as_bad_are_not_fitted(column: str, tmp_path: Path) -> None:
+    rows = [f"{t},{p},{q},{0.0 if k in (3, 9) else y},{'Bad' if k in (3, 9) else 'Good'}"
+            for k, (t, p, q, y) in enumerate(ROWS)]  # fmt: skip
+    (tmp_path / "run.csv").write_text("\n".join([f"time,P,Q,T,{column}", *rows]))
+    found = read_recording(tmp_path / "run.csv", layout=LAYOUT)
+    assert np.flatnonzero(np.isnan(found.outputs["T"])).tolist() == [3, 9]
+    assert [f.kind for f in found.findings] == ["quality"]
+    assert "rows 5, 11" in found.findings[0].where
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (lines("tag,time,value", lambda t, p, q, y: f"P,{t},{p}\nQ,{t},{q}\nT,{t},{y}"), ("one reading a row", "tag")),
+        (lines("time_P,P,time_T,Q,T", lambda t, p, q, y: f"{t},{p},{t + 7},{q},{y}"), ("time_P", "time_T", "resample")),
+        (lines("time,P,Q,T,T", lambda t, p, q, y: f"{t},{p},{q},{y},{y}"), ("T appears 2 times",)),
+    ],
+)
+def test_what_cannot_be_read_is_refused_in_one_line(text: str, words: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text(text)
+    with pytest.raises(InputError) as refused:
+        read_recording(tmp_path / "run.csv", layout=LAYOUT)
+    assert "\n" not in str(refused.value)
+    for word in words:
+        assert word in str(refused.value)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+@pytest.mark.parametrize("zone", [None, "UTC", "Europe/Berlin"])
+@pytest.mark.parametrize("as_index", [False, True])
+def test_a_frame_with_dates_is_in_seconds(unit: str, zone: str | None, as_index: bool) -> None:
+    start = pandas.Timestamp("2026-10-24T23:50", tz="UTC")
+    times = (start + pandas.to_timedelta(TIME, unit="s")).as_unit(unit)
+    times = times.tz_localize(None) if zone is None else times.tz_convert(zone)
+    frame = pandas.DataFrame({"time": times, "P": P, "T": T})
+    found = Recording.from_frame(frame.set_index("time") if as_index else frame, inputs="P", outputs="T")
+    assert found.time == pytest.approx(TIME)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_a_frame_with_durations_is_in_seconds(unit: str) -> None:
+    times = pandas.to_timedelta(TIME + 5.0, unit="s").as_unit(unit)
+    found = Recording.from_frame(pandas.DataFrame({"P": P, "T": T}, index=times), inputs="P", outputs="T")
+    assert found.time == pytest.approx(TIME + 5.0)
+
+
+def test_arrays_of_dates_and_objects_are_in_seconds() -> None:
+    times = np.datetime64("2026-07-24T18:00") + (TIME * 1e6).astype("timedelta64[us]")
+    assert Recording("run", times, {"P": P}, {"T": T}).time == pytest.approx(TIME)
+    frame = pandas.DataFrame({"time": list(pandas.DatetimeIndex(times).to_pydatetime()), "P": P, "T": T}, dtype=object)
+    assert Recording.from_frame(frame, inputs="P", outputs="T").time == pytest.approx(TIME)
+    with pytest.raises(InputError, match="column P"):
+        Recording("run", TIME, {"P": times}, {"T": T})
+    with pytest.raises(InputError, match="column T"):
+        Recording.from_frame(frame.assign(T=pandas.to_datetime(frame["time"])), inputs="P", outputs="T")
+
+
+TABLES = [(".xlsx", "openpyxl", "excel"), (".parquet", "pyarrow", "parquet")]
+
+
+@pytest.mark.parametrize(("suffix", "module", "extra"), TABLES)
+def test_a_table_is_read_or_its_reader_is_named(suffix: str, module: str, extra: str, tmp_path: Path) -> None:
+    path = tmp_path / f"run{suffix}"
+    try:
+        __import__(module)
+    except ImportError:
+        path.write_bytes(b"")
+        with pytest.raises(InputError, match=rf"aero-bayes\[{extra}\]"):
+            read_recording(path, layout=LAYOUT)
+        assert module not in sys.modules
+        return
+    frame = pandas.DataFrame(
+        {"time": pandas.Timestamp("2026-07-24T18:00") + pandas.to_timedelta(TIME, unit="s"), "P": P, "Q": Q, "T": T}
+    )
+    getattr(frame, "to_excel" if suffix == ".xlsx" else "to_parquet")(path, index=False)
+    found = read_recording(path, layout=LAYOUT)
+    assert found.time == pytest.approx(TIME, abs=1e-3)
+    assert found.outputs["T"] == pytest.approx(T)
