@@ -1,7 +1,7 @@
 within Laws.Inputs;
 model DeadZone "Actuator that does not answer small inputs"
   extends Laws.Interfaces.InputLaw;
-  parameter Real u_d(min = 0, max = u_n, nominal = 0.1 * u_n) = 0 "Half width of the dead zone";
+  parameter Real u_d(min = 0, max = 0.9 * u_n, nominal = 0.1 * u_n) = 0 "Half width of the dead zone";
 protected
   final parameter Real u_smooth = 1e-3 * u_n "Width of the rounding at the corners";
 equation

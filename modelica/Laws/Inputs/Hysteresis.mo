@@ -2,7 +2,7 @@ within Laws.Inputs;
 model Hysteresis "Actuator with play, or a part of it"
   extends Laws.Interfaces.InputLaw;
   parameter Real s_p(min = 0, max = 1, nominal = 0.5) = 0 "Share of the input that goes through the play";
-  parameter Real u_p(min = 0.02 * u_n, max = 2 * u_n, nominal = 0.3 * u_n) = 0.3 * u_n "Half width of the play";
+  parameter Real u_p(min = 0.02 * u_n, max = u_n, nominal = 0.3 * u_n) = 0.3 * u_n "Half width of the play";
   Real z(nominal = u_n) "Where the play has been pushed to";
 protected
   parameter Real T = if s_p > 0 then 5e-3 * t_n else 1e6 * t_n "Time in which the play is pushed; without a share nothing moves";

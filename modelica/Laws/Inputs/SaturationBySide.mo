@@ -9,7 +9,7 @@ protected
 equation
   s_u = s * (1 + a * tanh(u / (0.01 * u_n)));
   y = u * (2 * sqrt(1 + knee ^ 2) / (sqrt((1 + s_u * u) ^ 2 + knee ^ 2) + sqrt((1 - s_u * u) ^ 2 + knee ^ 2)));
-  annotation (__aero_bayes(refines = "saturation"),
+  annotation (__aero_bayes(refines = "saturation", both_signs = "u"),
     Documentation(info = "<html>
 <p>The output ends at <code>1 / (s (1 + a))</code> above and at <code>-1 / (s (1 - a))</code> below; with <code>a = 1</code> nothing limits it below, as
 behind a diode. The side changes where no limit is near.</p>

@@ -2,7 +2,7 @@ within Laws.Motion;
 model EndStop "Stops that a motion runs into"
   extends Laws.Interfaces.MotionLaw;
   parameter Real k_s(min = 0, max = 1000 * f_n / x_n, nominal = 10 * f_n / x_n) = 0 "Stiffness of the stops";
-  parameter Real x_s(min = 0.05 * x_n, max = 1.2 * x_n, nominal = 0.8 * x_n) = 0.8 * x_n "Displacement at which the stops are met";
+  parameter Real x_s(min = 0.05 * x_n, max = x_n, nominal = 0.8 * x_n) = 0.8 * x_n "Displacement at which the stops are met";
 protected
   final parameter Real x_smooth = 1e-5 * x_n "Width of the rounding where a stop is met";
 equation

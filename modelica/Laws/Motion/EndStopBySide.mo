@@ -2,7 +2,7 @@ within Laws.Motion;
 model EndStopBySide "Stops that a motion runs into, at different distances, which give back less than they take"
   extends Laws.Interfaces.MotionLaw;
   parameter Real k_s(min = 0, max = 1000 * f_n / x_w, nominal = 10 * f_n / x_w) = 0 "Stiffness of the stops";
-  parameter Real x_s(min = 0.05 * x_w, max = 1.2 * x_w, nominal = 0.95 * x_w) = 0.95 * x_w "Displacement from the middle at which the stops are met";
+  parameter Real x_s(min = 0.05 * x_w, max = 1.05 * x_w, nominal = 0.95 * x_w) = 0.95 * x_w "Displacement from the middle at which the stops are met";
   parameter Real b(min = -x_w, max = x_w, nominal = 0.01 * x_w) = 0 "How far the middle between the stops is from that of the range";
   parameter Real t_s(min = 0, max = t_n, nominal = 0.001 * t_n) = 0 "Damping of the stops over their stiffness";
 protected

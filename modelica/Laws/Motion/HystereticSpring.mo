@@ -10,7 +10,7 @@ protected
 equation
   x_h * der(z) = v - sqrt(v ^ 2 + v_smooth ^ 2) * z - s * v * sqrt(z ^ 2 + 1e-6);
   f = k_h * x_h * z;
-  annotation (__aero_bayes(refines = "linear_stiffness"), Documentation(info = "<html>
+  annotation (__aero_bayes(refines = "linear_stiffness", both_signs = "v"), Documentation(info = "<html>
 <p>The model of Bouc and Wen with the exponent 1: a joint, a wire rope, rubber or steel that yields. In Wen's terms <code>k_h</code> is A, and
 <code>1 / x_h</code> and <code>s / x_h</code> are his beta and gamma. With <code>s = 0</code> it is Dahl's friction, below -1 it stiffens on the way out.</p>
 <p>Source: R. Bouc, Forced vibration of mechanical systems with hysteresis (1967); Y.-K. Wen, Method for random vibration of hysteretic systems,

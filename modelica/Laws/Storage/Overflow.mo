@@ -7,7 +7,7 @@ protected
   final parameter Real h_smooth = 2e-3 * h_n "Width of the rounding at the edge";
 equation
   q = k_o * 0.5 * (h - h_o + sqrt((h - h_o) ^ 2 + h_smooth ^ 2));
-  annotation (__aero_bayes(not_for = "K A"),
+  annotation (__aero_bayes(not_for = "K A", nonnegative = "h"),
     Documentation(info = "<html>
 <p>What rises above the edge at <code>h_o</code> leaves the storage, the faster the higher it stands; with a large <code>k_o</code> all the surplus of the inflow
 spills. The <code>share</code> of it reaches the neighbouring storage.</p>

@@ -6,7 +6,7 @@ protected
   final parameter Real h_smooth = 1e-3 * h_n "Level below which the root is rounded";
 equation
   q = k * (h - h_s) / sqrt(sqrt((h - h_s) ^ 2 + h_smooth ^ 2));
-  annotation (__aero_bayes(not_for = "K A"),
+  annotation (__aero_bayes(not_for = "K A", nonnegative = "h"),
     Documentation(info = "<html>
 <p>Outflow through a hole at the level <code>h_s</code>, <code>k sqrt(h)</code>, back below it, and smooth where it changes its sign.</p>
 <p>Source: E. Torricelli, De motu aquarum (1644).</p>

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.export.flat import FlatModel
+from aero_bayes.language.dimensions import Dimension, dimension_of_unit
 from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law
 from aero_bayes.ports import DIFFERENCE, KELVIN, Port, find_ports
 from aero_bayes.unknown_names import closest_name
@@ -31,6 +32,16 @@ def with_applicable_laws(ports: Iterable[Port], laws: Sequence[Law]) -> tuple[Po
     return tuple(replace(p, laws=tuple(law.id for law in laws if is_applicable(law, p))) for p in ports)
 
 
+#: What cannot be stored: a speed, an angle, their rates, a force, a torque, a current. A first-order lag of such a
+#: quantity has the form of a storage, but nothing leaks from it or spills.
+NO_AMOUNTS: tuple[Dimension, ...] = (
+    {"m": 1.0, "s": -1.0}, {"rad": 1.0, "s": -1.0}, {"rad": 1.0}, {"m": 1.0, "s": -2.0}, {"rad": 1.0, "s": -2.0},
+    {"kg": 1.0, "m": 1.0, "s": -2.0}, {"kg": 1.0, "m": 2.0, "s": -2.0}, {"A": 1.0},
+)  # fmt: skip
+#: Share of a signal's largest magnitude by which it must pass zero to count as having a sign: readings have noise.
+MIN_SIGN_SHARE = 0.05
+
+
 def has_reaction(law: Law, port: Port) -> bool:
     """Whether a law at a port acts on the neighbour of the port as well."""
     return law.kind in ("overflow", "exchange") or port.kind == "motion"
@@ -40,7 +51,13 @@ def is_applicable(law: Law, port: Port) -> bool:
     """Whether a law can act at a port, by its kind, the signals that it reads and the units that it needs."""
     if port.replaceable is not None:
         return law.kind == "replaceable" and law.constraint == port.replaceable.constraint
-    if any(_matches_unit(unit, other) for other in law.excluded_units.split() for unit in port.units.values()):
+    excluded = law.excluded_units.split()
+    if "h_s" in port.signals:
+        # over recorded surroundings a temperature is a difference, whatever its zero
+        excluded = [unit for unit in excluded if KELVIN.get(unit, 0.0) == 0.0]
+    if any(_matches_unit(unit, other) for other in excluded for unit in port.units.values()):
+        return False
+    if port.kind == "storage" and _is_no_amount(port, law):
         return False
     # a law that does not read the ambient value would be the same law at the port without it
     if not port.signals.keys() & SIGNAL_DEFAULTS.keys() <= law.used_inputs or (
@@ -53,6 +70,32 @@ def is_applicable(law: Law, port: Port) -> bool:
     if not same or not law.used_inputs - SIGNAL_DEFAULTS.keys() <= port.signals.keys():
         return False
     return all(_matches_unit(port.units.get(signal, ""), unit) for signal, unit in law.required_units.items())
+
+
+def _is_no_amount(port: Port, law: Law) -> bool:
+    """Whether the level at a port cannot be stored, so that no law of a storage depends on it."""
+    reads_level = bool(law.used_inputs - SIGNAL_DEFAULTS.keys()) and not law.curve_input
+    return reads_level and dimension_of_unit(port.units.get("h", "")) in NO_AMOUNTS
+
+
+def is_possible(law: Law, nominals: Mapping[str, float]) -> bool:
+    """Whether a law can be, and be seen, in the range that the signals of a port visit.
+
+    Parameters
+    ----------
+    law : Law
+    nominals : mapping
+        Of the port, with the range of its signals (``v_low``, ``v_high``); a law is possible where it is not known.
+    """
+
+    for signal, wanted in ((law.both_signs, "both"), (law.nonnegative, "one")):
+        if not signal or f"{signal}_low" not in nominals:
+            continue
+        low, high = nominals[f"{signal}_low"], nominals[f"{signal}_high"]
+        passed = MIN_SIGN_SHARE * max(abs(low), abs(high))
+        if (low < -passed) is not (wanted == "both") or (wanted == "both" and high <= passed):
+            return False
+    return True
 
 
 def _is_against_input(port: Port) -> bool:

@@ -30,6 +30,7 @@ from aero_bayes.ports import (
     relative_change,
     signal_nominal,
     simulated_signals,
+    visited_range,
 )
 from aero_bayes.simulation import Model
 
@@ -131,7 +132,8 @@ class FmuFamily(ModelicaFamily):
                     "t_n": time,
                 }
             else:
-                nominals[port.id] = {"u_n": seen[port.id.removeprefix("output_")], "t_n": time}
+                reading = port.id.removeprefix("output_")
+                nominals[port.id] = {"u_n": seen[reading], **visited_range("u", found[reading]), "t_n": time}
         return nominals
 
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:

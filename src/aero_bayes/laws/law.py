@@ -123,6 +123,9 @@ class Law:
         linear in its parameters and is tried last.
     threshold : str
         The parameter that decides from where on the law acts. Empty if there is none, or if it is the only parameter.
+    both_signs, nonnegative : str
+        An input that must take both signs in the recordings for the law to be seen, and one that must never fall below
+        zero where the law can act. Empty if there is none.
     interface : LawInterface
     text : str
         Its source, its own declarations and those of the partial model together.
@@ -151,6 +154,8 @@ class Law:
     cls: ClassText = field(repr=False, compare=False)
     widths: Mapping[str, float] = field(default_factory=dict)
     constraint: str = ""
+    both_signs: str = ""
+    nonnegative: str = ""
 
     @cached_property
     def differentiated(self) -> frozenset[str]:
@@ -255,6 +260,8 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         refines=annotation_text(cls.annotation, "refines"),
         curve_input=annotation_text(cls.annotation, "learned"),
         threshold=annotation_text(cls.annotation, "threshold"),
+        both_signs=annotation_text(cls.annotation, "both_signs"),
+        nonnegative=annotation_text(cls.annotation, "nonnegative"),
         interface=interface,
         text=text,
         cls=merged,

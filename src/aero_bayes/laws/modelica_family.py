@@ -28,6 +28,7 @@ from aero_bayes.laws.candidates import (
     Candidate,
     declared_candidates,
     find_candidates,
+    is_possible,
     ports_with_laws,
     with_applicable_laws,
 )
@@ -191,6 +192,8 @@ class ModelicaFamily:
         kept = self._kept(self._candidates(calibration))
         found = any(c.port.replaceable is None for c in kept)
         nominals = self._nominals(calibration, fit, open_simulator) if found else {}
+        required = self.candidate_filter.require
+        kept = [c for c in kept if c.id in required or is_possible(c.law, nominals.get(c.port.id, {}))]
         highest = max((float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs), default=1.0)
         self._placed.clear()
         for placed in place_laws(kept, self._taken(), nominals):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from aero_bayes.ports.nominal_values import relative_change as relative_change
     from aero_bayes.ports.nominal_values import signal_nominal as signal_nominal
     from aero_bayes.ports.nominal_values import simulated_signals as simulated_signals
+    from aero_bayes.ports.nominal_values import visited_range as visited_range
     from aero_bayes.ports.port import DIFFERENCE as DIFFERENCE
     from aero_bayes.ports.port import KELVIN as KELVIN
     from aero_bayes.ports.port import Attachment as Attachment
@@ -47,7 +48,7 @@ __getattr__, __dir__ = lazy_exports(
         "insertion_point": "InsertionPoint find_insertion_point in_vector",
         "internal_signals": "defining_equations",
         "nominal_values": "NEGLIGIBLE_TERM NOMINAL_QUANTILE fastest_time_scale port_nominals "
-        "recorded_inputs relative_change signal_nominal simulated_signals",
+        "recorded_inputs relative_change signal_nominal simulated_signals visited_range",
         "port": "Attachment DIFFERENCE KELVIN Port PortKind port_table signal_expression",
         "replaceable": "CombinationRule ReplaceableModel find_replaceable_models",
     },

@@ -82,7 +82,10 @@ def _is_name(name: str) -> Driver:
 
 
 def _one_signal(s: AliasStructure, tree: Expression, wanted: Dimension) -> str:
-    """The only difference of two variables of a dimension in an expression, else the only variable; else empty."""
+    """The only difference of two variables of a dimension in an expression, else the only variable, or input at all.
+
+    Empty if there is none, or more than one.
+    """
 
     def fits(t: Expression) -> bool:
         known = isinstance(t, Name) and not t.subscripts and t.name in s.same
@@ -96,7 +99,8 @@ def _one_signal(s: AliasStructure, tree: Expression, wanted: Dimension) -> str:
         if isinstance(a, Name) and isinstance(b, Name) and fits(a) and fits(b)
     }
     single = {t.name for t in walk(tree) if isinstance(t, Name) and fits(t)}
-    found = differences or single
+    inputs = {v.name for v in s.flat.variables if v.causality == "input" and "." not in v.name and fits(Name(v.name))}
+    found = differences or single or inputs
     return next(iter(found)) if len(found) == 1 else ""
 
 

@@ -30,6 +30,8 @@ FloatArray = NDArray[np.float64]
 NOMINAL_QUANTILE = 0.995
 #: Nominal value below which a signal counts as zero.
 MIN_NOMINAL = 1e-200
+#: Share of its range that a place must move in a direction for that to count.
+MIN_TRAVEL_SHARE = 0.02
 #: Number of first readings whose regression line gives the initial value of a level.
 LEVEL_READINGS = 5
 #: Time for which a model is simulated until it settles, in lengths of the recording; and the largest change of a level
@@ -44,7 +46,8 @@ def port_nominals(
 ) -> dict[str, dict[str, float]]:
     """Nominal values by the id of the port, under the names of the partial models of laws (``f_n``, ``v_n``, ...).
 
-    The nominal value of a law's output in a balance is that of the largest term of the balance.
+    The nominal value of a law's output in a balance is that of the largest term of the balance. Beside them stands the
+    range of each signal, ``v_low`` and ``v_high`` for ``v``.
     """
     ports = [p for p in ports if p.replaceable is None]
     structure, outputs = alias_structure(flat), _AddedOutputs(flat)
@@ -107,14 +110,16 @@ def _undriven(calibration: Calibration) -> Calibration:
 def _recorded_over(
     structure: AliasStructure, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
 ) -> list[FloatArray]:
-    """The readings of a signal that is an output; where there is none, the simulated value."""
+    """The readings of a signal that is an output; where there is none, the simulated values."""
     members = structure.members(structure.of(expression.name)) if isinstance(expression, Name) else ()
-    found = list(simulated)
+    found, recorded = list(simulated), set[int]()
     for k, e in enumerate(calibration.experiments):
         for column in (c for c, output in enumerate(e.outputs) if output in members and e.measured is not None):
             assert e.measured is not None
+            recorded.add(k)
             found[k] = np.where(np.isfinite(e.measured[:, column]), e.measured[:, column], found[k])
-    return found
+    # where every recording has it, what the model says of it elsewhere is not asked
+    return found[: len(recorded)] if len(recorded) == len(calibration.experiments) else found
 
 
 def _first_readings(structure: AliasStructure, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
@@ -228,6 +233,30 @@ def signal_nominal(parts: Sequence[FloatArray]) -> float:
     return float(np.quantile(np.abs(np.concatenate(parts)), NOMINAL_QUANTILE)) if parts else 0.0
 
 
+def visited_range(signal: str, parts: Sequence[FloatArray]) -> dict[str, float]:
+    """The range of a signal but for rare extremes, by ``<signal>_low`` and ``<signal>_high``; empty without values."""
+    if not parts:
+        return {}
+    low, high = np.quantile(np.concatenate(parts), (1.0 - NOMINAL_QUANTILE, NOMINAL_QUANTILE))
+    return {f"{signal}_low": float(low), f"{signal}_high": float(high)}
+
+
+def _directions(places: Sequence[FloatArray], speed: Mapping[str, float]) -> dict[str, float]:
+    """The range of a speed, without a direction in which the place does not move.
+
+    A place may be recorded where its speed is only simulated, by a fit that lacks an effect.
+    """
+    span = float(np.ptp(np.concatenate(places)))
+    up = max(float(np.max(x - np.minimum.accumulate(x))) for x in places)
+    down = max(float(np.max(np.maximum.accumulate(x) - x)) for x in places)
+    found = dict(speed)
+    if up < MIN_TRAVEL_SHARE * span:
+        found["v_high"] = min(found["v_high"], 0.0)
+    if down < MIN_TRAVEL_SHARE * span:
+        found["v_low"] = max(found["v_low"], 0.0)
+    return found
+
+
 def relative_change(inputs: Sequence[InputSignal], time: float) -> float:
     """Change of an input within ``time`` (s), over its nominal value.
 
@@ -289,6 +318,10 @@ def _nominals(
             around = [np.array(mean)] * len(level)
         above = signal_nominal([y - z for y, z in zip(level, around, strict=True)]) or 1.0
         nominals |= {"h_n": above, "h_0": mean, "h_z": KELVIN.get(port.units.get("h", ""), 0.0)}
+    for signal, name in seen.items():
+        nominals |= visited_range(signal, found.get(name, ()))
+    if "v_high" in nominals and seen.get("x", "") in found and found[seen["x"]]:
+        nominals |= _directions(found[seen["x"]], {name: nominals[name] for name in ("v_low", "v_high")})
     return nominals | {"t_n": time}
 
 

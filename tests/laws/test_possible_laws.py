@@ -1,0 +1,125 @@
+"""What is offered: units, the kind of the balance and the range that signals visit decide it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_rigs import rig
+
+from aero_bayes import Recording, fit, load_model
+from aero_bayes.estimate.calibration import CalibrationSettings
+from aero_bayes.estimate.fit import FitSettings
+from aero_bayes.laws import Law, ports_with_laws
+from aero_bayes.laws.candidates import is_possible
+from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.simulation import open_simulator
+
+FALLING = """model Falling
+  parameter Real m(unit = "kg") = 0.03;
+  parameter Real g(unit = "m/s2", min = 9, max = 10) = 9.81;
+  output Real height(unit = "m");
+  Real z(unit = "m", start = 50, fixed = true);
+  Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  der(z) = v;
+  m * der(v) = -m * g;
+  height = z;
+end Falling;
+"""
+
+
+def of(laws: tuple[Law, ...], kind: str, id_: str) -> Law:
+    return next(law for law in laws if (law.kind, law.id) == (kind, id_))
+
+
+@pytest.mark.parametrize(
+    ("unit", "amount"), [("deg", False), ("rpm", False), ("N", False), ("m", True), ("V", True), ("", True)]
+)
+def test_only_amounts_leak_and_spill(unit: str, amount: bool, laws: tuple[Law, ...], tmp_path: Path) -> None:
+    path = tmp_path / "Lag.mo"
+    path.write_text(
+        f"""model Lag
+  parameter Real T(unit = "s") = 0.1;
+  input Real u(unit = "{unit}");
+  output Real y(unit = "{unit}");
+  Real phi(unit = "{unit}", start = 0, fixed = true);
+equation
+  T * der(phi) = u - phi;
+  y = phi;
+end Lag;
+""",
+        encoding="utf-8",
+    )
+    ports = {p.id: p for p in ports_with_laws(rig("Lag", str(path)), laws) if p.kind not in ("input", "output")}
+    port = ports["phi"]
+    losses = {"linear_loss", "root_loss", "square_loss", "overflow"}
+    assert losses <= set(port.laws) if amount else not losses & set(port.laws)
+    assert amount or not any(losses & set(p.laws) for p in ports.values())
+    assert {"offset", "curve"} <= set(port.laws)
+
+
+@pytest.mark.parametrize(("unit", "offered"), [("degC", False), ("K", True)])
+def test_a_square_of_degrees_celsius_is_no_loss(
+    unit: str, offered: bool, laws: tuple[Law, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "Body.mo"
+    path.write_text(
+        f"""model Body
+  parameter Real C(unit = "J/K") = 10;
+  input Real u(unit = "W");
+  output Real T(unit = "{unit}", start = 25, fixed = true);
+equation
+  C * der(T) = u - 0.1 * (T - 25);
+end Body;
+""",
+        encoding="utf-8",
+    )
+    (port,) = (p for p in ports_with_laws(rig("Body", str(path)), laws) if p.kind == "storage")
+    assert ("square_loss" in port.laws) is offered
+    assert {"linear_loss", "radiation"} <= set(port.laws)
+    assert not {"overflow", "root_loss"} & set(port.laws)
+
+
+def test_laws_by_side_need_both_signs_and_readings_without_a_sign_none(laws: tuple[Law, ...]) -> None:
+    directions, unsigned = of(laws, "motion", "friction_by_direction"), of(laws, "output", "unsigned")
+    spilling, spring = of(laws, "overflow", "overflow"), of(laws, "motion", "cubic_stiffness")
+    assert is_possible(directions, {"v_low": -2.0, "v_high": 3.0})
+    assert not is_possible(directions, {"v_low": -0.01, "v_high": 3.0})
+    assert not is_possible(directions, {"v_low": -3.0, "v_high": 0.0})
+    assert is_possible(unsigned, {"u_low": -0.01, "u_high": 3.0})
+    assert not is_possible(unsigned, {"u_low": -2.0, "u_high": 3.0})
+    assert not is_possible(spilling, {"h_low": -2.0, "h_high": 3.0})
+    assert all(is_possible(law, {}) for law in (directions, unsigned, spilling))
+    assert is_possible(spring, {"v_low": 0.0, "v_high": 3.0})
+
+
+@pytest.mark.parametrize("bounces", [False, True])
+def test_a_contact_yields_only_where_the_motion_turns(bounces: bool, tmp_path: Path) -> None:
+    """The fit of free fall to a ball that the air slows down throws it upwards first; its readings only fall."""
+    path = tmp_path / "Falling.mo"
+    path.write_text(FALLING, encoding="utf-8")
+    time = np.arange(60) / 15.0
+    height = 50.0 - 20.0 * (time - 2.0 * (1.0 - np.exp(-0.5 * time)))
+    if bounces:
+        height = 50.0 + 10.0 * time - 4.905 * time**2
+    height += 0.02 * np.random.default_rng(4).normal(size=60)
+    settings = FitSettings(calibration=CalibrationSettings(start="estimated"))
+    run = Recording("run", time, {}, {"height": height})
+    found = fit(run, load_model(path), parameters=["g"], settings=settings, seed=1)
+    family = ModelicaFamily("Falling", (path,), tmp_path / "built")
+    ids = family.prepare(found.calibration, found.optimum, open_simulator)
+    assert {"viscous_friction@v", "quadratic_drag@v", "coulomb_friction@v"} <= set(ids)
+    assert ("presliding_friction@v" in ids) is ("friction_by_direction@v" in ids) is bounces
+
+
+def test_thresholds_lie_within_what_is_visited(laws: tuple[Law, ...]) -> None:
+    sizes = dict.fromkeys(("f_n", "v_n", "x_n", "x_w", "t_n", "u_n", "w_n"), 1.0) | {"x_0": 0.0}
+    for kind, id_, name in (
+        ("input", "dead_zone", "u_d"), ("input", "hysteresis", "u_p"), ("motion", "end_stop", "x_s"),
+        ("motion", "presliding_friction", "x_p"), ("motion", "backlash", "x_b"),
+    ):  # fmt: skip
+        (parameter,) = (p for p in of(laws, kind, id_).parameters if p.name == name)
+        assert parameter.value("maximum", sizes) <= 1.0
+        assert parameter.value("nominal", sizes) < parameter.value("maximum", sizes)
