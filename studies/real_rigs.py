@@ -69,9 +69,26 @@ def cases() -> dict[str, RigCase]:
 
 
 def close_loop_of_case(case: RigCase, files: dict[str, list[Path]], out: Path, options: argparse.Namespace) -> Row:
-    """Run the command as a user would, from a copy of the model's folder, and read what it says."""
+    """Close the loop on the first model of a case."""
     shutil.rmtree(out, ignore_errors=True)
     shutil.copytree(case.folder, out / "model")
+    return run_loop(case.name, files, out, options)
+
+
+def run_loop(key: str, files: dict[str, list[Path]], out: Path, options: argparse.Namespace) -> Row:
+    """Run the command as a user would, on the model in ``out/model``, and read what it says.
+
+    Parameters
+    ----------
+    key : str
+        Of the row.
+    files : dict of str to list of Path
+        Recordings by role, ``train`` and ``test``.
+    out : Path
+        Folder of the run.
+    options : Namespace
+        ``max_minutes``, ``workers`` and ``seed``.
+    """
     if options.max_minutes:
         with (out / "model" / "rig.toml").open("a", encoding="utf-8") as config:
             config.write(f"\n[loop]\nmax_minutes = {options.max_minutes:g}\n")
@@ -81,7 +98,7 @@ def close_loop_of_case(case: RigCase, files: dict[str, list[Path]], out: Path, o
     began = time.perf_counter()
     done = subprocess.run(command, cwd=out, capture_output=True, text=True, check=False)
     seconds = round(time.perf_counter() - began, 1)
-    row: Row = {"key": case.name, "code": code(), "seed": options.seed, "seconds": seconds}
+    row: Row = {"key": key, "code": code(), "seed": options.seed, "seconds": seconds}
     if done.returncode:
         return {**row, "error": (done.stderr.strip().splitlines() or ["no message"])[-1]}
     return {**row, **judged_parts(json.loads((out / "run" / "result.json").read_text(encoding="utf-8")))}
