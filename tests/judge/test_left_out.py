@@ -66,12 +66,13 @@ def test_blocks_of_time_are_predicted_as_by_least_squares_without_them(size):
     y = x @ [1.0, 2.0, size] + 0.1 * rng.normal(size=TIME.size)
     fits = study([TIME], [y[:, None]], lambda t, k: rows(t), [free(n) for n in "abc"], 2)
     common = CommonBlocks.of(fits)
-    assert len(common.blocks) == BLOCK_COUNT
-    assert sorted(np.concatenate(common.blocks).tolist()) == list(range(TIME.size))
+    blocks = [block for (block,) in common.folds]
+    assert len(blocks) == BLOCK_COUNT
+    assert sorted(np.concatenate(blocks).tolist()) == list(range(TIME.size))
     for fitted, columns in zip(fits, ([0, 1, 2], [0, 1]), strict=True):
-        exact = squares_without(x[:, columns] / 0.1, y / 0.1, common.blocks)
+        exact = squares_without(x[:, columns] / 0.1, y / 0.1, blocks)
         np.testing.assert_allclose(newton_errors(fitted, common)[:, 0], exact, rtol=1e-6)
-        again = [refitted_errors(fitted, common, k, EXACT)[0] for k in range(len(common.blocks))]
+        again = [refitted_errors(fitted, common, k, EXACT)[0, 0] for k in range(len(blocks))]
         np.testing.assert_allclose(again, exact, rtol=1e-6)
 
 
@@ -82,7 +83,7 @@ def test_a_block_is_left_out_of_all_outputs_at_once_and_each_output_counts_alone
     y = np.stack([noisy[: TIME.size] * 0.1, noisy[TIME.size :] * 0.4], axis=-1)
     fits = study([TIME], [y], lambda t, k: -2.0 * rows(t)[:, ::-1] if k else rows(t), [free(n) for n in "abc"], 2)
     common = CommonBlocks.of(fits)
-    exact = squares_without(x, noisy, common.blocks)
+    exact = squares_without(x, noisy, [block for (block,) in common.folds])
     np.testing.assert_allclose(newton_errors(fits[0], common).sum(axis=1), exact, rtol=1e-6)
     np.testing.assert_allclose(
         [refitted_errors(fits[0], common, k, EXACT).sum() for k in range(3)], exact[:3], rtol=1e-6
@@ -104,11 +105,15 @@ def test_of_three_recordings_one_at_a_time_is_left_out_and_its_own_offset_stays(
     parameters = [*(free(n) for n in "abc"), *(free(f"o{e}", e) for e in range(3))]
     (fitted, _) = fits = study(times, [part[:, None] * 0.1 for part in np.split(y, 3)], design, parameters, 2)
     common = CommonBlocks.of(fits)
-    assert [block.tolist() for block in common.blocks] == np.arange(whole.size).reshape(3, -1).tolist()
+    folds = [np.concatenate(fold) for fold in common.folds]
+    assert [fold.tolist() for fold in folds] == np.arange(whole.size).reshape(3, -1).tolist()
     p = np.linalg.solve(x.T @ x + np.eye(6) / PRIOR_SD**2, x.T @ y)
-    exact = squares_without(x[:, :3], y - x[:, 3:] @ p[3:], common.blocks)
-    np.testing.assert_allclose(newton_errors(fitted, common)[:, 0], exact, rtol=1e-5)
-    np.testing.assert_allclose([refitted_errors(fitted, common, k, EXACT)[0] for k in range(3)], exact, rtol=1e-5)
+    exact = squares_without(x[:, :3], y - x[:, 3:] @ p[3:], folds)
+    newton = newton_errors(fitted, common)[:, 0]
+    # Errors are summed by block of time, so that there are enough of them to resample.
+    assert newton.size == 3 * (BLOCK_COUNT // 3)
+    np.testing.assert_allclose(newton.reshape(3, -1).sum(axis=1), exact, rtol=1e-5)
+    np.testing.assert_allclose([refitted_errors(fitted, common, k, EXACT).sum() for k in range(3)], exact, rtol=1e-5)
 
 
 def test_a_term_that_is_not_there_does_not_predict_clearly_better():
@@ -156,8 +161,14 @@ def test_wins_add_up_and_few_blocks_need_more_standard_errors():
     errors = {WAVE: rng.chisquare(4, (20, 1)), NOTHING: rng.chisquare(4, (20, 1))}
     wins = Comparison(errors, ("y",), np.zeros(1)).wins([WAVE, NOTHING])
     assert sum(wins.values()) == pytest.approx(1.0)
-    # Three blocks whose errors halve, more or less: over three standard errors, and not clear.
-    few = {WAVE: np.array([[1.0], [1.0], [1.0]]), NOTHING: np.array([[1.2], [2.2], [2.9]])}
+    # Six blocks whose errors halve, more or less: over two standard errors, which is not clear with so few.
+    few = {WAVE: np.ones((6, 1)), NOTHING: np.array([[0.9], [1.0], [1.1], [1.3], [1.8], [1.3]])}
     found = Comparison(few, ("y",), np.zeros(1))
-    assert 2.0 < found.ahead(WAVE, NOTHING) < 4.5
+    assert 2.0 < found.ahead(WAVE, NOTHING) < 2.6
     assert not found.clearly_better(WAVE, NOTHING)
+    # Of three blocks nothing is clear.
+    three = Comparison(
+        {s: e[:3] for s, e in {WAVE: 0.5 * few[WAVE], NOTHING: few[NOTHING]}.items()}, ("y",), np.zeros(1)
+    )
+    assert three.ahead(WAVE, NOTHING) > 5.0
+    assert not three.clearly_better(WAVE, NOTHING)

@@ -88,7 +88,7 @@ class Chooser:
         Where the time was up the closed form takes their place. A structure that cannot be simulated without a block is
         left out.
         """
-        noise, blocks = explored.noise.noise, len(common.blocks)
+        noise, folds = explored.noise.noise, len(common.folds)
         fits = {s: explored.fits[s] for s in wanted}
         new = {
             s: f.with_noise(noise)
@@ -99,12 +99,12 @@ class Chooser:
         tasks = [
             Task(partial(refitted_errors, f, common, k, fit), f.model.objective.outcomes)
             for f in new.values()
-            for k in range(blocks)
+            for k in range(folds)
         ]
         found = self.map(tasks, self.told)
         for n, (s, fitted) in enumerate(new.items()):
-            own = [e for e in found[n * blocks : (n + 1) * blocks] if e is not None]
-            errors = np.array(own) if len(own) == blocks else newton_errors(fitted, common)
+            own = [e for e in found[n * folds : (n + 1) * folds] if e is not None]
+            errors = np.concatenate(own) if len(own) == folds else newton_errors(fitted, common)
             self._known[s] = fits[s].optimum, errors
         able = {s: self._known[s][1] for s in fits if np.all(np.isfinite(self._known[s][1]))}
         if not any(not s.terms for s in able):

@@ -17,6 +17,8 @@ FloatArray = NDArray[np.float64]
 
 #: Standard errors by which one structure must predict better than another to count as clearly better.
 MIN_STANDARD_ERRORS = 2.0
+#: Blocks below which nothing is clear: the spread of fewer is not known.
+MIN_BLOCKS = 5
 #: Draws of as many blocks as there are, with replacement, and their seed: standard errors are known to 4 %.
 DRAWS, SEED = 400, 1
 
@@ -96,9 +98,13 @@ class Comparison:
             return math.inf if self.scores[one] < self.scores[other] else 0.0
         return difference / error if error > 0.0 else 0.0
 
+    def likely_better(self, one: Structure, other: Structure) -> bool:
+        """Whether one structure predicts left-out readings better than another by half of what makes it clear."""
+        return self.blocks >= MIN_BLOCKS and self.ahead(one, other) > 0.5 * self._needed
+
     def clearly_better(self, one: Structure, other: Structure) -> bool:
         """Whether one structure predicts left-out readings better than another by two standard errors."""
-        return self.ahead(one, other) > self._needed
+        return self.blocks >= MIN_BLOCKS and self.ahead(one, other) > self._needed
 
     def best(self, among: Iterable[Structure]) -> Structure:
         """The one with the least score; of equal ones the one with fewer terms."""

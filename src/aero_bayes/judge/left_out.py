@@ -23,7 +23,7 @@ from aero_bayes.search.models import FittedModel
 FloatArray = NDArray[np.float64]
 Readings = NDArray[np.int_]
 
-#: Recordings from which on whole recordings are left out: fewer do not show how much an error differs between them.
+#: Recordings from which on whole recordings are left out: of two, the one that is left says too little alone.
 MIN_WHOLE_RECORDINGS = 3
 #: Error that counts as none, as a share of an output's range: the accuracy of the solver in a search.
 ROUNDING_SHARE = 1e-5
@@ -38,8 +38,9 @@ class CommonBlocks:
     Parameters
     ----------
     outputs : tuple of str, length m
-    blocks : tuple of ndarray of int
-        Readings of each block, as columns of the whitened slopes.
+    folds : tuple of tuples of ndarray of int
+        Blocks of readings that are left out together, as columns of the whitened slopes: one block of time, or the
+        blocks of a whole recording.
     owner : ndarray of int, shape (N,)
         The output of each reading.
     least : ndarray, shape (m,)
@@ -49,7 +50,7 @@ class CommonBlocks:
     """
 
     outputs: tuple[str, ...]
-    blocks: tuple[Readings, ...]
+    folds: tuple[tuple[Readings, ...], ...]
     owner: Readings
     least: FloatArray
     whole: bool
@@ -71,23 +72,34 @@ class CommonBlocks:
         recordings = sorted({s.experiment for s in series})
         whole = len(recordings) >= MIN_WHOLE_RECORDINGS
         leverage = sum((_leverage(f) for f in fits), np.zeros(objective.readings))
-        blocks: list[Readings] = []
+        folds: list[tuple[Readings, ...]] = []
         for e in recordings:
             readings = sum(s.sampling.size for s in series if s.experiment == e)
-            count = 1 if whole else max(min(BLOCK_COUNT // len(recordings), readings // MIN_BLOCK_READINGS), 1)
-            blocks += [cell for cell in time_cells(series, leverage, e, count) if cell.size]
+            count = max(min(BLOCK_COUNT // len(recordings), readings // MIN_BLOCK_READINGS), 1)
+            cells = [cell for cell in time_cells(series, leverage, e, count) if cell.size]
+            folds += [tuple(cells)] if whole else [(cell,) for cell in cells]
         outputs = objective.outputs
         owner = np.repeat([outputs.index(s.output) for s in series], [s.sampling.size for s in series])
         rounding = [
             ROUNDING_SHARE * float(calibration.scale[calibration.outputs.index(o)]) / noise[o].sd for o in outputs
         ]
         least = np.bincount(owner).astype(np.float64) * np.square(rounding)
-        return cls(outputs, tuple(blocks), owner, least, whole)
+        return cls(outputs, tuple(folds), owner, least, whole)
 
-    def squares(self, block: Readings, residual: FloatArray) -> FloatArray:
-        """Sum of squares (m,) of the residual (n,) of a block, by output."""
-        found = np.bincount(self.owner[block], weights=residual**2, minlength=len(self.outputs))
-        return np.asarray(found, dtype=np.float64)
+    def readings(self, fold: int) -> Readings:
+        """All readings that are left out together."""
+        return np.concatenate(self.folds[fold])
+
+    def squares(self, fold: int, residual: FloatArray) -> FloatArray:
+        """Sums of squares (blocks, m) of the residual (n,) of a fold's readings, by block and output."""
+        first = np.concatenate(([0], np.cumsum([block.size for block in self.folds[fold]])))
+        return np.array(
+            [
+                np.bincount(self.owner[block], weights=residual[a : a + block.size] ** 2, minlength=len(self.outputs))
+                for a, block in zip(first[:-1].tolist(), self.folds[fold], strict=True)
+            ],
+            dtype=np.float64,
+        )
 
     def moving(self, fitted: FittedModel) -> list[int]:
         """Places among the free columns of those that move when a block is left out.
@@ -106,41 +118,43 @@ def newton_errors(fitted: FittedModel, common: CommonBlocks) -> FloatArray:
     prior = prior_curvature(parameters.prior_derivatives(optimum.coordinates)[1][columns])
     low, high = (bound[columns] for bound in parameters.box)
     at, found = optimum.coordinates[columns], []
-    for left in leave_blocks_out(slopes, residual, prior, common.blocks):
+    every = [common.readings(k) for k in range(len(common.folds))]
+    for k, left in enumerate(leave_blocks_out(slopes, residual, prior, every)):
         step = np.clip(at + left.step, low, high) - at
-        found.append(common.squares(left.readings, residual[left.readings] - slopes[:, left.readings].T @ step))
-    return np.array(found)
+        found.append(common.squares(k, residual[left.readings] - slopes[:, left.readings].T @ step))
+    return np.concatenate(found)
 
 
-def refitted_errors(fitted: FittedModel, common: CommonBlocks, block: int, settings: LocalFitSettings) -> FloatArray:
-    """Squared errors (m,) of one block, predicted by a fit to all other readings.
+def refitted_errors(fitted: FittedModel, common: CommonBlocks, fold: int, settings: LocalFitSettings) -> FloatArray:
+    """Squared errors (blocks, m) of one fold, predicted by a fit to all other readings.
 
     The fit starts at the optimum of all readings, or after the Newton step where that leaves less. Infinite where the
     model cannot be simulated.
     """
-    optimum, readings, moving = fitted.optimum, common.blocks[block], common.moving(fitted)
-    own = fitted.model.objective
+    optimum, readings, moving = fitted.optimum, common.readings(fold), common.moving(fitted)
+    own, failed = fitted.model.objective, np.full((len(common.folds[fold]), len(common.outputs)), math.inf)
     rest = _without(own, readings)
     columns = [optimum.free[k] for k in moving]
     fit = replace(settings, hold_noise=True).with_limits(MAX_REFIT_STEPS, settings.local.tolerance)
     try:
-        end = local_fit(rest, _start(fitted, common, block, rest), columns, noise=optimum.noise, settings=fit)
+        end = local_fit(rest, _start(fitted, common, fold, rest), columns, noise=optimum.noise, settings=fit)
     except CannotFinishError:
-        return np.full(len(common.outputs), math.inf)
+        return failed
     found = own.evaluate(end.coordinates)
     if found is None:
-        return np.full(len(common.outputs), math.inf)
-    return common.squares(readings, own.whiten(found, optimum.noise).residual[readings])
+        return failed
+    return common.squares(fold, own.whiten(found, optimum.noise).residual[readings])
 
 
-def _start(fitted: FittedModel, common: CommonBlocks, block: int, rest: Objective) -> FloatArray:
+def _start(fitted: FittedModel, common: CommonBlocks, fold: int, rest: Objective) -> FloatArray:
     """The optimum of all readings, or the point after the Newton step, whichever leaves less of the other readings."""
     optimum, parameters, moving = fitted.optimum, fitted.model.objective.parameters, common.moving(fitted)
     columns = [optimum.free[k] for k in moving]
     slopes = optimum.whitened.slopes[moving]
     prior = prior_curvature(parameters.prior_derivatives(optimum.coordinates)[1][columns])
-    others = np.setdiff1d(np.arange(common.owner.size), common.blocks[block])
-    (left, _) = leave_blocks_out(slopes, optimum.whitened.residual, prior, [common.blocks[block], others])
+    out = common.readings(fold)
+    others = np.setdiff1d(np.arange(common.owner.size), out)
+    (left, _) = leave_blocks_out(slopes, optimum.whitened.residual, prior, [out, others])
     low, high = (bound[columns] for bound in parameters.box)
     moved = optimum.coordinates.copy()
     moved[columns] = np.clip(moved[columns] + left.step, low, high)
