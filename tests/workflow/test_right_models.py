@@ -113,3 +113,23 @@ def test_runs_that_leave_the_domain_of_a_root(case: Path):
     guarded = Run(case, "fit", "--config", "handm.toml", "--data", "run.csv")
     assert guarded.value("A") == pytest.approx(0.5, rel=0.05)
     assert guarded.value("a") == pytest.approx(0.002, rel=0.05)
+
+
+@pytest.mark.parametrize(("name", "parameter"), [("sign", "b"), ("twin", "tau_a")])
+@pytest.mark.parametrize("case", ["14_twin_modes"], indirect=True)
+def test_two_answers_are_told(case: Path, name: str, parameter: str):
+    run = Run(case, "fit", "--config", f"{name}.toml", "--data", f"{name}.csv")
+    (mode,) = run.result["fit"]["modes"]
+    own, other = run.value(parameter), mode["values"][parameter]
+    expected = -own if name == "sign" else run.value("tau_b")
+    assert other == pytest.approx(expected, rel=1e-3)
+    assert "2 answers" in run.text
+    assert "2 answers" in (run.out / "report.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize("case", ["14_twin_modes"], indirect=True)
+def test_a_posterior_of_one_of_two_answers_has_not_converged(case: Path):
+    run = Run(case, "posterior", "--config", "sign.toml", "--data", "sign.csv")
+    assert run.result["mcmc"]["converged"] is False
+    assert "2 answers" in run.result["mcmc"]["reason"]
+    assert "has converged" not in run.text

@@ -11,6 +11,10 @@ from aero_bayes.estimate.result import Fit
 def check_search(fit: Fit) -> DiagnosisRow:
     """Tell which parameters ended on a bound of their range."""
     bounds = [name for name, status in fit.identifiability.status.items() if status is Status.AT_BOUND]
+    if fit.modes:
+        where = f"also {len(bounds)} on a bound" if bounds else ""
+        done = "The posterior is that of the reported one; bounds or a prior that exclude the others leave one answer."
+        return DiagnosisRow("search", True, fit.modes_sentence, where, done)
     if not bounds:
         return DiagnosisRow("search", False, "Every parameter ended inside its range.")
     # A model that lacks an effect drives parameters to bounds, too, so that a bound alone explains no residual.

@@ -32,6 +32,7 @@ from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.modes import Mode, find_modes
 from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
 from aero_bayes.estimate.noise_report import structure_warnings
 from aero_bayes.estimate.objective import Evaluation, Objective
@@ -262,7 +263,13 @@ def _refit_from(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
 def _continued(first: Fit, refitted: Fit) -> Fit:
     """A refit with the work of the first fit counted."""
     outcomes = {o: refitted.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
-    return replace(refitted, stages=first.stages, iterations=first.iterations + refitted.iterations, outcomes=outcomes)
+    return replace(
+        refitted,
+        modes=first.modes,
+        stages=first.stages,
+        iterations=first.iterations + refitted.iterations,
+        outcomes=outcomes,
+    )
 
 
 def without_ripple(
@@ -328,7 +335,16 @@ def fit_calibration(
         if wider != free:
             optimum = search.refit(result.optimum.coordinates, wider, result.optimum.noise)
             result = replace(result, optimum=optimum, iterations=search.iterations)
-        return _finish(search, result, settings, time.perf_counter() - began)
+        found = _finish(search, result, settings, time.perf_counter() - began)
+        return found if settings.method != "chain" else replace(found, modes=_modes(search, found, result))
+
+
+def _modes(search: GlobalSearch, found: Fit, result: GlobalSearchResult) -> tuple[Mode, ...]:
+    """Other optima that fit as well, where the cost is a posterior and no filter's."""
+    if search.settings.cost != "posterior" or search.objective.filtered:
+        return ()
+    swarm = result.swarm if found.free == result.optimum.free else None
+    return find_modes(search, found.optimum, swarm)
 
 
 def _with_identified(search: GlobalSearch, here: Optimum) -> tuple[int, ...]:

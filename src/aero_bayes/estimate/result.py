@@ -20,6 +20,7 @@ from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.fit_statistics import FitStatistics
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.laplace_estimates import laplace_estimates
+from aero_bayes.estimate.modes import Mode
 from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameter_estimates import Estimate, EstimateTable, estimates_html
@@ -81,6 +82,8 @@ class Fit(FitStatistics, EstimateTable):
         Ripple and encoder counts, by output, as result.json takes them.
     states : tuple of SmoothedStates
         With process noise, the states of each recording given all its readings, in the order of the model's states.
+    modes : tuple of Mode
+        Other optima that fit about as well as the one reported.
 
     Examples
     --------
@@ -126,6 +129,7 @@ class Fit(FitStatistics, EstimateTable):
     engine: str = "native"
     sensors: Mapping[str, Json] = field(default_factory=dict)
     states: tuple[SmoothedStates, ...] = ()
+    modes: tuple[Mode, ...] = ()
 
     def target(self, simulator: Simulator) -> Target:
         """The log-posterior over the free parameters, through a simulator of the calibration's problem."""
@@ -160,6 +164,17 @@ class Fit(FitStatistics, EstimateTable):
         names, steps = self.calibration.parameters.names, self.identifiability.in_steps
         return tuple(name for column, name in enumerate(names) if column not in self.free and name not in steps)
 
+    @property
+    def modes_sentence(self) -> str:
+        """What a reader should know of other optima; empty where there is none."""
+        if not self.modes:
+            return ""
+        names = self.calibration.parameters.names
+        own = [names[j] for j in self.free if self.calibration.parameters.items[j].recording is None]
+        others = "; ".join(mode.text(own) for mode in self.modes)
+        count = len(self.modes) + 1
+        return f"{count} answers fit the recordings about as well. One of them is reported; also: {others}."
+
     def noise_table(self) -> dict[str, Json]:
         """Noise by output: ``sd`` and lag-one ``rho`` at the sample interval, and what they are made of."""
         return noise_table(self.calibration, self.noise)
@@ -180,6 +195,7 @@ class Fit(FitStatistics, EstimateTable):
                 "bic": self.bic,
                 "stages": [s.to_dict() for s in self.stages],
                 "pso": self.swarm.to_dict() if self.swarm is not None else None,
+                "modes": [{"values": m.values, "share": m.share} for m in self.modes],
                 "local": {"iterations": self.iterations, "reason": self.reason.value},
             },
             "identifiability": self.identifiability.to_dict(self.held),

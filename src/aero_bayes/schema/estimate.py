@@ -58,6 +58,13 @@ class StageJson(JsonTable):
     rms: dict[str, JsonNumber]
 
 
+class ModeJson(JsonTable):
+    """Another optimum that fits about as well: values of the free parameters, and how likely it is."""
+
+    values: dict[str, JsonNumber]
+    share: JsonNumber
+
+
 class FitJson(JsonTable):
     """The best fit; ``rms`` by role and output, ``interpolation`` of each input between its samples."""
 
@@ -69,6 +76,7 @@ class FitJson(JsonTable):
     bic: JsonNumber = None
     stages: list[StageJson] = []
     pso: SwarmJson | None = None
+    modes: list[ModeJson] = []
     local: LocalJson | None = None
 
 
