@@ -146,6 +146,14 @@ def test_nothing_is_found_where_nothing_is_missing():
         assert not found([1.0, 2.0, 0.0, 0.0, 0.0], 100 + seed).best.terms
 
 
+def test_a_term_that_is_fitted_to_a_magnitude_of_zero_is_off():
+    """Its magnitude cannot be negative, and the one that acts is."""
+    for size, off in ((-0.6, ("sine",)), (0.6, ())):
+        cache = OneModel(study([1.0, 2.0, size, 0.0, 0.0], 2, low=0.0))
+        both = Structure(("sine",))
+        assert cache.model.fit(both, cache.model.at({"c": 0.5}, ("sine",)), cache.root().noise, EXACT).off_terms == off
+
+
 def test_when_the_time_is_up_what_was_found_by_then_is_kept():
     ended, counts = set(), set()
     for limit in (*range(12), 1000):

@@ -35,6 +35,7 @@ from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.explored import Library, SearchControl
 from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
+from aero_bayes.search.scout import informative_share
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import WorkerPool
 from aero_bayes.simulation.model import Model, ModelicaSource
@@ -134,13 +135,17 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     context.statistics.end_stage("models")
     context.statistics.set_time_limit(60.0 * settings.max_minutes)
     parts = settings.search_parts
-    searching = StructureSearch(cache, library, settings.structures, fit, base.floors, parts, work)
+    share = informative_share(root)
+    scouts = cache.on_beginning(share) if share < 1.0 else None
+    searching = StructureSearch(cache, library, settings.structures, fit, base.floors, parts, work, scouts)
     explored = searching.run(root)
     chooser = Chooser(
         settings.choice, fit, searching.complete, context.map,
         lambda share: context.progress("leaving out blocks of readings", 0.7 + 0.05 * share),
     )  # fmt: skip
     choice = chooser.choose(explored)
+    if scouts is not None:
+        scouts.close(context.statistics.add_simulations)
     context.statistics.end_stage("search")
     return cache, choice
 

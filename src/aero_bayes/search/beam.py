@@ -48,6 +48,8 @@ class StructureSearch:
     parts : Parts
         Edits, start rules and restarts.
     control : SearchControl
+    scouts : ModelCache, optional
+        The same models on a part of the recordings, where starts are looked for.
     """
 
     cache: ModelCache
@@ -57,6 +59,7 @@ class StructureSearch:
     floors: Mapping[tuple[str, str], float]
     parts: Parts
     control: SearchControl = field(default_factory=SearchControl)
+    scouts: ModelCache | None = None
 
     def __post_init__(self) -> None:
         self.fit = replace(self.fit, hold_noise=True)
@@ -65,6 +68,7 @@ class StructureSearch:
         self._restarted: set[tuple[str, Structure]] = set()
         self._level_count = 0
         self._candidate_fits: dict[tuple[Structure, tuple[str, ...]], FittedModel | None] = {}
+        self._scout_fits: dict[tuple[Structure, tuple[str, ...]], FittedModel] = {}
         self._predicted_gains: dict[Structure, float] = {}
         self._skipped: dict[str, None] = {}
         self._ended = ""
@@ -161,6 +165,7 @@ class StructureSearch:
     def _expand(self, frontier: Sequence[FittedModel], what: str) -> list[Structure]:
         """Fit the neighbours of structures; those that were fitted."""
         self._candidate_fits.clear()
+        self._scout_fits.clear()
         best, adequate, targets = self._best(), self._noise.adequate, dict[Structure, Structure]()
         for k, fitted in enumerate(frontier):
             self._expanded.add(fitted.structure)
@@ -192,13 +197,16 @@ class StructureSearch:
         """Fit structures with new terms in the order of their predicted gain; skip those that cannot matter."""
         bases = {s: found for s, origin in targets.items() if (found := self._base_model(s, origin)) is not None}
         rules = (*self.parts.start_rules, *([KnownTerms(self._best_values())] if self.parts.known_terms else []))
-        for base in bases.values():
-            base.prepare()
-        searches = [
-            Task(partial(starting_points, rules, base, s), base.model.objective.outcomes) for s, base in bases.items()
-        ]
+        scouts = {s: self._on_part(base) for s, base in bases.items()}
+        for scout in scouts.values():
+            scout.prepare()
+        searches = [Task(partial(starting_points, rules, f, s), f.model.objective.outcomes) for s, f in scouts.items()]
         points_of = self.control.map(searches, lambda done: self.control.report(what, 0.2 + 0.3 * done))
-        starts = {s: points for s, points in zip(bases, points_of, strict=True) if points is not None}
+        starts = {
+            s: [start.for_readings(scouts[s].readings, bases[s].readings) for start in points]
+            for s, points in zip(bases, points_of, strict=True)
+            if points is not None
+        }
         self._time_is_up(what)
         for structure, points in starts.items():
             self._predicted_gains[structure] = max(_max_gain(points), 0.0) / bases[structure].temperature
@@ -240,6 +248,17 @@ class StructureSearch:
                 self._candidate_fits[key] = None
         return self._candidate_fits[key]
 
+    def _on_part(self, base: FittedModel) -> FittedModel:
+        """The same fit on the part of the recordings on which starts are looked for; on all of them where it fails."""
+        key = base.structure, tuple(base.model.candidates)
+        if self.scouts is not None and key not in self._scout_fits:
+            self._scout_fits[key] = base
+            with suppress(CannotFinishError):
+                model = self.scouts.of(base.structure, key[1])
+                at = model.at(base.values, base.terms)
+                self._scout_fits[key] = model.fit(base.structure, at, self._noise.noise, self._settings)
+        return self._scout_fits.get(key, base)
+
     def _directions(self, fitted: FittedModel) -> list[Direction]:
         """Linearised response to each offered term."""
         found: list[Direction] = []
@@ -248,7 +267,7 @@ class StructureSearch:
                 continue
             moved = self._with_candidates(fitted, tuple(group))
             if moved is not None:
-                found += [d for d in term_directions(moved) if d.id in group]
+                found += [d for d in term_directions(self._on_part(moved)) if d.id in group]
         return found
 
     def _rivals(self) -> tuple[str, ...]:
@@ -291,9 +310,9 @@ class StructureSearch:
         return likely and predicted / base.temperature >= self.settings.min_predicted_share * needed
 
     def _keep_better(self, found: FittedModel) -> None:
-        """Keep the better fit of a structure."""
-        known = self._fits.get(found.structure)
-        if known is None or found.log_evidence > known.with_noise(self._noise.noise).log_evidence:
+        """Keep the better fit of a structure; none where a term that is not required ends with a magnitude of zero."""
+        known, off = self._fits.get(found.structure), set(found.off_terms) - set(self.settings.require)
+        if not off and (known is None or found.log_evidence > known.with_noise(self._noise.noise).log_evidence):
             self._fits[found.structure] = found
 
     # noise, restarts, time

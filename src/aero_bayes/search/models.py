@@ -24,6 +24,10 @@ from aero_bayes.sensors.noise import OutputNoise
 FloatArray = NDArray[np.float64]
 
 
+#: Distance of a term's magnitude from where the term is off that counts as none, as a share of its largest nominal one.
+MIN_MAGNITUDE = 1e-9
+
+
 @dataclass(frozen=True)
 class FitNoise:
     """The noise under which structures are fitted and compared.
@@ -103,6 +107,11 @@ class FittedModel:
         return self.structure.terms
 
     @property
+    def readings(self) -> int:
+        """Readings that it was fitted to."""
+        return self.optimum.whitened.readings
+
+    @property
     def noise(self) -> FitNoise:
         """Under which it was fitted and is compared."""
         return FitNoise(self.optimum.noise, self.temperature)
@@ -144,6 +153,19 @@ class FittedModel:
         _ = self.response
         if not self.terms:
             _ = self.at_declared_values
+
+    @property
+    def off_terms(self) -> tuple[str, ...]:
+        """Terms whose fitted magnitude is off: the model is the same without them."""
+        found = []
+        for id_ in self.terms:
+            candidate = self.model.candidates[id_]
+            if candidate.starts:
+                item = self.model.objective.parameters.items[candidate.columns[0]]
+                size = max(abs(start[0] - item.start) for start in candidate.starts)
+                if abs(self.values[item.name] - item.start) <= MIN_MAGNITUDE * size:
+                    found.append(id_)
+        return tuple(found)
 
     @cached_property
     def parameters_on_bound(self) -> int:
@@ -259,6 +281,10 @@ class ModelCache:
         """Models with further parameters, which stay fixed."""
         plain = replace(self.source.plain, parameters=self.source.plain.parameters.extended(tuple(held)))
         return ModelCache(replace(self.source, plain=plain))
+
+    def on_beginning(self, share: float) -> ModelCache:
+        """The same models on the first ``share`` of each recording."""
+        return ModelCache(replace(self.source, plain=self.source.plain.beginning(share)))
 
     def close(self, count: Callable[[Objective], None] = lambda objective: None) -> None:
         """Close all simulators; ``count`` is told each objective."""

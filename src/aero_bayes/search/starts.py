@@ -29,6 +29,9 @@ LINEAR_RESPONSE_SHARE = 0.3
 MIN_LINE_GAIN = 1.0
 #: Nominal points of each origin from which local fits begin, and their first steps: three tell which lead anywhere.
 FIRST_FITS, FIRST_STEPS = 2, 3
+#: Share of the squared residual that a term must promise to take away beside other terms: beside the right ones
+#: predictions hold, and a smaller share is not material.
+MIN_SHARE_BESIDE_TERMS = 0.01
 #: Fits that go on, and up to how many steps: about ten in all, since along a curved valley a prediction tells little.
 BEST_FITS, NEXT_STEPS = 2, 7
 
@@ -47,6 +50,12 @@ class Start:
     @property
     def predicted_gain(self) -> float:
         return max(self.expected_gain, self.simulated_gain)
+
+    def for_readings(self, few: int, many: int) -> Start:
+        """The start for more readings than its gains were found on, which grow with their number."""
+        return replace(
+            self, expected_gain=self.expected_gain * many / few, simulated_gain=self.simulated_gain * many / few
+        )
 
 
 class StartRule(Protocol):
@@ -94,6 +103,10 @@ class NominalValues:
         if declared is not None:
             behind = fitted.optimum.log_likelihood - declared.optimum.log_likelihood
             begun += _begin(declared, candidate, behind)
+        if fitted.terms:
+            residual = fitted.optimum.whitened.residual
+            least = 0.5 * MIN_SHARE_BESIDE_TERMS * float(residual @ residual)
+            begun = [start for start in begun if start.expected_gain >= least]
         ends = _local_fits(fitted, structure, begun, FIRST_STEPS)
         best = [s for s in ends if fitted.response.gain_under_white_noise(s.simulated_gain) >= MIN_LINE_GAIN]
         return [*_local_fits(fitted, structure, best[:BEST_FITS], NEXT_STEPS), *best[BEST_FITS:], *begun[:1]]
