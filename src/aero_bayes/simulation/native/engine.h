@@ -14,6 +14,8 @@
  *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
  *   kalman.c       the extended Kalman filter of a model with process noise
  *   covariance.c   and its mean and covariance over a step
+ *   exponential.c  steps with an exact linear part, where the input moves at each sample
+ *   phi.c          and their matrices
  *   step.c         the steps of a segment between two jumps or events, with error control
  *   crossing.c     what happens between two segments
  *   run.c          one simulation from initialisation to the last sample
@@ -188,6 +190,42 @@ typedef struct {
     int begun;     /* there is a last transition */
 } Kalman;
 
+/* Exponential steps (exponential.c). Matrices are n x n by columns of `rows`, vectors of `rows`. */
+enum { NODES_X = 3, MOST_TABLES = 6, MOST_INSIDE = 3, MOST_STATES = 32 };
+/* How a step tells of itself: its rounds of corrections, or that only its end was looked at, and whether its Jacobian is
+ * its own. */
+enum { ONLY_END = 7, RENEWED = 8 };
+
+/* What the linear part does up to a fraction of the step. */
+typedef struct {
+    double theta;
+    double *transition;       /* e^(theta h A), and the integrals of phi.c behind it */
+    double *of_slope, *of_ramp; /* of a constant slope, and of one that grows from zero by one over the step */
+    double *of_node[NODES_X]; /* of the remainder at each point */
+} Flow;
+
+typedef struct {
+    double h;
+    Flow node[NODES_X], between, inside[MOST_INSIDE]; /* up to the points, and to samples within the step */
+    int n_inside;
+} StepTable;
+
+typedef struct {
+    double *memory;
+    int rows, n_tables;
+    int known, stale, age; /* of the kept Jacobian; steps since it was taken */
+    int linear_model;      /* the last step left no remainder */
+    int pause, last_pause; /* segments to leave to the other method */
+    int rounds, ramps;
+    double contraction; /* of the corrections, or -1 */
+    double error, worst; /* of the last step; of this segment's */
+    int level, since_longer; /* halvings of a segment; segments since fewer were tried */
+    double *a, *b, *work; /* Jacobians by the states and by the inputs */
+    double *x[NODES_X], *linear[NODES_X], *d[NODES_X]; /* at the points: states, and remainders */
+    double *x0, *f0, *ramp, *v, *change, *end, *first, *second, *middle;
+    StepTable table[MOST_TABLES], *now;
+} Exponential;
+
 /* Everything one run needs; buffers are allocated once for a problem's experiment and reused. */
 typedef struct Run {
     Problem *problem;
@@ -199,6 +237,7 @@ typedef struct Run {
     int n, nz, status, mode;
     double rtol, atol;
     Kalman *kalman; /* of modes with process noise */
+    Exponential *exponential;
     /* the step */
     double t, t_end, resolution;
     double *x, *x1, *f, *f1, *ft, *u, *r, *derivatives_unused, *nominal, *largest, *jac, *lu, *k, *dense;
@@ -325,6 +364,18 @@ int kalman_linearised(Run *, double h, int forced);
 void kalman_advance(Run *, double h);
 int kalman_read(Run *, int *finite);
 
+/* phi.c */
+void phi_flow(double *flow, const double *a, double h, double theta, double *work, int n, int rows);
+void phi_follow(double *to, double a, const double *first, const double *then, int n, int rows);
+
+/* exponential.c */
+int exponential_open(Run *);
+void exponential_close(Exponential *);
+void exponential_begin(Run *);
+int exponential_may(Run *, double end);
+double exponential_step(Run *, double span, double left, double *recorded);
+int exponential_emit(Run *, double limit);
+
 /* step.c */
 typedef struct {
     double end;        /* of the segment */
@@ -406,6 +457,8 @@ typedef struct {
     void (*gradient)(double *g, const double *w, const double *r, int64_t count, int64_t q, int64_t ld);
     void (*syrk)(double *h, const double *w, int64_t count, int64_t q, int64_t ld);
     void (*product)(double *c, const double *a, const double *b, int n);
+    void (*apply)(double *out, const double *m, const double *v, int n, int rows);
+    void (*apply_rows)(double *out, const double *m, const double *s, int n, int rows, int64_t q, int64_t ld);
 } Kernels;
 extern const Kernels *kernels;
 void kernels_choose(void);

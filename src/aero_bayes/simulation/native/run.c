@@ -15,6 +15,7 @@ int run_once(Run *r)
     if ((outcome = initialise(r))) return outcome;
     memset(r->largest, 0, sizeof *r->largest * (size_t)n);
     note_sizes(r);
+    exponential_begin(r);
     r->sensitive = r->q > 0;
     if (r->sensitive) {
         if ((outcome = sensitivity_begin(r))) return outcome;

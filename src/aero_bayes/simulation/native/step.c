@@ -11,6 +11,8 @@ void note_sizes(Run *r)
 
 /* In place of the fraction of a segment: a step of the linearisation over all that was left of it. */
 #define LINEARISED 2.0
+/* The same for an exponential step, with what it tells of itself added. */
+#define EXPONENTIAL 4.0
 
 void remember_step(Run *r, double fraction)
 {
@@ -77,12 +79,63 @@ int exceeds_limits(Run *r)
     return AB_OK;
 }
 
+/* What follows each step that was taken: the FMU is told where it asks for it. */
+static int complete_step(Run *r, Segment *g)
+{
+    Fmu *f = r->fmu;
+    int status;
+    if (r->nz) memcpy(r->z0, r->z1, sizeof *r->z0 * (size_t)r->nz);
+    if (r->problem->step_callback) {
+        int event = 0, stop = 0;
+        if (is_error(status = set_point(r, r->t, r->x))) return outcome_of(r->fmu, status);
+        if (is_error(status = f->completed(f->instance, 1, &event, &stop))) return outcome_of(r->fmu, status);
+        if (stop) return AB_MODEL_ERROR;
+        g->asked = event && !g->event;
+        g->event |= event;
+    } else if (g->event && is_error(status = set_point(r, r->t, r->x)))
+        return outcome_of(r->fmu, status);
+    return AB_OK;
+}
+
+/* Exponential steps over the segment, as far as they are good enough. */
+static int exponential_segment(Run *r, Segment *g)
+{
+    int status, outcome = AB_OK;
+    if (!r->replay && (r->sensitive || !exponential_may(r, g->end))) return AB_OK;
+    while (!outcome && !g->event && g->end - r->t > r->resolution) {
+        double recorded = -1.0, left = g->end - r->t;
+        if (r->replay) {
+            if (r->at_step < r->n_steps) recorded = r->steps[r->at_step] - EXPONENTIAL;
+            if (recorded < 0.0 || !exponential_open(r)) return AB_OK;
+            left = r->at_step + 1 < r->n_steps ? r->steps[r->at_step + 1] * (g->end - g->begin) : 0.0;
+        }
+        if (!g->have_f && is_error(status = rhs(r, r->t, r->x, r->f))) return outcome_of(r->fmu, status);
+        double h = exponential_step(r, g->end - g->begin, left, &recorded);
+        g->have_f = g->have_jac = g->have_node = 0; /* the FMU stands elsewhere */
+        g->fresh = 1;
+        if (is_error(r->status)) return outcome_of(r->fmu, r->status);
+        if (!(h > 0.0)) return r->replay ? AB_SOLVER_FAILED : AB_OK;
+        const int last = r->t + h >= g->end - r->resolution;
+        status = exponential_emit(r, last ? g->end - r->resolution : r->t + h);
+        if (is_error(status)) return outcome_of(r->fmu, status);
+        remember_step(r, EXPONENTIAL + recorded);
+        remember_step(r, h / (g->end - g->begin));
+        r->at_step += 2;
+        r->taken++;
+        r->t = last ? g->end : r->t + h;
+        swap(&r->x, &r->x1);
+        note_sizes(r);
+        outcome = complete_step(r, g);
+    }
+    return outcome;
+}
+
 /* Takes steps up to the segment's end or to an event. */
 int integrate_segment(Run *r, Segment *g)
 {
-    Fmu *f = r->fmu;
     const int n = r->n;
     int outcome, status;
+    if ((outcome = exponential_segment(r, g))) return outcome;
     while (!g->event && g->end - r->t > r->resolution) {
         if ((outcome = exceeds_limits(r))) return outcome;
         if (n && is_error(status = evaluate_start(r, g))) return outcome_of(r->fmu, status);
@@ -180,16 +233,7 @@ int integrate_segment(Run *r, Segment *g)
             g->have_f = g->have_jac = 1;
         }
         g->event = root <= 1.0;
-        if (r->nz) memcpy(r->z0, r->z1, sizeof *r->z0 * (size_t)r->nz);
-        if (r->problem->step_callback) {
-            int event = 0, stop = 0;
-            if (is_error(status = set_point(r, r->t, r->x))) return outcome_of(r->fmu, status);
-            if (is_error(status = f->completed(f->instance, 1, &event, &stop))) return outcome_of(r->fmu, status);
-            if (stop) return AB_MODEL_ERROR;
-            g->asked = event && !g->event;
-            g->event |= event;
-        } else if (g->event && is_error(status = set_point(r, r->t, r->x)))
-            return outcome_of(r->fmu, status);
+        if ((outcome = complete_step(r, g))) return outcome;
     }
     return AB_OK;
 }

@@ -104,6 +104,7 @@ void run_close(Run *r)
 {
     if (!r) return;
     kalman_close(r->kalman);
+    exponential_close(r->exponential);
     free((void *)r->active);
     free(r->steps);
     free(r->memory);

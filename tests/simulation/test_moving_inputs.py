@@ -1,0 +1,136 @@
+"""Inputs that move at each sample: runs of the native engine beside closed forms and SciPy's solvers at 1e-10."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from aero_bayes.export import export_fmu
+from aero_bayes.simulation import (
+    DelayTarget,
+    Experiment,
+    InputSignal,
+    Model,
+    NativeSimulator,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+)
+
+MOTOR = """model Motor "A stiff circuit drives a rotor against the air"
+  parameter Real R = 8.4;
+  parameter Real k = 2.4e-8;
+  input Real u;
+  output Real w(start = 0, fixed = true);
+  Real i(start = 0, fixed = true);
+equation
+  1.16e-3 * der(i) = u - R * i - 0.042 * w;
+  1.0e-5 * der(w) = 0.042 * i - k * w * abs(w);
+end Motor;
+"""
+STOP = """model Stop "A cart that meets a second spring: an event at each contact"
+  parameter Real k = 40;
+  input Real u;
+  output Real x(start = 0, fixed = true);
+  Real v(start = 0, fixed = true);
+equation
+  der(x) = v;
+  der(v) = u - 25 * x - 2 * v - (if x > 0.02 then k * (x - 0.02) else 0);
+end Stop;
+"""
+Slope = Callable[[float, np.ndarray, float], list[float]]
+
+
+def motor(_t: float, x: np.ndarray, u: float) -> list[float]:
+    """The motor's equations by hand: speed, current."""
+    w, i = x
+    return [(0.042 * i - 2.4e-8 * w * abs(w)) / 1.0e-5, (u - 8.4 * i - 0.042 * w) / 1.16e-3]
+
+
+def stop(_t: float, x: np.ndarray, u: float) -> list[float]:
+    """The cart's equations by hand."""
+    return [x[1], u - 25.0 * x[0] - 2.0 * x[1] - (40.0 * (x[0] - 0.02) if x[0] > 0.02 else 0.0)]
+
+
+def reference(
+    slope: Slope, time: np.ndarray, level: np.ndarray, interpolation: str, method: str, step: float
+) -> np.ndarray:
+    """The first state at the samples, solved from sample to sample."""
+    x, out = np.zeros(2), [0.0]
+    for k in range(time.size - 1):
+        ramp = (level[k + 1] - level[k]) / (time[k + 1] - time[k]) if interpolation == "linear" else 0.0
+
+        def f(t: float, x: np.ndarray, start=time[k], base=level[k], ramp=ramp) -> list[float]:
+            return slope(t, x, base + ramp * (t - start))
+
+        x = solve_ivp(f, (time[k], time[k + 1]), x, method, rtol=1e-10, atol=1e-13, max_step=step).y[:, -1]
+        out.append(x[0])
+    return np.array(out)
+
+
+def build(folder: Path, name: str, text: str) -> Model:
+    """Export a model that is written here."""
+    source = folder / f"{name}.mo"
+    source.write_text(text, encoding="utf-8")
+    return Model.load(export_fmu(name, folder / f"{name}.fmu", compiler="embedded", sources=[source]))
+
+
+@pytest.mark.parametrize("interpolation", ["hold", "linear"])
+@pytest.mark.parametrize(
+    ("text", "slope", "method", "interval", "size"),
+    [
+        pytest.param(MOTOR, motor, "Radau", 0.02, 6.0, id="stiff"),
+        pytest.param(STOP, stop, "DOP853", 0.01, 1.0, id="events"),
+    ],
+)
+def test_no_further_from_the_reference_than_a_millionth_of_the_range(
+    tmp_path, here, interpolation, text, slope, method, interval, size
+):
+    rng = np.random.default_rng(2)
+    time = interval * np.arange(121)
+    level = size * (np.sin(time / (20.0 * interval)) + 0.2 * rng.standard_normal(time.size))
+    model = build(tmp_path, text.split()[1], text)
+    signal = InputSignal("u", time, level, interpolation)
+    problem = Problem(model, (Experiment(time, (model.outputs[0].name,), (signal,)),), ((),))
+    with NativeSimulator(problem, pool=here) as simulator:
+        found = simulator.simulate(np.zeros((1, 0)))
+    assert found.outcomes[0, 0] == Outcome.OK
+    exact = reference(slope, time, level, interpolation, method, interval if method == "Radau" else interval / 20.0)
+    assert np.abs(found.outputs[0][0, :, 0] - exact).max() <= 1e-6 * np.ptp(exact)
+
+
+@pytest.mark.parametrize("directional", [True, False])
+@pytest.mark.parametrize("delay", [0.0, 0.0037])
+def test_a_linear_model_is_exact_at_uneven_samples_and_with_a_delay(test_fmu, here, directional, delay):
+    rng = np.random.default_rng(5)
+    time = np.concatenate([[0.0], np.cumsum(rng.choice([0.009, 0.01, 0.011], 300))])
+    level = rng.standard_normal(time.size)
+    experiment = Experiment(time, ("x",), (InputSignal("u", time, level),))
+    targets, (k, b) = (ParameterTarget("k"), ParameterTarget("b"), DelayTarget()), (30.0, 0.7)
+    problem = Problem(test_fmu("Dahlquist", directional=directional), (experiment,), (targets,), {"c": 0.0})
+    with NativeSimulator(problem, pool=here) as simulator:
+        found = simulator.simulate(np.array([[k, b, delay]])).outputs[0][0, :, 0]
+    exact, x = [found[0]], found[0]
+    for j in range(1, time.size):
+        for span, u in ((delay, level[max(j - 2, 0)]), (time[j] - time[j - 1] - delay, level[j - 1])):
+            decay = float(expm(np.array([[-k * span]]))[0, 0])
+            x = decay * x + b * u / k * (1.0 - decay)
+        exact.append(x)
+    np.testing.assert_allclose(found, exact, atol=2e-9 if delay == 0.0 else 2e-8)
+
+
+def test_a_tighter_tolerance_is_kept_too(tmp_path, here):
+    time = 0.02 * np.arange(101)
+    level = 6.0 * np.sin(time) + np.random.default_rng(3).standard_normal(time.size)
+    experiment = Experiment(time, ("w",), (InputSignal("u", time, level),))
+    problem = Problem(build(tmp_path, "Motor", MOTOR), (experiment,), ((),), settings=SolverSettings(1e-9, 1e-9))
+    with NativeSimulator(problem, pool=here) as simulator:
+        found = simulator.simulate(np.zeros((1, 0))).outputs[0][0, :, 0]
+    exact = reference(motor, time, level, "hold", "Radau", 0.02)
+    assert np.abs(found - exact).max() <= 2e-8 * np.ptp(exact)
