@@ -85,7 +85,7 @@ def build(folder: Path, name: str, text: str) -> Model:
 @pytest.mark.parametrize(
     ("text", "slope", "method", "interval", "size"),
     [
-        pytest.param(MOTOR, motor, "Radau", 0.02, 6.0, id="stiff"),
+        pytest.param(MOTOR, motor, "LSODA", 0.02, 6.0, id="stiff"),
         pytest.param(STOP, stop, "DOP853", 0.01, 1.0, id="events"),
     ],
 )
@@ -93,7 +93,7 @@ def test_no_further_from_the_reference_than_a_millionth_of_the_range(
     tmp_path, here, interpolation, text, slope, method, interval, size
 ):
     rng = np.random.default_rng(2)
-    time = interval * np.arange(121)
+    time = interval * np.arange(81)
     level = size * (np.sin(time / (20.0 * interval)) + 0.2 * rng.standard_normal(time.size))
     model = build(tmp_path, text.split()[1], text)
     signal = InputSignal("u", time, level, interpolation)
@@ -101,7 +101,7 @@ def test_no_further_from_the_reference_than_a_millionth_of_the_range(
     with NativeSimulator(problem, pool=here) as simulator:
         found = simulator.simulate(np.zeros((1, 0)))
     assert found.outcomes[0, 0] == Outcome.OK
-    exact = reference(slope, time, level, interpolation, method, interval if method == "Radau" else interval / 20.0)
+    exact = reference(slope, time, level, interpolation, method, interval if method == "LSODA" else interval / 20.0)
     assert np.abs(found.outputs[0][0, :, 0] - exact).max() <= 1e-6 * np.ptp(exact)
 
 
@@ -132,5 +132,5 @@ def test_a_tighter_tolerance_is_kept_too(tmp_path, here):
     problem = Problem(build(tmp_path, "Motor", MOTOR), (experiment,), ((),), settings=SolverSettings(1e-9, 1e-9))
     with NativeSimulator(problem, pool=here) as simulator:
         found = simulator.simulate(np.zeros((1, 0))).outputs[0][0, :, 0]
-    exact = reference(motor, time, level, "hold", "Radau", 0.02)
+    exact = reference(motor, time, level, "hold", "LSODA", 0.02)
     assert np.abs(found - exact).max() <= 2e-8 * np.ptp(exact)

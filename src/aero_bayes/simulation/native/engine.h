@@ -369,6 +369,8 @@ void phi_flow(double *flow, const double *a, double h, double theta, double *wor
 void phi_follow(double *to, double a, const double *first, const double *then, int n, int rows);
 
 /* exponential.c */
+/* Do inputs move at each sample, or nearly so? */
+static inline int moves_at_samples(const Experiment *e) { return e->n_breaks * (MOST_INSIDE + 1) >= e->n; }
 int exponential_open(Run *);
 void exponential_close(Exponential *);
 void exponential_begin(Run *);

@@ -338,7 +338,7 @@ static int meets_event(Run *r, const StepTable *t)
 int exponential_may(Run *r, double end)
 {
     const Experiment *e = r->e;
-    if (r->n == 0 || r->n > MOST_STATES || filters(r)) return 0;
+    if (r->n == 0 || r->n > MOST_STATES || filters(r) || !moves_at_samples(e)) return 0;
     const int64_t last = r->sample + MOST_INSIDE + 1;
     if (last < e->n && e->time[last] < end - r->resolution) return 0;
     if (!exponential_open(r)) return 0;
