@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from aero_bayes.arguments import names_of
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.priors import LogUniform, Prior, Uniform
+from aero_bayes.estimate.unfittable import no_parameter_text
 from aero_bayes.simulation.interface import ParameterTarget, ProblemTarget
 from aero_bayes.simulation.model import Model
-from aero_bayes.unknown_names import known_names_hint
 
 FloatArray = NDArray[np.float64]
 #: Default bounds of a parameter: its start over and times this factor.
@@ -363,7 +363,7 @@ def parameters_from_model(
     items = []
     for name in free if free is not None else tuple(overrides):
         if name not in known:
-            raise InputError(f"model {model.name} has no parameter {name}{known_names_hint(name, sorted(known))}")
+            raise InputError(no_parameter_text(model, name))
         variable, override = known[name], overrides.get(name, Override())
         start = _first(override.start, variable.start, variable.nominal)
         if start is None:

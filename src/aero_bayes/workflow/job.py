@@ -21,12 +21,12 @@ from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
 from aero_bayes.estimate.plausible import check_plausible, screened
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
+from aero_bayes.estimate.unfittable import no_parameter_text
 from aero_bayes.export import declaration_of
 from aero_bayes.files import one_run_at_a_time, whole_file
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.unknown_names import known_names_hint
 from aero_bayes.workflow.timescale import check_duration, slow_sampling_warning
 
 Engine = Literal["native", "fmpy"]
@@ -219,9 +219,7 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
     known = {variable.name for variable in model.parameters}
     for name, section in config.parameters.items():
         if name not in known:
-            raise InputError(
-                f"{config.place(name)}model {model.name} has no parameter {name}{known_names_hint(name, sorted(known))}"
-            )
+            raise InputError(f"{config.place(name)}{no_parameter_text(model, name)}")
         held = section.free in (False, "later")
         if held or (section.free is None and name not in overrides and section.value is not None):
             overrides.pop(name, None)
