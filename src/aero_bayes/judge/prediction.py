@@ -53,15 +53,13 @@ class Prediction:
         return {o: math.sqrt(sum(s for s, _ in items) / sum(n for _, n in items)) for o, items in squares.items()}
 
     def uncertainty(self, role: str) -> dict[str, float]:
-        """Standard deviation of :meth:`pooled`."""
-        errors = self.train if role == "train" else self.test
-        weights: dict[str, list[tuple[float, int]]] = {}
+        """Standard deviation of :meth:`pooled`: each error moves it by its share of the squares, to first order."""
+        errors, pooled = self.train if role == "train" else self.test, self.pooled(role)
+        counts, squares = dict.fromkeys(pooled, 0), dict.fromkeys(pooled, 0.0)
         for (_, output), error in errors.items():
-            weights.setdefault(output, []).append((error.sd, error.readings))
-        return {
-            o: math.sqrt(sum((sd * n) ** 2 for sd, n in items)) / sum(n for _, n in items)
-            for o, items in weights.items()
-        }
+            counts[output] += error.readings
+            squares[output] += (error.readings * error.rms * error.sd) ** 2
+        return {o: math.sqrt(squares[o]) / max(counts[o] * pooled[o], 1e-300) for o in pooled}
 
 
 @dataclass(frozen=True)
