@@ -248,7 +248,9 @@ def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, 
             return first
         search, optimum = found
         seconds = first.seconds + time.perf_counter() - began
-        refitted = _finish(search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, seconds)
+        refitted = finished_fit(
+            search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, seconds
+        )
     return _continued(first, replace(refitted, sensors=first.sensors))
 
 
@@ -256,7 +258,9 @@ def _refit_from(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
     """Fit readings without their ripple or outliers, from the optimum of the first fit."""
     start = search.objective.parameters.to_search(first.values)
     optimum = search.refit(start, first.free, first.noise)
-    refitted = _finish(search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, first.seconds)
+    refitted = finished_fit(
+        search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, first.seconds
+    )
     return _continued(first, refitted)
 
 
@@ -335,7 +339,7 @@ def fit_calibration(
         if wider != free:
             optimum = search.refit(result.optimum.coordinates, wider, result.optimum.noise)
             result = replace(result, optimum=optimum, iterations=search.iterations)
-        found = _finish(search, result, settings, time.perf_counter() - began)
+        found = finished_fit(search, result, settings, time.perf_counter() - began)
         return found if settings.method != "chain" else replace(found, modes=_modes(search, found, result))
 
 
@@ -404,7 +408,7 @@ def _predicted(objective: Objective, values: FloatArray, here: Optimum) -> tuple
     return filled
 
 
-def _finish(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
+def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
     """The fit at an optimum, with identifiability and covariance under the noise of the data for any cost minimised."""
     objective, here = search.objective, result.optimum
     calibration = objective.calibration

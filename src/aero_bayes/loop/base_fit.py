@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,14 @@ from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.data import noise_floors
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.fit import without_ripple
-from aero_bayes.estimate.global_search import GlobalSearch
+from aero_bayes.estimate.diagnosis import Diagnosis
+from aero_bayes.estimate.fit import MAX_OUTLIER_ROUNDS, FitSettings, finished_fit, without_ripple
+from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.reduced_problem import with_few_samples
@@ -53,6 +55,8 @@ class BaseFit:
         Noise floors of all recordings, where they are known.
     start_warnings : tuple of str
         Warnings on initial values that are far from their readings.
+    diagnosis : Diagnosis
+        What may be behind what it leaves.
     """
 
     plain: Calibration
@@ -60,6 +64,7 @@ class BaseFit:
     reports: tuple[ResidualReport, ...]
     floors: Floors
     start_warnings: tuple[str, ...] = ()
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)
 
     @property
     def values(self) -> dict[str, float]:
@@ -81,13 +86,39 @@ def fit_base_model(context: LoopContext) -> BaseFit:
     model = context.family.base_model()
     context.statistics.end_stage("models")
     context.progress("fitting the model as given", 0.05)
-    close, fit = _fitted(context, context.calibrate(model, _shared(context, model)))
+    close, fit = _fitted_without_outliers(context, context.calibrate(model, _shared(context, model)))
     plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(context, plain, close.parameters.from_search(fit.coordinates), fit)
     floors = noise_floors([*context.recordings.train, *context.recordings.test], context.recordings.outputs)
     context.statistics.end_stage("base fit")
-    return BaseFit(plain, fit, _reports(context, plain, fit, floors), floors, _start_warnings(close, plain, fit))
+    return BaseFit(
+        plain, fit, _reports(context, plain, fit, floors), floors, _start_warnings(close, plain, fit),
+        _diagnosis(context, plain, fit),
+    )  # fmt: skip
+
+
+def _diagnosis(context: LoopContext, plain: Calibration, fit: Optimum) -> Diagnosis:
+    """The diagnosis of the first model's fit, with the runs of its whole search."""
+    with context.open(plain.problem()) as simulator:
+        search = GlobalSearch(context.objective(plain, simulator), context.settings.global_search)
+        found = finished_fit(search, GlobalSearchResult(fit, None, (), 0), FitSettings(), 0.0)
+        return replace(found, outcomes=dict(context.statistics.outcomes)).diagnosis
+
+
+def _fitted_without_outliers(context: LoopContext, calibration: Calibration) -> tuple[Calibration, Optimum]:
+    """Fit what the data shows, and again without readings that are outliers of the fit, as long as there are any."""
+    calibration, found = _fitted(context, calibration)
+    for _ in range(MAX_OUTLIER_ROUNDS):
+        with context.open(calibration.problem()) as simulator:
+            objective = context.objective(calibration, simulator)
+            fitted = objective.predictions(objective.parameters.from_search(found.coordinates))
+        cleaned, findings = without_outliers(calibration, fitted)
+        if not findings:
+            break
+        calibration = cleaned
+        found = best_fit(context, cleaned, cleaned.parameters.from_search(found.coordinates), found)
+    return calibration, found
 
 
 def refit_base(context: LoopContext, base: BaseFit, found: FittedModel) -> BaseFit:

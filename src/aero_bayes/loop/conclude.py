@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
 from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.comparison import Share
@@ -22,6 +23,7 @@ from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.extend import ExtendedFit, extend, smaller_effects
 from aero_bayes.loop.found_effect import FoundEffect
 from aero_bayes.loop.result import LoopOutcome
+from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, steps_of
 from aero_bayes.search.models import FittedModel
 
@@ -65,6 +67,21 @@ class Conclusion:
     calibration: Calibration
     refit: Optimum
     reports: tuple[ResidualReport, ...]
+
+
+def other_cause(base: BaseFit, settings: LoopSettings) -> DiagnosisRow | None:
+    """The cause other than the model that may explain what is left, so that no missing effect is looked for in it."""
+    return None if settings.structures.require else base.diagnosis.explanation
+
+
+def diagnosed(conclusion: Conclusion, base: BaseFit, settings: LoopSettings) -> Conclusion:
+    """The conclusion with the other cause as its sentence, and with what was mended of the data."""
+    cause = other_cause(base, settings)
+    if cause is not None:
+        sentence = f"{cause.cause.capitalize()}: {cause.sentence} No missing effect was looked for in what this leaves."
+        return replace(conclusion, sentence=sentence)
+    data = next((row for row in base.diagnosis if row.cause == "data" and row.found), None)
+    return conclusion if data is None else replace(conclusion, sentence=f"{conclusion.sentence} Data: {data.sentence}")
 
 
 def conclude(context: LoopContext, base: BaseFit, choice: Choice) -> Conclusion:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
-from aero_bayes.simulation.interface import Problem, Simulator
+from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 
 Progress = Callable[[str, float], None]
 
@@ -30,6 +31,7 @@ class LoopStatistics:
         self.written: list[Path] = []
         self.seconds: dict[str, float] = {}
         self.simulations = self.failures = 0
+        self.outcomes: Counter[Outcome] = Counter()
         self._clock = time.perf_counter()
         self._until = math.inf
 
@@ -57,6 +59,7 @@ class LoopStatistics:
         """Add the simulations of an objective."""
         self.simulations += objective.simulations
         self.failures += objective.failures
+        self.outcomes.update(objective.outcomes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from aero_bayes.laws.fmu_family import FmuFamily
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop.base_fit import BaseFit, fit_base_model, for_search
-from aero_bayes.loop.conclude import conclude
+from aero_bayes.loop.conclude import conclude, diagnosed, other_cause
 from aero_bayes.loop.context import LoopContext, LoopStatistics, Progress
 from aero_bayes.loop.fixed_values import find_alternatives
 from aero_bayes.loop.forecast import announce_duration
@@ -102,10 +102,11 @@ def close_loop(
         states = states_of(family.base_model(), settings)
         base = fit_base_model(context)
         cache, choice = search_structures(context, base)
-        conclusion = conclude(context, base, choice)
+        conclusion = diagnosed(conclude(context, base, choice), base, settings)
         context.statistics.keep_only(conclusion.written.path if conclusion.written is not None else None)
         alternatives = find_alternatives(cache, choice.explored, choice.fitted, settings) if conclusion.effects else ()
-        process_noise = find_process_noise(context, conclusion, states)
+        searched = other_cause(base, settings) is None
+        process_noise = find_process_noise(context, conclusion, states) if searched else None
         cache.close(context.statistics.add_simulations)
         result = result_of(context, conclusion, alternatives, process_noise)
         if settings.cache is None:
@@ -123,13 +124,15 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
         family, plain, base.fit.free, context.open_objective, context.open, settings.calibration.interpolation == "auto"
     )
     cache, curves = ModelCache(source), tuple(family.curves())
-    library = Library(family.candidate_groups(), family.refinements(), curves)
+    groups = family.candidate_groups()
+    searched = other_cause(base, settings) is None
+    library = Library(groups, family.refinements(), curves) if searched else Library((), {}, ())
     fit = replace(settings.local_fit, floors=plain.floors)
     work = SearchControl(
         context.statistics.time_is_up, context.map, lambda what, share: context.progress(what, 0.2 + 0.5 * share)
     )
     context.progress("trying each candidate", 0.15)
-    model = cache.of(Structure(), library.groups[0])
+    model = cache.of(Structure(), groups[0])
     root = model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), replace(fit, hold_noise=True))
     announce_duration(context, root, len(library.terms))
     context.statistics.end_stage("models")

@@ -14,6 +14,7 @@ from aero_bayes.check.residual_tests import ResidualReport, reports_by_recording
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
+from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.judge.prediction import Prediction, Shift
@@ -77,6 +78,8 @@ class LoopResult:
     seconds : mapping of str to float
         By phase.
     added : tuple of Parameter
+    diagnosis : Diagnosis
+        Of the model as it stood: no effect is looked for in what another cause explains.
     words : mapping of str to str
         What candidates are, by id.
     interpolation : mapping of str to {"hold", "linear"}
@@ -106,6 +109,8 @@ class LoopResult:
     ---
     >>> loop.calibrated.name
     'Rig_coulomb_friction_fitted'
+    >>> [row.cause for row in loop.diagnosis if row.found]
+    ['model']
     >>> loop.to_dict()["outcome"]
     'extended'
     >>> curves = loop.series()
@@ -138,6 +143,7 @@ class LoopResult:
     failures: int
     seconds: Mapping[str, float]
     added: tuple[Parameter, ...] = ()
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)
     words: Mapping[str, str] = field(default_factory=dict)
     interpolation: Mapping[str, Interpolation] = field(default_factory=dict)
     data_notes: tuple[str, ...] = ()

@@ -92,6 +92,7 @@ def result_of(
         seconds=dict(context.statistics.seconds),
         words={id_: context.family.describe(id_) for id_ in sorted(rivals)},
         added=written.parameters if written is not None else (),
+        diagnosis=base.diagnosis,
         interpolation=conclusion.calibration.interpolation,
         recordings=context.recordings,
         plain=context.family.base_model(),

@@ -164,6 +164,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
             }
             for output, noise in loop.noise.items()
         },
+        "diagnosis": loop.diagnosis.to_list(),
         "loop": loop.to_dict(),
         "words": dict(loop.words),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},

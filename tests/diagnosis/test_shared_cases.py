@@ -1,0 +1,96 @@
+"""Situations from public bug reports whose equations are right: right values, the cause named, the model not blamed."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from aero_bayes.cli import main
+
+CASES = Path(os.environ.get("AERO_BAYES_CASES", Path(__file__).parents[2].parent / "shared" / "cases"))
+pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason=f"no cases at {CASES}")
+
+
+def fitted(folder: str, config: str, data: str, out: Path, text: str = "") -> dict[str, Any]:
+    """The result of ``fit``; ``text`` is put in place of the empty table of columns."""
+    given = (CASES / folder / config).read_text()
+    given = given.replace("[data.columns]", f"[data.columns]\n{text}", 1)
+    for line in [line for line in given.splitlines() if line.startswith("sources")]:
+        name = Path(json.loads(line.partition("=")[2])[0])
+        given = given.replace(line, f'sources = ["{(CASES / folder / name).resolve()}"]')
+    (out / "rig.toml").write_text(given)
+    arguments = ["--config", out / "rig.toml", "--data", CASES / folder / data, "--out", out / "out"]
+    done = CliRunner().invoke(main, ["fit", "--workers", "1", "--quiet", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    assert "diagnosis:" in done.output
+    result: dict[str, Any] = json.loads((out / "out" / "result.json").read_text())
+    assert [row["cause"] for row in result["diagnosis"]] == ["data", "solver", "search", "noise", "model"]
+    return result
+
+
+def assert_room(result: dict[str, Any], share: float) -> None:
+    assert result["parameters"]["C"]["value"] == pytest.approx(2.0e6, rel=share)
+    assert result["parameters"]["G"]["value"] == pytest.approx(120.0, rel=share)
+
+
+def causes(result: dict[str, Any]) -> list[str]:
+    return [row["cause"] for row in result["diagnosis"] if row["found"]]
+
+
+def test_06_a_dead_sensor(tmp_path: Path) -> None:
+    result = fitted("06_historian_words", "sentinel_csv.toml", "sentinel.csv", tmp_path)
+    assert_room(result, 0.05)
+    assert causes(result) == ["data"]
+    assert "-999" in result["diagnosis"][0]["what"]
+    assert "52 to 53, 302" in result["diagnosis"][0]["where"]
+
+
+def test_18_an_angle_modulo_a_turn(tmp_path: Path) -> None:
+    result = fitted("18_wrapped_angle", "wrapped.toml", "run.csv", tmp_path)
+    assert "whole turn" in result["verdict"]["text"]
+    assert "unwrap" in result["diagnosis"][0]["done"]
+    mended = fitted("18_wrapped_angle", "wrapped.toml", "run.csv", tmp_path, "phi = {unwrap = true}")
+    assert mended["parameters"]["J"]["value"] == pytest.approx(0.03, rel=0.03)
+    assert mended["parameters"]["d"]["value"] == pytest.approx(0.05, rel=0.03)
+    assert causes(mended) == []
+
+
+@pytest.mark.parametrize("data", ["run.csv", "k20.csv", "k30.csv"])
+def test_24_few_readings_among_many_rows(data: str, tmp_path: Path) -> None:
+    result = fitted("24_sparse_output", "rig.toml", data, tmp_path)
+    for name, truth in (("C", 2.0e6), ("G", 120.0)):
+        entry = result["parameters"][name]
+        assert abs(entry["value"] - truth) < 4.0 * entry["sd"]
+    assert causes(result) == []
+
+
+def test_25_outliers(tmp_path: Path) -> None:
+    result = fitted("25_outlier_tail", "rig.toml", "run.csv", tmp_path)
+    assert_room(result, 0.03)
+    assert causes(result) == ["data"]
+    assert "outliers" in result["diagnosis"][0]["what"]
+    assert "2640" in result["diagnosis"][0]["where"]
+
+
+def test_34_a_logger_that_lost_three_hours(tmp_path: Path) -> None:
+    result = fitted("34_dropped_clock", "rig.toml", "run.csv", tmp_path)
+    assert_room(result, 0.02)
+    assert causes(result) == ["data"]
+    assert "23869" in result["diagnosis"][0]["what"]
+
+
+@pytest.mark.slow
+def test_18_the_loop_looks_for_no_effect_in_an_angle_modulo_a_turn(tmp_path: Path) -> None:
+    folder = CASES / "18_wrapped_angle"
+    arguments = ["--config", folder / "wrapped.toml", "--train", folder / "run.csv", "--out", tmp_path]
+    done = CliRunner().invoke(main, ["close-loop", "--workers", "1", "--quiet", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["loop"]["outcome"] == "unexplained"
+    assert result["loop"]["effects"] == []
+    assert "whole turn" in result["verdict"]["text"]
