@@ -111,6 +111,7 @@ def test_a_contact_yields_only_where_the_motion_turns(bounces: bool, tmp_path: P
     family = ModelicaFamily("Falling", (path,), tmp_path / "built")
     ids = family.prepare(found.calibration, found.optimum, open_simulator)
     assert {"viscous_friction@v", "quadratic_drag@v", "coulomb_friction@v"} <= set(ids)
+    assert ("rounded_friction@v" in ids) is bounces
     assert ("presliding_friction@v" in ids) is ("friction_by_direction@v" in ids) is bounces
 
 

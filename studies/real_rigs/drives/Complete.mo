@@ -1,8 +1,8 @@
 model Rig "Two motors drive a belt; a pulley on it is held by a spring"
-  parameter Real T(unit = "s", min = 0) = 0.2 "Time constant of the motors";
-  parameter Real K(min = 0) = 2 "Speed of the motors by the voltage";
-  parameter Real w0(unit = "rad/s", min = 0) = 15 "Natural frequency of the pulley on the belt";
-  parameter Real zeta(min = 0) = 0.3 "Damping ratio of the pulley on the belt";
+  parameter Real T(unit = "s", min = 0) = 0.162 "Time constant of the motors";
+  parameter Real K(min = 0) = 3.03 "Speed of the motors by the voltage";
+  parameter Real w0(unit = "rad/s", min = 0) = 20.1 "Natural frequency of the pulley on the belt";
+  parameter Real zeta(min = 0) = 0.16 "Damping ratio of the pulley on the belt";
   input Real u "Voltage of both motors";
   output Real y "Speed of the pulley, as measured by a pulse counter";
   Real m(start = 0, fixed = true) "Speed of the motors";
