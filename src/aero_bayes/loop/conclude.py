@@ -122,7 +122,7 @@ def _without_effect(
     far = far_off(
         context.unseen, base.plain, base.fit, base.reports, base.floors, before, context.settings.max_error_ratio
     )
-    if structured:
+    if structured or choice.unsure:
         return _unexplained(base, choice, _why_none(base, choice, structured), before, smaller)
     sentence = f"The model is adequate for these recordings: {steps[-1].why}."
     if far.beyond:
@@ -151,17 +151,17 @@ def _why_none(base: BaseFit, choice: Choice, structured: Sequence[ResidualReport
             f"Most of the residual of {recording} lies between {start:.3g} s and {stop:.3g} s. This is a single "
             "disturbance, so the model gets no new effect."
         )
-    worst = max(structured, key=lambda r: r.ratio)
-    size = f"{_ratio(worst.ratio)} times the noise floor{_nature(worst)}"
-    left = f"The residual of {worst.output} is structured ({size})"
     unsure = choice.unsure
     if unsure:
         share = choice.comparison.share(unsure, choice.structure)
         return (
-            f"{left}, but the readings are too few to name an effect: with {join_names(unsure.terms)} the error of "
+            f"The readings are too few to name an effect: with {join_names(unsure.terms)} the error of "
             f"{share.output} on left-out readings {share.fall}, and that is not clear over "
             f"{choice.comparison.blocks} blocks."
         )
+    worst = max(structured, key=lambda r: r.ratio)
+    size = f"{_ratio(worst.ratio)} times the noise floor{_nature(worst)}"
+    left = f"The residual of {worst.output} is structured ({size})"
     return f"{left}, but no effect of the library is material: {steps_of(choice)[-1].why}."
 
 

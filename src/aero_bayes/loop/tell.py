@@ -48,8 +48,7 @@ def result_of(
 ) -> LoopResult:
     """All that the loop found, as plain values."""
     base, written, effects = conclusion.base, conclusion.written, conclusion.effects
-    named = any(effect.kind == "catalogue" for effect in effects)
-    same = _equivalent(conclusion.choice) if named else ()
+    same = _equivalent(conclusion.choice) if effects else ()
     parameters = base.plain.parameters
     fitted = fitted_parameters(conclusion.calibration.parameters, conclusion.refit)
     averaged = structure_average(
