@@ -8,6 +8,9 @@ import time
 from pathlib import Path
 
 import bench_engine
+import bench_lanes
+import bench_loops
+import bench_moving
 import bench_plot
 import bench_sampling
 from harness import Goal
@@ -15,6 +18,8 @@ from harness import Goal
 GOALS = (
     Goal("engine_over_fmpy_me", "engine over FMPy ME with CVode, one core", 80.0),
     Goal("max_relative_error", "its largest error over the output's range", 1e-5, at_most=True),
+    Goal("lanes_over_single", "several runs at a time over one by one, least of three models", 2.5),
+    Goal("max_relative_error_moving", "largest error where inputs move, over the range", 1e-6, at_most=True),
     Goal("two_cores_over_one", "two cores over one", 1.8),
     Goal("sensitivities_over_plain", "eight sensitivities, cost over the plain run", 5.0, at_most=True),
     Goal("ess_per_s_over_stretch", "effective samples/s over emcee's stretch move, same engine", 10.0),
@@ -55,7 +60,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=15)
     options = parser.parse_args()
     began = time.perf_counter()
-    for part in (bench_engine, bench_sampling):
+    for part in (bench_engine, bench_moving, bench_lanes, bench_sampling, bench_loops):
         part.run(options.out, options.rounds)
     print_goals(options.out / "bench.json")
     bench_plot.draw_bench(options.out / "bench.json", options.out / "bench.svg")

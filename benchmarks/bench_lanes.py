@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from bench_engine import nominal, paper_experiment, paper_problem
-from harness import TimingRow
+from harness import TimingRow, update
 
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import (
@@ -140,6 +140,14 @@ def lanes(rounds: int = 5) -> tuple[list[TimingRow], dict[str, float]]:
             keys |= {f"lanes_over_single_{case}_{kind}": ratio for kind, ratio in ratios.items()}
     keys["lanes_over_single"] = min(keys.values())
     return rows, keys
+
+
+def run(out: Path, rounds: int = 5) -> None:
+    """Time lanes and write rows and keys to ``out``/bench.json."""
+    rows, keys = lanes(min(rounds, 5))
+    for row in rows:
+        print(row.line(), flush=True)
+    update(out / "bench.json", keys, rows, (GROUP,))
 
 
 def main() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from harness import update
 
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import (
@@ -125,6 +126,13 @@ def rows(rounds: int = 5) -> dict[str, Any]:
                     call = lambda s=s, many=many, active=active: s.gauss_newton(many, white, active=active)  # noqa: E731
                     gradient[str(q)] = seconds(call, rounds) / plain
     return {"ns_per_reading": cost, "gradient_over_plain": gradient, "max_relative_error_moving": error}
+
+
+def run(out: Path, rounds: int = 5) -> None:
+    """Time inputs that move and write the figures to ``out``/bench.json."""
+    found = rows(min(rounds, 5))
+    print(json.dumps(found, indent=1), flush=True)
+    update(out / "bench.json", found, [], ())
 
 
 if __name__ == "__main__":
