@@ -1,29 +1,84 @@
-"""The row of the solver: runs that failed."""
+"""The row of the solver: runs that failed, and an answer that depends on the tolerance."""
 
 from __future__ import annotations
 
+import numpy as np
+
+from aero_bayes.check.residual_tests import exact_level
+from aero_bayes.data import noise_floors
 from aero_bayes.diagnosis.failed_runs import MAX_NAMED, domain_texts, failing_run
+from aero_bayes.display import with_unit
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import Outcome
 
 #: Share of failed runs up to which they are the far corners of a search, which no answer depends on.
 MAX_FAILED_SHARE = 0.2
+#: RMS by which a ten times tighter tolerance moves an output, as a share of the RMS residual, up to which the solver's
+#: error is hidden: a tenth adds half a percent to the residual, and is too small to bias a parameter by much.
+MAX_SOLVER_SHARE = 0.1
+#: Share of the structured part of a residual from which the solver's error may be all of it: the tighter run has an
+#: error, too, and the fitted parameters take up some of it.
+EXPLAINING_SHARE = 0.5
 
 
 def check_solver(fit: Fit) -> DiagnosisRow:
-    """Tell how many simulations failed, by which message, where, and which equations may be the reason."""
+    """Tell which share of simulations failed and why, or which output moves when the solver works more tightly."""
     runs = sum(fit.outcomes.values())
     failed = {o: count for o, count in fit.outcomes.items() if o is not Outcome.OK and count}
-    if not failed:
-        return DiagnosisRow("solver", False, f"All {runs} runs were completed.")
-    share, commonest = sum(failed.values()) / runs, max(failed, key=lambda o: failed[o])
-    what = f"{sum(failed.values())} of {runs} runs failed, most of them since {commonest.text}."
-    if share <= MAX_FAILED_SHARE:
-        return DiagnosisRow("solver", False, what)
+    what = f"All {runs} runs were completed."
+    if failed:
+        share, commonest = sum(failed.values()) / runs, max(failed, key=lambda o: failed[o])
+        what = f"{sum(failed.values())} of {runs} runs failed, most of them since {commonest.text}."
+        if share > MAX_FAILED_SHARE:
+            return _failed_row(fit, what, commonest)
+    if fit.solver_difference:
+        what = f"{what} A ten times tighter tolerance moves no output by more than a tenth of its residual."
+    return _tolerance_row(fit) or DiagnosisRow("solver", False, what)
+
+
+def _failed_row(fit: Fit, what: str, commonest: Outcome) -> DiagnosisRow:
+    """Tell where runs fail, and which equations may be the reason."""
     domains = domain_texts(fit.calibration.model) if commonest in (Outcome.NOT_FINITE, Outcome.SOLVER_FAILED) else []
     done = ""
     if domains:
         what = f"{what} The equations have {'; '.join(domains[:MAX_NAMED]).rstrip(',')}."
         done = "Keep the argument in its domain, as by sqrt(max(x, 0)), so that these values can be compared too."
     return DiagnosisRow("solver", True, what, failing_run(fit), done, explains=True)
+
+
+def _tolerance_row(fit: Fit) -> DiagnosisRow | None:
+    """Tell which outputs move at a ten times tighter tolerance by a share of what is left; None if none does."""
+    rms = fit.rms
+    level = {
+        output: max((exact_level(fit.calibration, s) for s in fit.series if s.output == output), default=0.0)
+        for output in rms
+    }
+    moved = {
+        output: size
+        for output, size in fit.solver_difference.items()
+        if size > MAX_SOLVER_SHARE * max(rms[output], level[output])
+    }
+    if not moved:
+        return None
+    units = {v.name: v.unit for v in fit.calibration.model.outputs}
+    sizes = (f"{with_unit(f'{size:.2g}', units.get(output, ''))} rms" for output, size in moved.items())
+    shares = (f"{size / rms[output]:.2g} times its residual" for output, size in moved.items())
+    where = "; ".join(f"{o} moves by {size}, {share}" for o, size, share in zip(moved, sizes, shares, strict=True))
+    tolerance = 0.1 * fit.calibration.solver.relative_tolerance
+    return DiagnosisRow(
+        "solver", True, "The answer is another one at a ten times tighter tolerance of the solver.", where,
+        f"Tighten [solver] relative_tolerance and absolute_tolerance, as to {tolerance:.0e}, and fit again.",
+        _explains(fit, moved),
+    )  # fmt: skip
+
+
+def _explains(fit: Fit, moved: dict[str, float]) -> bool:
+    """Whether the solver's error is of the size of what the noise does not explain in each output that moves."""
+    floors = noise_floors(fit.calibration.recordings, fit.calibration.outputs)
+    for output, size in moved.items():
+        noise = [sd**2 for (_, name), sd in floors.items() if name == output]
+        structured = max(fit.rms[output] ** 2 - (float(np.mean(noise)) if noise else 0.0), 0.0)
+        if size**2 < EXPLAINING_SHARE**2 * structured:
+            return False
+    return True

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence, Sized
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -42,6 +43,7 @@ from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL, CostKind, GlobalSearchSettings
+from aero_bayes.estimate.solver_difference import solver_difference
 from aero_bayes.estimate.stage_report import stage_report
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.step_parameters import settle_blind
@@ -197,7 +199,9 @@ def fit(
             found = _with_sensors(found, opened, settings, progress, cache)
             found = _with_noise_kinds(found, opened, settings, progress)
         judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
-        return replace(found, identifiability=judged)
+        here = partial(open_simulator, engine=settings.engine, workers=0)  # one run needs no workers
+        moved = solver_difference(found.calibration, found.values, found.fitted, here)
+        return replace(found, identifiability=judged, solver_difference=moved)
 
 
 def _without_outliers(

@@ -84,6 +84,8 @@ class Fit(FitStatistics, EstimateTable):
         With process noise, the states of each recording given all its readings, in the order of the model's states.
     modes : tuple of Mode
         Other optima that fit about as well as the one reported.
+    solver_difference : mapping of str to float
+        RMS by which each output moves at ten times tighter tolerances of the solver, in its SI unit.
 
     Examples
     --------
@@ -130,6 +132,7 @@ class Fit(FitStatistics, EstimateTable):
     sensors: Mapping[str, Json] = field(default_factory=dict)
     states: tuple[SmoothedStates, ...] = ()
     modes: tuple[Mode, ...] = ()
+    solver_difference: Mapping[str, float] = field(default_factory=dict)
 
     def target(self, simulator: Simulator) -> Target:
         """The log-posterior over the free parameters, through a simulator of the calibration's problem."""

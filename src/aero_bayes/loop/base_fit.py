@@ -23,6 +23,7 @@ from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.reduced_problem import with_few_samples
+from aero_bayes.estimate.solver_difference import solver_difference
 from aero_bayes.estimate.step_parameters import acts_in_steps, settle_blind, with_slope
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.search.models import FittedModel, with_setting
@@ -103,7 +104,8 @@ def _diagnosis(context: LoopContext, plain: Calibration, fit: Optimum) -> Diagno
     with context.open(plain.problem()) as simulator:
         search = GlobalSearch(context.objective(plain, simulator), context.settings.global_search)
         found = finished_fit(search, GlobalSearchResult(fit, None, (), 0), FitSettings(), 0.0)
-        return replace(found, outcomes=dict(context.statistics.outcomes)).diagnosis
+    moved = solver_difference(plain, found.values, found.fitted, context.open)
+    return replace(found, outcomes=dict(context.statistics.outcomes), solver_difference=moved).diagnosis
 
 
 def _fitted_without_outliers(context: LoopContext, calibration: Calibration) -> tuple[Calibration, Optimum]:

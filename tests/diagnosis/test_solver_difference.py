@@ -1,0 +1,91 @@
+"""The error of the integration: measured after a fit, blamed where it is not hidden by what is left."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import heated_room
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import aero_bayes
+from aero_bayes.data import Recording
+from aero_bayes.estimate.calibration import CalibrationSettings
+from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation.interface import SolverSettings
+
+NATURAL, DAMPING, SD = 7.0, 0.02, 1e-3
+PENDULUM = """model Pendulum
+  parameter Real w(unit = "rad/s", min = 5.0, max = 9.0) = 6.9 "Natural frequency";
+  parameter Real d(unit = "1/s", min = 0.001, max = 1.0) = 0.03 "Damping";
+  input Real u(unit = "rad/s2");
+  output Real phi(unit = "rad", start = 1.5, fixed = true);
+  Real v(unit = "rad/s", start = 0.0, fixed = true);
+equation
+  der(phi) = v;
+  der(v) = -w ^ 2 * sin(phi) - d * v + u;
+end Pendulum;
+"""
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
+    path = tmp_path_factory.mktemp("pendulum") / "Pendulum.mo"
+    path.write_text(PENDULUM)
+    return aero_bayes.load_model(path)
+
+
+def swing(drag: float = 0.0) -> Recording:
+    """Twenty seconds of a pendulum that swings freely, by another solver at a tight tolerance, with white noise."""
+    time = np.linspace(0.0, 20.0, 1001)
+
+    def slopes(_: float, x: np.ndarray) -> list[float]:
+        return [x[1], -(NATURAL**2) * np.sin(x[0]) - DAMPING * x[1] - drag * x[1] * abs(x[1])]
+
+    run = solve_ivp(slopes, (0.0, 20.0), [1.5, 0.0], method="DOP853", t_eval=time, rtol=1e-11, atol=1e-12)
+    readings = run.y[0] + SD * np.random.default_rng(2).standard_normal(time.size)
+    units = {"time": "s", "u": "rad/s2", "phi": "rad"}
+    return Recording("swing", time, {"u": np.zeros(time.size)}, {"phi": readings}, units)
+
+
+def fitted(recording: Recording, model: aero_bayes.Model, tolerance: float) -> aero_bayes.Fit:
+    solver = SolverSettings(relative_tolerance=tolerance, absolute_tolerance=tolerance)
+    settings = aero_bayes.FitSettings(calibration=CalibrationSettings(solver=solver))
+    return aero_bayes.fit(recording, model, parameters=["w", "d"], settings=settings, workers=0)
+
+
+def test_a_loose_tolerance_is_found_with_output_and_size(pendulum: aero_bayes.Model) -> None:
+    recording = swing()
+    loose = fitted(recording, pendulum, 1e-3)
+    row = loose.diagnosis["solver"]
+    assert row.found
+    assert row.explains
+    assert "phi" in row.where
+    assert "relative_tolerance" in row.done
+    assert loose.diagnosis.first is row
+    # Independent: the engine's own answer at a tolerance at which it has converged.
+    moved = loose.solver_difference["phi"]
+    exact = replace(loose.calibration, solver=SolverSettings(relative_tolerance=1e-10, absolute_tolerance=1e-10))
+    with open_simulator(exact.problem(), workers=0) as simulator:
+        error = simulator.simulate(loose.values[np.newaxis]).outputs[0][0][:, 0] - loose.fitted[0][:, 0]
+    assert moved == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=0.5)
+
+
+def test_a_tight_tolerance_is_clear_and_fits_the_truth(pendulum: aero_bayes.Model) -> None:
+    tight = fitted(swing(), pendulum, 1e-8)
+    assert not tight.diagnosis["solver"].found
+    assert 0.0 < tight.solver_difference["phi"] < 0.1 * SD
+    assert tight.value("w") == pytest.approx(NATURAL, abs=3e-5)
+
+
+def test_a_small_error_of_the_solver_does_not_explain_what_the_model_lacks(pendulum: aero_bayes.Model) -> None:
+    found = fitted(swing(drag=0.05), pendulum, 1e-2)
+    assert found.diagnosis["model"].found
+    assert found.diagnosis.explanation is None or found.diagnosis.explanation.cause != "solver"
+
+
+def test_an_exact_solution_has_no_error(tmp_path: Path) -> None:
+    found = heated_room.fit(heated_room.recording(), heated_room.model(tmp_path))
+    assert found.solver_difference["T"] < 1e-3 * heated_room.SD
