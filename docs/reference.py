@@ -63,6 +63,8 @@ KEYS: Mapping[str, str] = {
     "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
     "parameters.NAME.value": "start of the search; value of a parameter that is held (SI)",
     "parameters.NAME.per_recording": "fit a value of its own for each recording, which results call `NAME@recording`",
+    "parameters.NAME.values": "`[1, 2, 3]`, `[true, false]` or names of enumeration literals: each is fitted, the "
+    "likeliest is reported; for parameters that no search can move, and Real ones (`fit`, `posterior`)",
     "parameters.NAME.lower": "lower bound (SI)",
     "parameters.NAME.upper": "upper bound (SI)",
     "parameters.NAME.prior.kind": "shape of the density; truncated to the bounds",

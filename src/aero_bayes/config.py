@@ -37,7 +37,10 @@ class PriorSection(Section):
 
 
 class ParameterSection(Section):
-    """``[parameters.R_a]``: whether it is fitted, from where, and within which bounds (SI units)."""
+    """``[parameters.R_a]``: whether it is fitted, from where, and within which bounds (SI units).
+
+    ``values`` are each fitted and compared, in place of a search.
+    """
 
     free: bool | Literal["auto", "later"] | None = None
     value: float | None = None
@@ -45,6 +48,7 @@ class ParameterSection(Section):
     upper: float | None = None
     prior: PriorSection | None = None
     per_recording: bool = False
+    values: tuple[bool | int | float | str, ...] | None = None
 
 
 class ModelSection(Section):

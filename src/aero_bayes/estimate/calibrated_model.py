@@ -25,7 +25,7 @@ from aero_bayes.simulation.start_parameters import start_parameters
 
 FloatArray = NDArray[np.float64]
 #: Values of one element, or of the elements of an array.
-ParameterValues = float | list["ParameterValues"]
+ParameterValues = float | str | list["ParameterValues"]
 #: Modifications by component: a value and what is said of it, or those inside.
 ModifierTree = dict[str, "tuple[str, str] | ModifierTree"]
 
@@ -48,8 +48,9 @@ class CalibratedModel:
     ----------
     base : ModelicaSource
         The class that it extends.
-    parameters : mapping of str to float
-        Every parameter that has another value than the model's own, in SI units; all elements of an array.
+    parameters : mapping of str to float or str
+        Every parameter that has another value than the model's own, in SI units; all elements of an array. A text is
+        a value that is not Real, as Modelica writes it.
     remarks : mapping of str to str
         What stands beside a value.
     header : tuple of str
@@ -66,7 +67,7 @@ class CalibratedModel:
     """
 
     base: ModelicaSource
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, float | str]
     remarks: Mapping[str, str] = field(default_factory=dict)
     header: tuple[str, ...] = ()
     added: Mapping[str, str] = field(default_factory=dict)
@@ -104,12 +105,13 @@ class CalibratedModel:
             try:
                 return export_fmu(self.name, Path(path), sources=[*sources, written], libraries=libraries)
             except InputError:
-                if not any("[" in name for name in self.parameters):
+                numbers = {name: v for name, v in self.parameters.items() if not isinstance(v, str)}
+                if len(numbers) < len(self.parameters) or not any("[" in name for name in numbers):
                     raise
             # The embedded compiler cannot give components that are declared with `each` values of their own: they
             # are set after the model has been made flat.
             flat = rename_model(load_flat(self.base.name, sources, libraries), self.name)
-            return export_flat(set_elements(flat, self.parameters), path)
+            return export_flat(set_elements(flat, numbers), path)
 
 
 def calibrated_model(
@@ -119,6 +121,7 @@ def calibrated_model(
     *,
     source: ModelicaSource | None = None,
     added: Mapping[str, str] | None = None,
+    chosen: Mapping[str, str] | None = None,
 ) -> CalibratedModel:
     """The class with the values (p,) of a calibration's parameters, and those that it holds.
 
@@ -133,6 +136,8 @@ def calibrated_model(
         Of the model; by default what the model was built from.
     added : mapping of str to str, optional
         Modelica files that were written for it: name and text.
+    chosen : mapping of str to str, optional
+        Values of parameters that are not Real, as Modelica writes them.
 
     Raises
     ------
@@ -164,9 +169,9 @@ def calibrated_model(
     header = [f"Fitted to {data} on {date.today().isoformat()}; beside each value its central 90 % interval."]
     needed = [*(file.name for file in base.files), *(added or {})]
     header += [f"Load {join_names(needed)} first."] if needed else []
-    return CalibratedModel(
-        base, _whole_arrays(model, given), remarks, (*header, *_beside(calibration, values)), dict(added or {})
-    )
+    values_given: dict[str, float | str] = {**_whole_arrays(model, given), **(chosen or {})}
+    told = (*header, *_beside(calibration, values))
+    return CalibratedModel(base, values_given, remarks, told, dict(added or {}))
 
 
 def _started(calibration: Calibration, values: FloatArray, given: Mapping[str, float]) -> dict[str, list[float]]:
@@ -221,11 +226,11 @@ def _whole_arrays(model: Model, given: Mapping[str, float]) -> dict[str, float]:
     return {**own, **given}
 
 
-def _tree(given: Mapping[str, float], remarks: Mapping[str, str]) -> ModifierTree:
+def _tree(given: Mapping[str, float | str], remarks: Mapping[str, str]) -> ModifierTree:
     """Values with their remarks, by components as they are nested; an array's elements are one value."""
     # Of an array of components with one value in each, the modifier says `each`: not every compiler spreads an array
     # over components whose declaration has `each` already.
-    arrays: dict[tuple[str, ...], dict[tuple[int, ...], float]] = {}
+    arrays: dict[tuple[str, ...], dict[tuple[int, ...], float | str]] = {}
     said: dict[tuple[str, ...], list[str]] = {}
     in_components: dict[tuple[str, ...], bool] = {}
     for name, value in given.items():
@@ -259,7 +264,7 @@ def _modifiers(tree: ModifierTree, indent: str = "") -> list[str]:
     return lines
 
 
-def _array(elements: Iterable[tuple[tuple[int, ...], float]]) -> ParameterValues:
+def _array(elements: Iterable[tuple[tuple[int, ...], float | str]]) -> ParameterValues:
     """Elements by their indices as nested lists."""
     rows = sorted(elements)
     if rows[0][0] == ():
@@ -270,4 +275,6 @@ def _array(elements: Iterable[tuple[tuple[int, ...], float]]) -> ParameterValues
 
 def _text(value: ParameterValues) -> str:
     """With as many digits as give the same trajectory again."""
+    if isinstance(value, str):
+        return value
     return f"{{{', '.join(map(_text, value))}}}" if isinstance(value, list) else f"{value:.12g}"

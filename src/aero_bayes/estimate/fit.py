@@ -23,31 +23,29 @@ from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
+from aero_bayes.estimate.finished_fit import finished_fit, verdict_on
 from aero_bayes.estimate.global_search import (
     GlobalSearch,
     GlobalSearchResult,
     Progress,
 )
-from aero_bayes.estimate.identifiability import Identifiability, Status, assess
+from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.interpolation import choose_interpolation
-from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.listed_values import Combination, ListedValue, combinations, split_values
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.modes import Mode, find_modes
 from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
-from aero_bayes.estimate.noise_report import structure_warnings
-from aero_bayes.estimate.objective import Evaluation, Objective
+from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.outliers import without_outliers
-from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_parameters
+from aero_bayes.estimate.parameters import ChosenParameters, chosen_parameters
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL, CostKind, GlobalSearchSettings
 from aero_bayes.estimate.solver_difference import solver_difference
-from aero_bayes.estimate.stage_report import stage_report
 from aero_bayes.estimate.staged import Stage
-from aero_bayes.estimate.step_parameters import settle_blind
-from aero_bayes.estimate.target import NoiseLayout
+from aero_bayes.estimate.value_comparison import best_values
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.ripple import Ripple, find_ripples
@@ -92,6 +90,8 @@ class FitSettings(SettingsDisplay):
     engine : {"native", "fmpy"}
     fixed : mapping of str to float
         Model parameters held at other values than the model's own.
+    values : mapping of str to sequence
+        Values of parameters that are each fitted, and compared: numbers, True and False, enumeration literals.
 
     Examples
     --------
@@ -112,6 +112,7 @@ class FitSettings(SettingsDisplay):
     ripple: Literal["subtract", "describe", "ignore"] = "subtract"
     engine: Engine = "native"
     fixed: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, Sequence[ListedValue]] = field(default_factory=dict)
 
     @property
     def global_search(self) -> GlobalSearchSettings:
@@ -125,7 +126,7 @@ def fit(
     recordings: Recording | Sequence[Recording],
     model: Model,
     *,
-    parameters: ParameterSet | str | Sequence[str] | Mapping[str, ParameterSpec] | None = None,
+    parameters: ChosenParameters | None = None,
     settings: FitSettings | None = None,
     seed: int = 1,
     workers: int | None = None,
@@ -139,8 +140,9 @@ def fit(
     recordings : Recording or sequence of Recording
     model : Model
     parameters : sequence of str, mapping or ParameterSet, optional
-        What to search: names; or by name bounds ``(lower, upper)``, a value to start from, a prior or an
-        :class:`Override`. By default what the model's package declares.
+        What to search: names; or by name bounds ``(lower, upper)``, a value to start from, a prior, an
+        :class:`Override`, or ``{"values": [1, 2, 3]}``, each of which is fitted. By default what the
+        model's package declares.
     settings : FitSettings, optional
     seed : int
     workers : int, optional
@@ -175,15 +177,9 @@ def fit(
         )
     if settings.noise.process and settings.cost != "posterior":
         raise InputError(f"cost = {settings.cost!r} knows no process noise: it needs cost = 'posterior'")
-    searched = chosen_parameters(model, chosen, overrides)
-    calibration = calibrate(
-        screened(recordings, model),
-        model,
-        searched,
-        fixed=settings.fixed,
-        noise=settings.noise,
-        settings=settings.calibration,
-    )
+    chosen, listed = split_values(chosen)
+    candidates = combinations(model, {**settings.values, **listed})
+    cleaned = screened(recordings, model)
 
     def opened(problem: Problem) -> Simulator:
         return open_simulator(problem, engine=settings.engine, workers=workers)
@@ -191,11 +187,25 @@ def fit(
     # Sums over BLAS threads differ in their last digits, and the same seed is to give the same numbers.
     with threadpool_limits(limits=1, user_api="blas"):
         cache = Checkpoint.at(checkpoint)
-        rng = np.random.default_rng(seed)
-        found = fit_calibration(calibration, opened, settings, rng, progress, checkpoint=cache)
-        if calibration.process is None:
+
+        def fitted(candidate: Combination) -> Fit:
+            calibration = calibrate(
+                cleaned,
+                candidate.model,
+                chosen_parameters(candidate.model, chosen, overrides),
+                fixed={**settings.fixed, **candidate.fixed},
+                noise=settings.noise,
+                settings=settings.calibration,
+            )
+            rng = np.random.default_rng(seed)
+            return fit_calibration(calibration, opened, settings, rng, progress, checkpoint=cache)
+
+        # Outliers, ripple and kinds of noise belong to the likeliest values: all are compared on the same readings.
+        found = best_values(candidates, fitted)
+        filtered = found.calibration.process is not None
+        if not filtered:
             found = _without_outliers(found, opened, settings, progress, cache)
-        if settings.cost == "posterior" and calibration.process is None:
+        if settings.cost == "posterior" and not filtered:
             found = _with_sensors(found, opened, settings, progress, cache)
             found = _with_noise_kinds(found, opened, settings, progress)
         judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
@@ -274,6 +284,7 @@ def _continued(first: Fit, refitted: Fit) -> Fit:
     return replace(
         refitted,
         modes=first.modes,
+        trials=first.trials,
         stages=first.stages,
         iterations=first.iterations + refitted.iterations,
         outcomes=outcomes,
@@ -361,112 +372,6 @@ def _with_identified(search: GlobalSearch, here: Optimum) -> tuple[int, ...]:
     optional = [j for j, p in enumerate(parameters) if p.auto]
     if not optional:
         return here.free
-    verdict = _verdict(search.objective, here, optional)
+    verdict = verdict_on(search.objective, here, optional)
     shown = [j for j in optional if verdict.status.get(parameters.names[j]) is Status.IDENTIFIED]
     return tuple(sorted({*here.free, *shown}))
-
-
-def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
-    """Identifiability of some columns at an optimum, and the optimum with the slopes by all of them."""
-    part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
-    found = _evaluated(objective, here, columns)
-    white = objective.whiten(found, here.noise)
-    wide = replace(here, free=columns, evaluation=found, whitened=white)
-    information = white.information
-    spread = curvature_adjustment(objective, wide)
-    if spread is not None:
-        information = spread.map.T @ information @ spread.map
-    values = objective.parameters.from_search(here.coordinates)[list(columns)]
-    verdict = assess(part.names, values, [p.scale == "log" for p in part], information, part.prior_sd())
-    return verdict, wide
-
-
-def _verdict(objective: Objective, here: Optimum, optional: Sequence[int]) -> Identifiability:
-    """Identifiability of the free columns and of optional ones, of the free ones alone where the others cannot run."""
-    columns = tuple(sorted({*here.free, *optional}))
-    if columns != here.free and objective.evaluate(here.coordinates, columns) is None:
-        columns = here.free
-    return assess_columns(objective, here, columns)[0]
-
-
-def _evaluated(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> Evaluation:
-    """The optimum with the slopes by some columns; as the search evaluated it where a run fails so near to it."""
-    found = objective.evaluate(here.coordinates, columns)
-    if found is None:
-        rows = [here.free.index(j) for j in columns]
-        old = here.evaluation
-        by = tuple(s[rows] for s in old.slopes) if old.slopes is not None else None
-        by_sd = tuple(s[rows] for s in old.log_sd_slopes) if old.log_sd_slopes is not None else None
-        found = replace(old, slopes=by, log_sd_slopes=by_sd)
-    return found
-
-
-def _predicted(objective: Objective, values: FloatArray, here: Optimum) -> tuple[FloatArray, ...]:
-    """Outputs (n, m) of each experiment; where a run fails so near to the optimum, those of the search at readings."""
-    found = objective.predictions(values)
-    if all(np.isfinite(y).all() for y in found):
-        return found
-    filled = tuple(np.full_like(y, np.nan) for y in found)
-    for series, predicted in zip(objective.series, here.evaluation.predicted, strict=True):
-        filled[series.experiment][series.sampling.index, series.column] = predicted
-    return filled
-
-
-def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
-    """The fit at an optimum, with identifiability and covariance under the noise of the data for any cost minimised."""
-    objective, here = search.objective, result.optimum
-    calibration = objective.calibration
-    if settings.cost != "posterior":
-        search = GlobalSearch(
-            objective, replace(settings.global_search, cost="posterior", local=LocalSettings(max_iterations=0))
-        )
-        here = search.settle_noise(replace(here, noise=search.initial_noise()))
-    optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)
-    verdict = _verdict(objective, here, optional)
-    blind = {calibration.parameters.index(name) for name in verdict.no_effect}
-    sampled = tuple(j for j in here.free if j not in blind)
-    point, steps = settle_blind(objective, here, [j for j in here.free if j in blind])
-    verdict = verdict.with_steps(steps)
-    part = ParameterSet(tuple(calibration.parameters.items[j] for j in sampled))
-    _, here = assess_columns(objective, replace(here, coordinates=point), sampled)
-    verdict = with_bounds(verdict, part, point[list(sampled)])
-    values = calibration.parameters.from_search(point)
-    rest = [j for j, p in enumerate(calibration.parameters) if j not in sampled and p.name not in verdict.in_steps]
-    values[rest] = calibration.parameters.start[rest]
-    fitted = _predicted(objective, values, here)
-    spread = curvature_adjustment(objective, here)
-    layout = NoiseLayout.of(calibration, here.noise)
-    covariance = np.zeros((len(sampled) + layout.size,) * 2)
-    covariance[: len(sampled), : len(sampled)] = widened_covariance(objective, here)
-    residual = tuple(y - f for y, f in zip(calibration.measured, fitted, strict=True))
-    times = tuple(e.time for e in calibration.experiments)
-    covariance[len(sampled) :, len(sampled) :] = noise_covariance(layout, times, residual, here.noise)
-    mean = np.concatenate([point[list(sampled)], layout.pack(here.noise)])
-    likelihood = here.whitened.log_likelihood
-    return Fit(
-        calibration=calibration,
-        values=values,
-        free=sampled,
-        optimum=here,
-        series=objective.series,
-        identifiability=verdict,
-        laplace=Laplace(part.names + layout.names, mean, covariance, len(sampled)),
-        spread=spread,
-        log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
-        fitted=fitted,
-        residuals=tuple(y - f for y, f in zip(calibration.readings, fitted, strict=True)),
-        stages=tuple(stage_report(s, calibration.parameters, objective.series) for s in result.stages),
-        swarm=result.swarm,
-        iterations=result.iterations,
-        outcomes={o: int(objective.outcomes[o]) for o in Outcome},
-        warnings=structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise),
-        seconds=seconds,
-        engine=settings.engine,
-        states=objective.smoothed_states(values) if objective.filtered else (),
-    )
-
-
-def with_bounds(verdict: Identifiability, part: ParameterSet, point: FloatArray) -> Identifiability:
-    """The verdict with parameters that ended on a bound marked as such."""
-    on_bound = {name: Status.AT_BOUND for name, at in zip(part.names, part.on_bound(point), strict=True) if at}
-    return replace(verdict, status=verdict.status | on_bound)

@@ -72,7 +72,7 @@ def find_modes(search: GlobalSearch, here: Optimum, swarm: SwarmResult | None) -
             end = local_fit(objective, point, here.free, noise=here.noise, settings=settings, known=[here, *found])
             if end.reason is not Stop.KNOWN_OPTIMUM and _is_another(objective, [here, *found], end):
                 found.append(end)
-    temperature = _temperature(here)
+    temperature = likelihood_temperature(here)
     level = [o.laplace(parameters, temperature)[1] for o in (here, *found)]
     weights = np.exp(np.array(level) - max(level))
     shares = weights / weights.sum()
@@ -84,7 +84,7 @@ def find_modes(search: GlobalSearch, here: Optimum, swarm: SwarmResult | None) -
     return tuple(sorted(modes, key=lambda mode: -mode.share))
 
 
-def _temperature(here: Optimum) -> float:
+def likelihood_temperature(here: Optimum) -> float:
     """What likelihood ratios are divided by where a residual is no noise: readings that then count as one."""
     if not any(n.model_error for n in here.noise.values()):
         return 1.0
@@ -157,7 +157,7 @@ def _is_another(objective: Objective, known: Sequence[Optimum], end: Optimum) ->
             return False
         way = np.array([other.coordinates + t * (end.coordinates - other.coordinates) for t in ON_THE_WAY])
         between = _levels(objective, other, way)
-        if min(between) > min(other.log_likelihood, end.log_likelihood) - MIN_BARRIER * _temperature(other):
+        if min(between) > min(other.log_likelihood, end.log_likelihood) - MIN_BARRIER * likelihood_temperature(other):
             return False
     return bool(end.reason.converged or end.reason is Stop.NO_PROGRESS)
 

@@ -12,16 +12,13 @@ from numpy.typing import NDArray
 
 from aero_bayes.arguments import names_of
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.default_bounds import default_bounds, first_given, model_bound
 from aero_bayes.estimate.priors import LogUniform, Prior, Uniform
 from aero_bayes.estimate.unfittable import no_parameter_text
 from aero_bayes.simulation.interface import ParameterTarget, ProblemTarget
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
-#: Default bounds of a parameter: its start over and times this factor.
-DEFAULT_BOUND_FACTOR = 1e3
-#: A model's lower bound below this share of the start only says that the parameter is positive.
-MIN_BOUND_RATIO = 1e-12
 #: Distance from a bound, as a share of the box, at which a parameter counts as lying on it.
 BOUND_TOLERANCE = 1e-6
 #: Share of its upper bound to which a parameter at zero is moved where its sensitivity is needed.
@@ -275,6 +272,8 @@ class Override:
         Free it only if the data show it.
     per_recording : bool
         Fit a value of its own for each recording; results call them ``C@recording``.
+    values : tuple, optional
+        Do not search, but fit with each of these: numbers, True and False, names of enumeration literals.
 
     Examples
     --------
@@ -289,15 +288,19 @@ class Override:
     scale: Scale | None = None
     auto: bool = False
     per_recording: bool = False
+    values: tuple[bool | int | float | str, ...] | None = None
 
 
-#: How a caller may specify a parameter: not at all, by a start, by bounds, by a prior, or by all of them.
-ParameterSpec = Override | Prior | tuple[float, float] | float | None
+#: How a caller may specify a parameter: not at all, by a start, by bounds, by a prior, by all of them, or by
+#: ``{"values": [...]}``.
+ParameterSpec = Override | Prior | tuple[float, float] | float | Mapping[str, Sequence[bool | int | float | str]] | None
+#: Which parameters a caller searches.
+ChosenParameters = ParameterSet | str | Sequence[str] | Mapping[str, ParameterSpec]
 
 
 def chosen_parameters(
     model: Model,
-    chosen: ParameterSet | str | Sequence[str] | Mapping[str, ParameterSpec],
+    chosen: ChosenParameters,
     known: Mapping[str, Override],
 ) -> ParameterSet:
     """The parameters to search, as a caller names them.
@@ -365,14 +368,14 @@ def parameters_from_model(
         if name not in known:
             raise InputError(no_parameter_text(model, name))
         variable, override = known[name], overrides.get(name, Override())
-        start = _first(override.start, variable.start, variable.nominal)
+        start = first_given(override.start, variable.start, variable.nominal)
         if start is None:
             raise InputError(
                 f"{name}: the model gives it no value to start a search from; [parameters.{name}] value can"
             )
-        lower, upper = _bounds(
-            start, _first(override.lower, _model_bound(variable.minimum, start)),
-            _first(override.upper, _model_bound(variable.maximum, start)), variable.nominal,
+        lower, upper = default_bounds(
+            start, first_given(override.lower, model_bound(variable.minimum, start)),
+            first_given(override.upper, model_bound(variable.maximum, start)), variable.nominal,
         )  # fmt: skip
         if not lower < upper:
             raise InputError(f"{name}: lower bound {lower:g} is not below upper bound {upper:g}")
@@ -387,27 +390,3 @@ def parameters_from_model(
             )
         )  # fmt: skip
     return ParameterSet(tuple(items))
-
-
-def _model_bound(bound: float | None, start: float) -> float | None:
-    """A bound that the model gives; a tiny one (``Modelica.Constants.small``) counts as zero."""
-    return 0.0 if bound is not None and abs(bound) < MIN_BOUND_RATIO * abs(start) else bound
-
-
-def _bounds(start: float, lower: float | None, upper: float | None, nominal: float | None) -> tuple[float, float]:
-    """Bounds as given; where there is none, far from the start, without a change of sign."""
-    low = lower if lower is not None and math.isfinite(lower) else None
-    high = upper if upper is not None and math.isfinite(upper) else None
-    if start > 0.0 and (low is None or low == 0.0):
-        low = start / DEFAULT_BOUND_FACTOR
-    if start < 0.0 and (high is None or high == 0.0):
-        high = start / DEFAULT_BOUND_FACTOR
-    size = abs(start) or abs(nominal or 0.0) or 1.0
-    return (
-        low if low is not None else start - DEFAULT_BOUND_FACTOR * size,
-        high if high is not None else start + (DEFAULT_BOUND_FACTOR - 1.0) * size,
-    )
-
-
-def _first(*values: float | None) -> float | None:
-    return next((value for value in values if value is not None), None)

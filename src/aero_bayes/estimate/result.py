@@ -29,6 +29,7 @@ from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.stage_report import StageReport
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
+from aero_bayes.estimate.value_comparison import ValueTrial, chosen_estimates, trials_sentence
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.simulation.interface import Simulator
 from aero_bayes.simulation.smoothing import SmoothedStates
@@ -86,6 +87,8 @@ class Fit(FitStatistics, EstimateTable):
         Other optima that fit about as well as the one reported.
     solver_difference : mapping of str to float
         RMS by which each output moves at ten times tighter tolerances of the solver, in its SI unit.
+    trials : tuple of ValueTrial
+        Values that were listed for parameters and each fitted, likeliest first; the first are those of this fit.
 
     Examples
     --------
@@ -133,6 +136,7 @@ class Fit(FitStatistics, EstimateTable):
     states: tuple[SmoothedStates, ...] = ()
     modes: tuple[Mode, ...] = ()
     solver_difference: Mapping[str, float] = field(default_factory=dict)
+    trials: tuple[ValueTrial, ...] = ()
 
     def target(self, simulator: Simulator) -> Target:
         """The log-posterior over the free parameters, through a simulator of the calibration's problem."""
@@ -154,7 +158,8 @@ class Fit(FitStatistics, EstimateTable):
     @property
     def parameters(self) -> dict[str, Estimate]:
         """Every parameter with its Laplace interval, the model's fixed ones included."""
-        return laplace_estimates(self.calibration, self.values, self.free, self.identifiability, self.laplace)
+        table = laplace_estimates(self.calibration, self.values, self.free, self.identifiability, self.laplace)
+        return table | chosen_estimates(self.trials)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
@@ -178,6 +183,11 @@ class Fit(FitStatistics, EstimateTable):
         count = len(self.modes) + 1
         return f"{count} answers fit the recordings about as well. One of them is reported; also: {others}."
 
+    @property
+    def trials_sentence(self) -> str:
+        """Which of the listed values is reported, and how much worse the others are; empty where none are listed."""
+        return trials_sentence(self.trials)
+
     def noise_table(self) -> dict[str, Json]:
         """Noise by output: ``sd`` and lag-one ``rho`` at the sample interval, and what they are made of."""
         return noise_table(self.calibration, self.noise)
@@ -199,6 +209,7 @@ class Fit(FitStatistics, EstimateTable):
                 "stages": [s.to_dict() for s in self.stages],
                 "pso": self.swarm.to_dict() if self.swarm is not None else None,
                 "modes": [{"values": m.values, "share": m.share} for m in self.modes],
+                "values": [t.to_dict() for t in self.trials],
                 "local": {"iterations": self.iterations, "reason": self.reason.value},
             },
             "identifiability": self.identifiability.to_dict(self.held),
@@ -320,7 +331,9 @@ class Fit(FitStatistics, EstimateTable):
         >>> fit.calibrated.write("fitted").name
         'Rig_fitted.mo'
         """
-        return calibrated_model(self.calibration, self.values, self.parameters)
+        return calibrated_model(
+            self.calibration, self.values, self.parameters, chosen=self.trials[0].modifiers if self.trials else None
+        )
 
     def export_fmu(self, path: Path | str) -> Path:
         """Write the FMU of the model with all values of the fit.

@@ -6,8 +6,8 @@ from contextlib import suppress
 
 from aero_bayes.display import join_names
 from aero_bayes.errors import InputError
-from aero_bayes.export import FlatModel, load_flat
-from aero_bayes.language.syntax import Call, Expression, Name, names_in, short_text
+from aero_bayes.export import FlatModel, FlatVariable, load_flat
+from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in, short_text
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
 
@@ -30,15 +30,55 @@ def _reason(flat: FlatModel, name: str, known: list[str]) -> str:
     if v is None:
         return ""
     if v.type != "Real":
-        return (
-            f"parameter {name} of model {flat.name} is of type {v.type} and cannot be searched: fit a class that "
-            f"extends the model with each of its values, and compare the errors"
+        return own_value_reason(flat, v) or (
+            f"parameter {name} of model {flat.name} is of type {v.type} and cannot be searched: list its values, "
+            f"[parameters.{name}] values = {listed_choices(flat, v)}, and each is fitted"
         )
+    return _computed(flat, v, known)
+
+
+def own_value_reason(flat: FlatModel, v: FlatVariable) -> str:
+    """One line that says why a parameter that is not Real cannot be given values; empty if it can."""
+    if reason := _computed(flat, v, [p.name for p in flat.variables if p.constant and p.variability == "parameter"]):
+        return reason
+    told = ""
+    if v.variability != "parameter" or v.final or v.protected:
+        told = "constant, final or protected: the model alone sets it"
+    elif v.sizes or "[" in v.name:
+        told = "part of an array; declare a parameter that sets it"
+    elif v.type == "String" or (v.type not in ("Integer", "Boolean") and not choices_of(flat, v)):
+        told = f"of type {v.type}, which is no number, switch or enumeration"
+    return f"parameter {v.name} of model {flat.name} is {told}" if told else ""
+
+
+def choices_of(flat: FlatModel, v: FlatVariable) -> dict[str, int]:
+    """Full names of the literals of a parameter's enumeration, with their ordinals."""
+    kind = v.type.rpartition(".")[2]
+    own = {name: at for name, at in flat.literals.items() if f".{name}".rpartition(".")[0].endswith(f".{kind}")}
+    # The compiler lists a literal by its full name, by shorter ones, and each once more in quotes.
+    return {
+        name: at for name, at in own.items() if "'" not in name and not any(other.endswith(f".{name}") for other in own)
+    }
+
+
+def listed_choices(flat: FlatModel, v: FlatVariable) -> str:
+    """A list of values that a parameter may have, as TOML writes it."""
+    if v.type == "Boolean":
+        return "[true, false]"
+    if v.type == "Integer":
+        least = v.attributes.get("min")
+        low = int(least.value) if isinstance(least, Number) else 1
+        return f"[{low}, {low + 1}, {low + 2}]"
+    own = choices_of(flat, v)
+    return "[" + ", ".join(f'"{name.rpartition(".")[2]}"' for name in sorted(own, key=own.__getitem__)) + "]"
+
+
+def _computed(flat: FlatModel, v: FlatVariable, known: list[str]) -> str:
     behind = sorted(names_in(v.binding) & set(known)) if v.binding is not None else []
     if v.binding is None or not behind:
         return ""
     return (
-        f"parameter {name} of model {flat.name} is computed: {name} = {_text(v.binding)}; "
+        f"parameter {v.name} of model {flat.name} is computed: {v.name} = {_text(v.binding)}; "
         f"fit {join_names(behind)} in its place"
     )
 

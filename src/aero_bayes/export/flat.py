@@ -136,7 +136,7 @@ class Function:
 @dataclass(frozen=True)
 class FlatModel:
     """What a compiler's front end makes of a model; ``records`` names the fields
-    of record variables, and of record types, in order.
+    of record variables, and of record types, in order; ``literals`` are those of enumerations with their ordinals.
     """
 
     name: str
@@ -150,6 +150,7 @@ class FlatModel:
     functions: Mapping[str, Function] = field(default_factory=dict)
     records: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     description: str = ""
+    literals: Mapping[str, int] = field(default_factory=dict)
 
     def variable(self, name: str) -> FlatVariable:
         """The variable of that name. Raises KeyError where there is none."""

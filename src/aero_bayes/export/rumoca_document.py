@@ -85,6 +85,7 @@ class _FlatModelReader(TreeReader):
             {n: self.function(x) for n, x in f["functions"].items()},
             records,
             str(f.get("model_description") or ""),
+            dict(self.enumerations),
         )
 
     def variable(self, v: Json, type_name: str, final: bool) -> FlatVariable:

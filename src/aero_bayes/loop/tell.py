@@ -14,7 +14,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
-from aero_bayes.estimate.fit import assess_columns, with_bounds
+from aero_bayes.estimate.finished_fit import assess_columns, with_bounds
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet

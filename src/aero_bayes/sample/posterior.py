@@ -14,6 +14,7 @@ from aero_bayes.data import Recording
 from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.parameter_estimates import EstimateTable, estimates_html
 from aero_bayes.estimate.prediction import RecordingPrediction
+from aero_bayes.estimate.value_comparison import chosen_estimates
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sample.draws import PosteriorDraws
 from aero_bayes.sample.inferencedata import save, to_inference_data
@@ -88,7 +89,9 @@ class Posterior(PosteriorDraws, EstimateTable):
         base = self.fit.to_dict()
         failures = {o.key: self.fit.outcomes.get(o, 0) + self.outcomes.get(o, 0) for o in Outcome}
         return base | {
-            "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
+            "parameters": {
+                name: e.to_dict() for name, e in (self.parameters | chosen_estimates(self.fit.trials)).items()
+            },
             "noise": noise_table(self.calibration, self.noise),
             "process_noise": process_noise_table(self.calibration.process, self.parameters),
             "mcmc": {

@@ -65,8 +65,20 @@ class ModeJson(JsonTable):
     share: JsonNumber
 
 
+class ListedValuesJson(JsonTable):
+    """A fit with listed values of parameters: how likely it is, and how far its log-posterior is below the best."""
+
+    values: dict[str, bool | int | float | str]
+    share: JsonNumber
+    worse_by: JsonNumber = None
+    failed: str = ""
+
+
 class FitJson(JsonTable):
-    """The best fit; ``rms`` by role and output, ``interpolation`` of each input between its samples."""
+    """The best fit; ``rms`` by role and output, ``interpolation`` of each input between its samples.
+
+    ``values`` are the listed values of parameters that were each fitted, likeliest first.
+    """
 
     cost_eq6: JsonNumber = None
     rms: dict[str, dict[str, JsonNumber]] = {}
@@ -77,6 +89,7 @@ class FitJson(JsonTable):
     stages: list[StageJson] = []
     pso: SwarmJson | None = None
     modes: list[ModeJson] = []
+    values: list[ListedValuesJson] = []
     local: LocalJson | None = None
 
 

@@ -14,6 +14,11 @@ from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import Model, ModelicaSource
 
 
+def session_folder() -> Path:
+    """A new folder that stays until this process ends."""
+    return Path(tempfile.mkdtemp(dir=_session().path))
+
+
 @cache
 def _session() -> ScratchFolder:
     """Where built models stay until this process ends."""
@@ -60,7 +65,7 @@ def load_model(
         files, name = (path, *files), main_class(path)
     whole = (tuple(p.absolute() for p in paths) for paths in (files, paths_of(libraries, "libraries")))
     source = ModelicaSource(str(name), *whole)
-    target = Path(folder) if folder is not None else Path(tempfile.mkdtemp(dir=_session().path))
+    target = Path(folder) if folder is not None else session_folder()
     target.mkdir(parents=True, exist_ok=True)
     out = target / f"{source.name.rpartition('.')[2]}.fmu"
     export_fmu(source.name, out, sources=source.files, libraries=source.libraries)

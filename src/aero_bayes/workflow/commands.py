@@ -38,7 +38,7 @@ from aero_bayes.workflow.curves import (
     ripple_series,
     state_series,
 )
-from aero_bayes.workflow.describe import diagnosis_line, fit_verdict, preamble, residual_table
+from aero_bayes.workflow.describe import diagnosis_line, fit_verdict, preamble, residual_table, values_line
 from aero_bayes.workflow.job import (
     Job,
     RunOptions,
@@ -63,7 +63,7 @@ Json = dict[str, Any]
 def run_fit(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes fit``: PSO, then bounded local search."""
     began = time.perf_counter()
-    job = open_job(files, options)
+    job = open_job(files, options, takes_values=True)
     with resumable(job, "fit") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, checkpoint)
@@ -75,7 +75,7 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes posterior``: fit, then MCMC."""
     began = time.perf_counter()
-    job = open_job(files, options)
+    job = open_job(files, options, takes_values=True)
     with resumable(job, "posterior") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, checkpoint)
@@ -236,6 +236,8 @@ def _finish(
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
     page = _page(job, result, series)
     click.echo(result["verdict"]["text"].replace("`", ""))
+    if result.get("fit", {}).get("values"):
+        click.echo(values_line(result["fit"]["values"]))
     if result.get("diagnosis"):
         click.echo(diagnosis_line(result["diagnosis"]))
     click.echo(f"wrote {out / 'result.json'} and {page}")

@@ -9,6 +9,7 @@ from typing import Any
 from aero_bayes.check.residual_tests import check_residuals, reports_by_recording
 from aero_bayes.data import Recording, noise_floors
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.value_comparison import ValueTrial, trials_sentence
 from aero_bayes.workflow.job import Job
 from aero_bayes.workflow.results import SCHEMA, versions
 
@@ -117,3 +118,8 @@ def cause_sentence(row: Mapping[str, Any]) -> str:
 def diagnosis_line(diagnosis: Sequence[Mapping[str, Any]]) -> str:
     """One line for a terminal: the state of each cause."""
     return "diagnosis: " + ", ".join(f"{row['cause']} {'FOUND' if row['found'] else 'clear'}" for row in diagnosis)
+
+
+def values_line(rows: Sequence[Mapping[str, Any]]) -> str:
+    """One line for a terminal: which of the listed values is reported, and how much worse the others are."""
+    return trials_sentence([ValueTrial(**row) for row in rows])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -18,6 +18,7 @@ from aero_bayes.declared import PackageDeclaration
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.declared import declared_overrides
+from aero_bayes.estimate.listed_values import ListedValue, combinations
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
 from aero_bayes.estimate.plausible import check_plausible, screened
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
@@ -60,6 +61,7 @@ class Job:
 
     ``name`` is the Modelica class, or the FMU's own model name; ``modelica`` says which of the two it came from.
     ``read`` are the recordings as they were read, before faults of theirs were mended and they were cut at gaps.
+    ``values`` are those of parameters that are listed in place of searched.
     """
 
     options: RunOptions
@@ -72,6 +74,7 @@ class Job:
     parameters: ParameterSet
     fixed: dict[str, float]
     read: tuple[Recording, ...] = ()
+    values: Mapping[str, tuple[ListedValue, ...]] = field(default_factory=dict)
 
     @property
     def engine(self) -> Engine:
@@ -89,10 +92,13 @@ class Job:
         )
 
 
-def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = ()) -> Job:
+def open_job(
+    files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = (), takes_values: bool = False
+) -> Job:
     """Read the configuration and the recordings, then build or open the model.
 
-    The output folder is made only once everything the user gave has been read.
+    The output folder is made only once everything the user gave has been read. Parameters with a list of values are
+    refused unless the command ``takes_values``.
 
     Raises
     ------
@@ -126,6 +132,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
                 model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
     assert model is not None
     check_plausible((*recordings, *held_out), model)
+    values = _listed(model, config, takes_values)
     parameters = fit_parameters(model, config)
     fixed = _fixed(model, config, parameters)
     if model.declared.parameters:
@@ -137,7 +144,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     for finding in dict.fromkeys(f for recording in (*recordings, *held_out) for f in recording.findings):
         click.echo(f"note: {finding.sentence}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
-    return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed, read)
+    return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed, read, values)
 
 
 def check_default(files: Sequence[Path], layout: Layout) -> None:
@@ -218,6 +225,9 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
     overrides = declared_overrides(model)
     known = {variable.name for variable in model.parameters}
     for name, section in config.parameters.items():
+        if section.values is not None:
+            overrides.pop(name, None)
+            continue
         if name not in known:
             raise InputError(f"{config.place(name)}{no_parameter_text(model, name)}")
         held = section.free in (False, "later")
@@ -236,6 +246,26 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
             f"e.g. [parameters.{next(iter(sorted(known)), 'p')}] with free = true"
         )
     return parameters_from_model(model, overrides=overrides)
+
+
+def _listed(model: Model, config: Config, allowed: bool) -> dict[str, tuple[ListedValue, ...]]:
+    """Values of parameters that are listed in place of searched."""
+    listed = {name: section.values for name, section in config.parameters.items() if section.values is not None}
+    for name, values in listed.items():
+        others = config.parameters[name].model_fields_set - {"values"}
+        if others:
+            raise InputError(f"{config.place(name)}{name}: {min(others)} and values exclude each other; give one")
+        if not allowed:
+            raise InputError(
+                f"{config.place(name)}{name}: values are compared by `fit` and `posterior` only; run `fit` first, then "
+                "give the model that it writes, which has the likeliest of them"
+            )
+        try:
+            combinations(model, {name: values})
+        except InputError as error:
+            raise InputError(f"{config.place(name)}{error}") from None
+    combinations(model, listed)
+    return listed
 
 
 def later_of(job: Job) -> ParameterSet:

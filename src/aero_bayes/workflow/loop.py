@@ -202,7 +202,7 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
             reason = "not fitted by the loop; kept at its start value"
             value = job.parameters[name].start
             found = loop.calibrated.parameters.get(name, value) if loop.calibrated is not None else value
-            if found != value:
+            if found != value and not isinstance(found, str):
                 reason, value = "acts in steps: no slope to fit it by; the search found this value", found
         if name not in table and reason and value is not None:
             table[name] = {

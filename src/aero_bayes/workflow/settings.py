@@ -33,6 +33,7 @@ def fit_settings(job: Job) -> FitSettings:
         noise=_noise(job),
         engine=job.engine,
         fixed=job.fixed,
+        values=job.values,
         calibration=CalibrationSettings(
             outputs=job.config.data.outputs,
             delay_limit=section.max_input_delay,

@@ -1,0 +1,135 @@
+"""The fit at an optimum: identifiability, covariance, curves and what is told of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.identifiability import Identifiability, Status, assess
+from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.noise_report import structure_warnings
+from aero_bayes.estimate.objective import Evaluation, Objective
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.stage_report import stage_report
+from aero_bayes.estimate.step_parameters import settle_blind
+from aero_bayes.estimate.target import NoiseLayout
+from aero_bayes.simulation.interface import Outcome
+
+if TYPE_CHECKING:
+    from aero_bayes.estimate.fit import FitSettings
+
+FloatArray = NDArray[np.float64]
+
+
+def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
+    """Identifiability of some columns at an optimum, and the optimum with the slopes by all of them."""
+    part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
+    found = _evaluated(objective, here, columns)
+    white = objective.whiten(found, here.noise)
+    wide = replace(here, free=columns, evaluation=found, whitened=white)
+    information = white.information
+    spread = curvature_adjustment(objective, wide)
+    if spread is not None:
+        information = spread.map.T @ information @ spread.map
+    values = objective.parameters.from_search(here.coordinates)[list(columns)]
+    verdict = assess(part.names, values, [p.scale == "log" for p in part], information, part.prior_sd())
+    return verdict, wide
+
+
+def verdict_on(objective: Objective, here: Optimum, optional: Sequence[int]) -> Identifiability:
+    """Identifiability of the free columns and of optional ones, of the free ones alone where the others cannot run."""
+    columns = tuple(sorted({*here.free, *optional}))
+    if columns != here.free and objective.evaluate(here.coordinates, columns) is None:
+        columns = here.free
+    return assess_columns(objective, here, columns)[0]
+
+
+def _evaluated(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> Evaluation:
+    """The optimum with the slopes by some columns; as the search evaluated it where a run fails so near to it."""
+    found = objective.evaluate(here.coordinates, columns)
+    if found is None:
+        rows = [here.free.index(j) for j in columns]
+        old = here.evaluation
+        by = tuple(s[rows] for s in old.slopes) if old.slopes is not None else None
+        by_sd = tuple(s[rows] for s in old.log_sd_slopes) if old.log_sd_slopes is not None else None
+        found = replace(old, slopes=by, log_sd_slopes=by_sd)
+    return found
+
+
+def _predicted(objective: Objective, values: FloatArray, here: Optimum) -> tuple[FloatArray, ...]:
+    """Outputs (n, m) of each experiment; where a run fails so near to the optimum, those of the search at readings."""
+    found = objective.predictions(values)
+    if all(np.isfinite(y).all() for y in found):
+        return found
+    filled = tuple(np.full_like(y, np.nan) for y in found)
+    for series, predicted in zip(objective.series, here.evaluation.predicted, strict=True):
+        filled[series.experiment][series.sampling.index, series.column] = predicted
+    return filled
+
+
+def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
+    """The fit at an optimum, with identifiability and covariance under the noise of the data for any cost minimised."""
+    objective, here = search.objective, result.optimum
+    calibration = objective.calibration
+    if settings.cost != "posterior":
+        search = GlobalSearch(
+            objective, replace(settings.global_search, cost="posterior", local=LocalSettings(max_iterations=0))
+        )
+        here = search.settle_noise(replace(here, noise=search.initial_noise()))
+    optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)
+    verdict = verdict_on(objective, here, optional)
+    blind = {calibration.parameters.index(name) for name in verdict.no_effect}
+    sampled = tuple(j for j in here.free if j not in blind)
+    point, steps = settle_blind(objective, here, [j for j in here.free if j in blind])
+    verdict = verdict.with_steps(steps)
+    part = ParameterSet(tuple(calibration.parameters.items[j] for j in sampled))
+    _, here = assess_columns(objective, replace(here, coordinates=point), sampled)
+    verdict = with_bounds(verdict, part, point[list(sampled)])
+    values = calibration.parameters.from_search(point)
+    rest = [j for j, p in enumerate(calibration.parameters) if j not in sampled and p.name not in verdict.in_steps]
+    values[rest] = calibration.parameters.start[rest]
+    fitted = _predicted(objective, values, here)
+    spread = curvature_adjustment(objective, here)
+    layout = NoiseLayout.of(calibration, here.noise)
+    covariance = np.zeros((len(sampled) + layout.size,) * 2)
+    covariance[: len(sampled), : len(sampled)] = widened_covariance(objective, here)
+    residual = tuple(y - f for y, f in zip(calibration.measured, fitted, strict=True))
+    times = tuple(e.time for e in calibration.experiments)
+    covariance[len(sampled) :, len(sampled) :] = noise_covariance(layout, times, residual, here.noise)
+    mean = np.concatenate([point[list(sampled)], layout.pack(here.noise)])
+    likelihood = here.whitened.log_likelihood
+    return Fit(
+        calibration=calibration,
+        values=values,
+        free=sampled,
+        optimum=here,
+        series=objective.series,
+        identifiability=verdict,
+        laplace=Laplace(part.names + layout.names, mean, covariance, len(sampled)),
+        spread=spread,
+        log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
+        fitted=fitted,
+        residuals=tuple(y - f for y, f in zip(calibration.readings, fitted, strict=True)),
+        stages=tuple(stage_report(s, calibration.parameters, objective.series) for s in result.stages),
+        swarm=result.swarm,
+        iterations=result.iterations,
+        outcomes={o: int(objective.outcomes[o]) for o in Outcome},
+        warnings=structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise),
+        seconds=seconds,
+        engine=settings.engine,
+        states=objective.smoothed_states(values) if objective.filtered else (),
+    )
+
+
+def with_bounds(verdict: Identifiability, part: ParameterSet, point: FloatArray) -> Identifiability:
+    """The verdict with parameters that ended on a bound marked as such."""
+    on_bound = {name: Status.AT_BOUND for name, at in zip(part.names, part.on_bound(point), strict=True) if at}
+    return replace(verdict, status=verdict.status | on_bound)

@@ -1,0 +1,121 @@
+"""Compare fits with different values of parameters that no search can move, by the log-posterior."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.identifiability import Status
+from aero_bayes.estimate.listed_values import Combination, ListedValue, compiled, value_text, values_text
+from aero_bayes.estimate.modes import likelihood_temperature
+from aero_bayes.estimate.parameter_estimates import Estimate
+
+if TYPE_CHECKING:
+    from aero_bayes.estimate.result import Fit
+
+Json = dict[str, object]
+
+
+@dataclass(frozen=True)
+class ValueTrial:
+    """A fit with some values of the listed parameters.
+
+    Parameters
+    ----------
+    values : mapping of str to bool, int, float or str
+    numbers : mapping of str to float
+        The same as the model has them.
+    modifiers : mapping of str to str
+        Those that are not Real, as Modelica writes them.
+    share : float
+        Probability among all values that were tried; where a residual is no noise, its readings count for less.
+    worse_by : float
+        Log-posterior of the likeliest values minus that of these; infinite where the fit failed.
+    failed : str
+        Why there is no fit.
+    """
+
+    values: Mapping[str, ListedValue]
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    modifiers: Mapping[str, str] = field(default_factory=dict)
+    share: float = 0.0
+    worse_by: float = math.inf
+    failed: str = ""
+
+    def to_dict(self) -> Json:
+        """The entry of result.json."""
+        return {"values": dict(self.values), "share": self.share, "worse_by": self.worse_by, "failed": self.failed}
+
+
+def best_values(candidates: Sequence[Combination], fitted: Callable[[Combination], Fit]) -> Fit:
+    """The fit with the likeliest values, with how much worse the others are; the fit itself where nothing is listed.
+
+    Parameters
+    ----------
+    candidates : sequence of Combination
+    fitted : callable
+        The fit of a combination, to the same readings as that of the others.
+
+    Raises
+    ------
+    CannotFinishError
+        If the model cannot be fitted with any of the values.
+    """
+    if len(candidates) == 1 and not candidates[0].values:
+        return fitted(candidates[0])
+    fits: list[tuple[Combination, Fit]] = []
+    failed: list[ValueTrial] = []
+    last: Exception | None = None
+    for candidate in candidates:
+        try:
+            fits.append((candidate, fitted(compiled(candidate))))
+        except (CannotFinishError, InputError) as error:
+            failed.append(ValueTrial(candidate.values, candidate.numbers, candidate.modifiers, failed=str(error)))
+            last = error
+    if not fits:
+        assert last is not None
+        raise last
+    fits.sort(key=lambda pair: -pair[1].log_posterior)
+    best = fits[0][1]
+    worse = np.array([best.log_posterior - fit.log_posterior for _, fit in fits])
+    weights = np.exp(-worse / likelihood_temperature(best.optimum))
+    trials = [
+        ValueTrial(c.values, c.numbers, c.modifiers, float(share), float(w))
+        for (c, _), share, w in zip(fits, weights / weights.sum(), worse, strict=True)
+    ]
+    return replace(best, trials=(*trials, *failed))
+
+
+def chosen_estimates(trials: Sequence[ValueTrial]) -> dict[str, Estimate]:
+    """The listed parameters as entries of the table of parameters."""
+    table = {}
+    for name, value in trials[0].values.items() if trials else ():
+        tried = ", ".join(dict.fromkeys(value_text(t.values[name]) for t in trials))
+        number = trials[0].numbers[name]
+        table[name] = Estimate(
+            name, number, None, None, None, None, "", Status.FIXED, note=f"{value_text(value)}: likeliest of {tried}"
+        )
+    return table
+
+
+def trials_sentence(trials: Sequence[ValueTrial]) -> str:
+    """Which of the listed values is reported, and how much worse the others are; empty where none are listed."""
+    if not trials:
+        return ""
+    others = [
+        f"{values_text(t.values)} failed" if t.failed else f"{values_text(t.values)} ({_percent(t.share)} likely, "
+        f"log-posterior lower by {t.worse_by:.3g})"
+        for t in trials[1:]
+    ]  # fmt: skip
+    beside = f"; others: {', '.join(others)}" if others else ""
+    best = f"{values_text(trials[0].values)} is reported ({_percent(trials[0].share)} likely)"
+    return f"Of the listed values {best}{beside}."
+
+
+def _percent(share: float) -> str:
+    return "less than 0.1 %" if share < 1e-3 else f"{100.0 * share:.3g} %"
