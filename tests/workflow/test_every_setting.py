@@ -70,6 +70,8 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "data.columns.*.unwrap": (False, True, {"data.columns.y": {"source": "y", "scale": 100.0}}),
     "parameters.*.free": (True, False),
     "parameters.*.value": (1.0, 2.0),
+    "parameters.*.values": ([1.0], [1.0, 2.0]),
+    "parameters.*.per_recording": (False, True),
     "parameters.*.lower": (0.2, 0.3),
     "parameters.*.upper": (5.0, 6.0),
     "parameters.*.prior.kind": (
@@ -123,7 +125,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "solver.time_limit": (1.0, 2.0),
 }  # fmt: skip
 #: Keys that a loop refuses when they have their second value.
-REFUSED = {"fit.cost", "noise.process", "solver.engine"}
+REFUSED = {"parameters.*.values", "fit.cost", "noise.process", "solver.engine"}
 READ_FIRST = ("model", "data", "parameters")
 
 RIG = """model {name}

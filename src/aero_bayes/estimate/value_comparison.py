@@ -118,4 +118,6 @@ def trials_sentence(trials: Sequence[ValueTrial]) -> str:
 
 
 def _percent(share: float) -> str:
-    return "less than 0.1 %" if share < 1e-3 else f"{100.0 * share:.3g} %"
+    if share < 1e-3:
+        return "less than 0.1 %"
+    return "more than 99.9 %" if share > 0.999 else f"{100.0 * share:.3g} %"

@@ -63,7 +63,7 @@ Json = dict[str, Any]
 def run_fit(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes fit``: PSO, then bounded local search."""
     began = time.perf_counter()
-    job = open_job(files, options, takes_values=True)
+    job = open_job(files, options)
     with resumable(job, "fit") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, checkpoint)
@@ -75,7 +75,7 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
     """``aero-bayes posterior``: fit, then MCMC."""
     began = time.perf_counter()
-    job = open_job(files, options, takes_values=True)
+    job = open_job(files, options)
     with resumable(job, "posterior") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, checkpoint)

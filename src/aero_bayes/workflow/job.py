@@ -92,13 +92,10 @@ class Job:
         )
 
 
-def open_job(
-    files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = (), takes_values: bool = False
-) -> Job:
+def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = ()) -> Job:
     """Read the configuration and the recordings, then build or open the model.
 
-    The output folder is made only once everything the user gave has been read. Parameters with a list of values are
-    refused unless the command ``takes_values``.
+    The output folder is made only once everything the user gave has been read.
 
     Raises
     ------
@@ -132,7 +129,7 @@ def open_job(
                 model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
     assert model is not None
     check_plausible((*recordings, *held_out), model)
-    values = _listed(model, config, takes_values)
+    values = _listed(model, config)
     parameters = fit_parameters(model, config)
     fixed = _fixed(model, config, parameters)
     if model.declared.parameters:
@@ -248,18 +245,14 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
     return parameters_from_model(model, overrides=overrides)
 
 
-def _listed(model: Model, config: Config, allowed: bool) -> dict[str, tuple[ListedValue, ...]]:
+def _listed(model: Model, config: Config) -> dict[str, tuple[ListedValue, ...]]:
     """Values of parameters that are listed in place of searched."""
     listed = {name: section.values for name, section in config.parameters.items() if section.values is not None}
     for name, values in listed.items():
-        others = config.parameters[name].model_fields_set - {"values"}
+        section = config.parameters[name]
+        others = section.model_fields_set - {"values", *(["free"] if section.free is True else [])}
         if others:
             raise InputError(f"{config.place(name)}{name}: {min(others)} and values exclude each other; give one")
-        if not allowed:
-            raise InputError(
-                f"{config.place(name)}{name}: values are compared by `fit` and `posterior` only; run `fit` first, then "
-                "give the model that it writes, which has the likeliest of them"
-            )
         try:
             combinations(model, {name: values})
         except InputError as error:

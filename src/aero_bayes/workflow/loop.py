@@ -107,6 +107,11 @@ def loop_settings(job: Job) -> LoopSettings:
 
 def _check(job: Job) -> None:
     fit_section = job.config.fit
+    for name in job.values:
+        raise InputError(
+            f"{job.config.place(name)}{name}: values are compared by `fit` and `posterior`; run `fit`, then close "
+            "the loop of the model that it writes, which has the likeliest of them"
+        )
     if job.engine != "native":
         raise InputError(f"the loop needs the native engine, not {job.engine}")
     if fit_section.cost != "posterior":
