@@ -34,6 +34,7 @@ if typing.TYPE_CHECKING:
     from mkdocs.structure.pages import Page
 
 sys.path.insert(0, str(Path(__file__).parent))
+from bad_fit_pictures import pictures
 from docstrings import Public, public
 
 log = logging.getLogger("mkdocs.hooks.reference")
@@ -132,10 +133,12 @@ KEYS: Mapping[str, str] = {
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """The picture of the README stands in ``reports/``; the pages use the same file."""
+    """The picture of the README stands in ``reports/``, and the pages use the same file; others are drawn."""
     from mkdocs.structure.files import File  # the tables can be written without it
 
     files.append(File.generated(config, "loop.svg", abs_src_path=str(ROOT / "reports" / "example" / "loop.svg")))
+    for name, picture in pictures().items():
+        files.append(File.generated(config, f"bad_fit/{name}.svg", content=picture))
     return files
 
 

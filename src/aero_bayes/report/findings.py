@@ -53,7 +53,7 @@ def diagnosis_table(run: RunDirectory) -> Markup | None:
             marked.append(len(rows))
         detail = Markup("{}<small>{}</small>").format(sentence(row.what), sentence(row.where))
         rows.append((row.cause, "found" if row.found else "clear", detail, sentence(row.done) or NO_VALUE))
-    columns = ("cause", "", "what was found", "what was done")
+    columns = ("cause", "state", "what was found", "what was done")
     return html_table(columns, rows, "Diagnosis, in the order of blame", marked) if rows else None
 
 
