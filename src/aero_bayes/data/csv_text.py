@@ -47,6 +47,8 @@ SEPARATORS = (b",", b";", b"\t")
 COMMENTS = (b"#", b"%")
 #: Lines in which the end of a file's own header is looked for.
 MOST_PREAMBLE = 60
+#: Cells of a switch.
+SWITCHED = {b"true": 1.0, b"false": 0.0}
 #: Where a byte can stand in a number that the bulk parser and NUMBER read alike; others go cell by cell.
 IS_PLAIN_BYTE = np.zeros(256, dtype=bool)
 IS_PLAIN_BYTE[list(b"0123456789+-.eE,\n\r")] = True
@@ -369,6 +371,8 @@ def _cell(path: Path, line: int, column: str, cell: bytes) -> float:
         value = float(text)
         if np.isfinite(value):
             return value
+    if text.lower() in SWITCHED:
+        return SWITCHED[text.lower()]
     shown = text[:40].decode("utf-8", "replace")
     if SPECIAL.fullmatch(text) or NUMBER.fullmatch(text):
         raise InputError(

@@ -78,7 +78,14 @@ def translate(model: FlatModel) -> EquationSystem:
         scope.place = v.place
         if v.type == "String":
             raise scope.fail(f"the variable {v.name!r} of type String")
-        scope.values[v.name] = _symbols(builder, v.name, v.sizes)
+        symbols_of = _symbols(builder, v.name, v.sizes)
+        switched = v.type == "Boolean" and _is_input(v)
+        # An FMU of ours has Real inputs: a switch is on above one half.
+        scope.values[v.name] = (
+            arrays.mapped(lambda s: events.relation("gt", s, builder.const(0.5)), symbols_of)
+            if switched
+            else symbols_of
+        )
     parameters = _parameters(scope, [v for v in model.variables if v.constant])
     events.piecewise_constant |= {builder.symbol(p.name) for p in parameters}
     in_events = assigned_in_events(model)
@@ -88,10 +95,10 @@ def translate(model: FlatModel) -> EquationSystem:
     for v in others:
         scope.place = v.place
         for variable in _scalars(scope, v, None):
-            if v.causality == "input" and "." not in v.name:
-                if v.type != "Real":
+            if _is_input(v):
+                if v.type not in ("Real", "Integer", "Boolean"):
                     raise scope.fail(f"the input {v.name!r} of type {v.type}")
-                inputs.append(variable)
+                inputs.append(replace(variable, type="Real", variability="continuous"))
             elif v.variability == "discrete" or v.name in in_events:
                 discrete_variables.append(variable)
             else:
@@ -259,6 +266,10 @@ def _parameters(scope: Scope, declared: Sequence[FlatVariable]) -> list[ScalarVa
         declare(v)
     scope.place = None
     return [x for v in declared for x in found[v.name]]
+
+
+def _is_input(v: FlatVariable) -> bool:
+    return v.causality == "input" and "." not in v.name
 
 
 def _declarations(name: str, by_name: Mapping[str, FlatVariable]) -> Iterable[FlatVariable]:
