@@ -25,7 +25,7 @@ LIMIT = 1.02
 VERDICTS = {
     "right": "all that is expected is named, and nothing false",
     "silent": "nothing is named where no law is what is missing, or where the readings are too few",
-    "place_right": "a part of what is expected, or a curve or near law where it acts, and nothing false",
+    "place_right": "a part of what is expected, a curve or near law there, or a class that holds it; nothing false",
     "false": "something is named that is not missing",
     "missed": "nothing is named that is expected",
     "failed": "the run did not end",
@@ -92,6 +92,9 @@ def judge_names(named: Sequence[str], equivalent: Sequence[Sequence[str]], known
         "false": [named[n] for n in wrong],
         "other": [named[n] for n in rest if n not in wrong],
     }
+    open_class = {name for same in equivalent for name in same} if not named else set()
+    if any(_any(open_class, group) for group in known.expected):
+        return {**answer, "verdict": "place_right"}
     return {**answer, "verdict": _verdict(answer, bool(named), known)}
 
 

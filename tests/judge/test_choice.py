@@ -114,3 +114,33 @@ def test_a_small_term_is_named_where_nothing_but_noise_is_left_with_it_and_not_w
 def test_few_readings_name_nothing_that_is_not_clear():
     choice = chosen(0.5 * BASIS[2], 6, samples=15)
     assert choice.terms == ()
+
+
+def test_of_two_laws_at_different_places_that_do_as_well_none_is_named():
+    choice = chosen(1.5 * BASIS[3], 7)
+    assert choice.told().terms == ()
+    assert set(choice.told().undecided) == {"square@v", "twin@w"}
+    both = chosen(1.5 * BASIS[2] + 1.0 * BASIS[3], 3).told()
+    assert both.terms == ("line@u",)
+    assert set(both.undecided) == {"square@v", "twin@w"}
+    clear = chosen(1.5 * BASIS[2], 1)
+    assert clear.told() is clear
+
+
+def test_where_unseen_readings_refuse_a_pair_its_parts_are_offered_first():
+    pair = chosen(1.5 * BASIS[2] + 1.0 * BASIS[3], 3)
+    assert len(pair.terms) == 2
+    part = pair.refuse()
+    assert part.terms == ("line@u",)
+    assert part.refused == (pair.structure,)
+    assert part.comparison is pair.comparison
+
+
+def test_where_unseen_readings_refuse_all_that_does_as_well_nothing_is_left():
+    choice, offered = chosen(1.5 * BASIS[2], 1), []
+    while choice is not None:
+        offered.append(choice.structure)
+        choice = choice.refuse()
+    assert offered[0].terms == ("line@u",)
+    assert len(set(offered)) == len(offered)
+    assert not any(s.contains(offered[0]) for s in offered[1:])

@@ -59,3 +59,19 @@ def test_structure_that_is_left_asks_for_an_error_that_falls_visibly(share, refu
 def test_without_unseen_readings_nothing_is_refused():
     after = replace(predicted(y=1.0), test={})
     assert refusal(predicted(), after, RECORDINGS, [STRUCTURED]) == ""
+
+
+@pytest.mark.parametrize(("size", "refused"), [(2.3, True), (1.5, False)])
+def test_an_error_that_doubles_refuses_though_few_readings_do_not_make_it_sure(size, refused):
+    """One slow drift is one independent reading."""
+    few = replace(
+        UNSEEN, time=TIME[:9], inputs={"u": np.zeros(9)}, outputs={o: y[:9] for o, y in UNSEEN.outputs.items()}
+    )
+    recordings = replace(RECORDINGS, test=(few,))
+
+    def off(y, z):
+        fitted = {("run", "y"): few.outputs["y"] + y, ("run", "z"): few.outputs["z"] + z}
+        return Prediction({}, {k: rms_error(few.outputs[k[1]] - v) for k, v in fitted.items()}, fitted)
+
+    said = refusal(off(1.0, 1.0), off(0.3, size), recordings, [STRUCTURED])
+    assert bool(said) is refused

@@ -14,6 +14,7 @@ from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.laws import Law, ports_with_laws
 from aero_bayes.laws.candidates import is_possible
 from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.ports import share_visited_twice
 from aero_bayes.simulation import open_simulator
 
 FALLING = """model Falling
@@ -93,6 +94,22 @@ def test_laws_by_side_need_both_signs_and_readings_without_a_sign_none(laws: tup
     assert not is_possible(spilling, {"h_low": -2.0, "h_high": 3.0})
     assert all(is_possible(law, {}) for law in (directions, unsigned, spilling))
     assert is_possible(spring, {"v_low": 0.0, "v_high": 3.0})
+
+
+def test_a_curve_needs_a_signal_that_comes_back(laws: tuple[Law, ...]) -> None:
+    """Over a signal that passes each value once a curve is one over time, and explains anything."""
+    t = np.linspace(0.0, 1.0, 500)
+    falls, noise = 2.0 - 3.0 * t, 0.01 * np.random.default_rng(1).normal(size=500)
+    assert share_visited_twice([falls]) == 0.0
+    assert share_visited_twice([falls + noise]) < 0.2
+    assert share_visited_twice([np.full(500, 2.0)]) == 0.0
+    assert share_visited_twice([np.sin(12.0 * t) + noise]) > 0.9
+    assert share_visited_twice([falls, falls + noise]) > 0.9
+    assert share_visited_twice([np.concatenate((falls, falls[:300:-1]))]) == pytest.approx(0.4, abs=0.05)
+    curve = of(laws, "motion", "curve")
+    assert is_possible(curve, {"v_twice": 0.6})
+    assert not is_possible(curve, {"v_twice": 0.4})
+    assert is_possible(of(laws, "motion", "position_curve"), {"v_twice": 0.4, "x_twice": 0.9})
 
 
 @pytest.mark.parametrize("bounces", [False, True])

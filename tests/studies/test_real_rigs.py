@@ -164,6 +164,10 @@ def test_silence_is_right_where_no_law_is_missing_or_readings_are_too_few() -> N
     few = Expectation(expected=(("square_loss@N",),), silence=True)
     none = Expectation(place=("curve@i",), fine=("dead_zone@v",))
     assert [judge_names([], [], known)["verdict"] for known in (few, none)] == ["silent", "silent"]
+    # A class of which none is named, but which holds the truth.
+    untold = [["lag@u", "square_loss@N"]]
+    assert judge_names([], untold, Expectation(expected=few.expected))["verdict"] == "place_right"
+    assert judge_names([], [["lag@u", "gain@u"]], Expectation(expected=few.expected))["verdict"] == "missed"
     assert judge_names(["curve@i"], [], none)["verdict"] == "place_right"
     assert judge_names(["dead_zone@v"], [], none)["verdict"] == "right"
     assert judge_names(["lag@i"], [], none)["verdict"] == "false"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.judge.comparison import Comparison, Share
@@ -46,8 +47,11 @@ class Choice:
     before, after : tuple of ResidualReport
         What the first model and the chosen one leave.
     explored : SearchResult
-    min_share : float
-        Of the settings.
+    settings : ChoiceSettings
+    refused : tuple of Structure
+        Those that unseen readings refused before this one.
+    undecided : tuple of str
+        Terms of which one is missing, but the data do not tell at which place.
     """
 
     fitted: FittedModel
@@ -58,7 +62,9 @@ class Choice:
     before: tuple[ResidualReport, ...]
     after: tuple[ResidualReport, ...]
     explored: SearchResult
-    min_share: float
+    settings: ChoiceSettings
+    refused: tuple[Structure, ...] = ()
+    undecided: tuple[str, ...] = ()
 
     @property
     def structure(self) -> Structure:
@@ -95,7 +101,7 @@ class Choice:
         much = [
             s
             for s in self.comparison.squares
-            if len(s) == 1 and self.comparison.share(s, self.structure).value <= self.min_share
+            if len(s) == 1 and self.comparison.share(s, self.structure).value <= self.settings.min_share
         ]
         return self.comparison.best(much) if much and not self.structure.terms else None
 
@@ -109,7 +115,7 @@ class Choice:
             and len(new := s.new_terms(rest)) == 1
             and new[0] not in explored.curves
             and explored.ports.get(new[0]) == explored.ports.get(term)
-            and self.ranking.share(s, best_within(self.ranking, rest)).value <= self.min_share
+            and self.ranking.share(s, best_within(self.ranking, rest)).value <= self.settings.min_share
         ]
         return self.ranking.best(laws).new_terms(rest)[0] if laws else ""
 
@@ -122,6 +128,85 @@ class Choice:
         """Share of resampled blocks in which a smaller term helps."""
         whole = self.structure.plus(*self.smaller)
         return self.ranking.wins([whole, best_within(self.ranking, whole.minus(term))])[whole]
+
+    def at(self, structure: Structure) -> Choice:
+        """The choice of another structure; no smaller effects are known beside it."""
+        judge = Judge(self.explored, self.comparison, self.settings)
+        own = [s for s in self.comparison.squares if len(s) == len(structure) and s not in self.refused]
+        near = [s for s in own if judge.material(s) and not self.comparison.clearly_better(structure, s)]
+        fitted = self.explored.fits[structure]
+        return replace(
+            self, fitted=fitted, near=(structure, *(s for s in near if s != structure)), smaller=(),
+            after=residual_reports(fitted, self.explored),
+        )  # fmt: skip
+
+    def refuse(self) -> Choice | None:
+        """The next choice where unseen readings refuse this one; None where nothing is left.
+
+        First come material structures with a part of its terms, then those that training readings do not tell from it:
+        the order is that of the training readings, and unseen ones only refuse.
+        """
+        refused = (*self.refused, self.structure)
+        judge, first = Judge(self.explored, self.comparison, self.settings), refused[0]
+        parts = [
+            s for s in self.comparison.squares if s.terms and set(s.terms) < set(first.terms) and judge.material(s)
+        ]
+        parts.sort(key=lambda s: self.comparison.scores[s])
+        left = [s for s in (*parts, *self.near) if s.terms and not any(s.contains(other) for other in refused)]
+        return replace(self, refused=refused).at(left[0]) if left else None
+
+    def told(self) -> Choice:
+        """The choice with those terms only whose place, or whose law, all structures have that do as well.
+
+        Of structures that do equally well one is taken whose terms are all told, if there is one. Else what is not told
+        is ``undecided``: one of these terms is missing, and the data do not tell at which place.
+        """
+        rivals, fits = self._as_good(), self.explored.fits
+        most = len(fits[self.structure].optimum.free)
+        for s in sorted(rivals, key=lambda s: (s != self.structure, self.comparison.scores[s])):
+            if len(fits[s].optimum.free) <= most and self._told_terms(s, rivals) == s.terms:
+                return self if s == self.structure else replace(self.at(s), near=(s, *(n for n in self.near if n != s)))
+        kept = self._told_terms(self.structure, rivals)
+        open_terms = [t for t in self.terms if t not in kept]
+        others = [t for s in rivals for t in s.terms if not any(self._alike_place(t, k) for k in kept)]
+        undecided = tuple(dict.fromkeys((*self.undecided, *open_terms, *others)))
+        part, judge = self.structure.minus(*open_terms), Judge(self.explored, self.comparison, self.settings)
+        if part not in self.comparison.squares or not judge.material(part):
+            required = set(self.settings.require)
+            part = self.comparison.best(s for s in self.comparison.squares if set(s.terms) == required)
+        return replace(self, undecided=undecided).at(part)
+
+    def _told_terms(self, structure: Structure, rivals: Sequence[Structure]) -> tuple[str, ...]:
+        """Terms of a structure whose place or law is in all others."""
+        required = self.settings.require
+        return tuple(t for t in structure.terms if t in required or all(self._has_like(s, t) for s in rivals))
+
+    def _as_good(self) -> list[Structure]:
+        """Structures of the same size that do as well, none with more parameters unless it predicts better."""
+        scores, fits = self.comparison.scores, self.explored.fits
+        most = len(fits[self.structure].optimum.free)
+        return [
+            s
+            for s in self.near
+            if len(s) == len(self.structure)
+            and (len(fits[s].optimum.free) <= most or scores[s] < scores[self.structure])
+        ]
+
+    def _has_like(self, structure: Structure, term: str) -> bool:
+        return any(self._alike_place(term, other) or self._acts_here(term, other) for other in structure.terms)
+
+    def _alike_place(self, one: str, other: str) -> bool:
+        """Whether two terms act at one place, or are one law at two places; a curve is no law."""
+        ports, curves = self.explored.ports, self.explored.curves
+        law = one.rpartition("@")[0]
+        same_law = bool(law) and law == other.rpartition("@")[0] and one not in curves
+        return one == other or same_law or (one in ports and ports.get(one) == ports.get(other))
+
+    def _acts_here(self, term: str, other: str) -> bool:
+        """Whether the law of another term does as well at the place of this one."""
+        ports, law = self.explored.ports, other.rpartition("@")[0]
+        known = {t for s in self.near for t in s.terms if t not in self.explored.curves}
+        return any(t.rpartition("@")[0] == law and ports.get(t) == ports.get(term) for t in known)
 
     @property
     def rivals(self) -> tuple[Structure, ...]:

@@ -79,7 +79,7 @@ class Chooser:
         return Choice(
             fitted, tuple(near), Judge(explored, ranking, self.settings).smaller(chosen), comparison, ranking,
             residual_reports(explored.first_model, explored), residual_reports(fitted, explored), explored,
-            self.settings.min_share,
+            self.settings,
         )  # fmt: skip
 
     def _refitted(self, explored: SearchResult, common: CommonBlocks, wanted: Iterable[Structure]) -> Comparison:

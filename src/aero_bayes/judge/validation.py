@@ -15,6 +15,8 @@ from aero_bayes.judge.unseen import Unseen
 #: Largest ratio of an output's error on validation data with the named terms to that without them, required of at
 #: least one output where the named terms leave structure.
 MAX_ERROR_RATIO = 0.9
+#: Growth of an output's error on validation data that refuses even where few independent readings leave it unsure.
+MAX_GROWTH_RATIO = 2.0
 #: Largest error of a prediction of validation data, in standard deviations of the prediction.
 MAX_PREDICTION_DEVIATIONS = 4.0
 
@@ -23,12 +25,14 @@ def refusal(before: Prediction, after: Prediction, recordings: Recordings, left:
     """Why unseen data reject the chosen terms; empty where they do not.
 
     They are rejected if the prediction of an output gets significantly worse (two standard errors, with correlated
-    readings) and by more than 5 %, or if the residual is structured and no prediction improves by at least 10 %.
+    readings) and by more than 5 %, or if its error doubles, or if the residual is structured and no prediction improves
+    by at least 10 %.
     """
     if not after.test:
         return ""
     first, last = before.pooled("test"), after.pooled("test")
-    worse = [o for o in surely_worse(after, before, recordings) if last[o] > MIN_GROWTH_RATIO * first[o]]
+    surely = surely_worse(after, before, recordings)
+    worse = [o for o in last if last[o] > (MIN_GROWTH_RATIO if o in surely else MAX_GROWTH_RATIO) * first[o]]
     if worse:
         return f"the prediction of unseen data gets worse ({', '.join(worse)})."
     better = any(error.rms < MAX_ERROR_RATIO * before.test[key].rms for key, error in after.test.items())

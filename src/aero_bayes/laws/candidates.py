@@ -40,6 +40,9 @@ NO_AMOUNTS: tuple[Dimension, ...] = (
 )  # fmt: skip
 #: Share of a signal's largest magnitude by which it must pass zero to count as having a sign: readings have noise.
 MIN_SIGN_SHARE = 0.05
+#: Share of a signal's range that must be visited twice for a curve over it: over a signal that never comes back a curve
+#: is one over time, and explains whatever a moment needs.
+MIN_SHARE_VISITED_TWICE = 0.5
 
 
 def has_reaction(law: Law, port: Port) -> bool:
@@ -85,9 +88,11 @@ def is_possible(law: Law, nominals: Mapping[str, float]) -> bool:
     ----------
     law : Law
     nominals : mapping
-        Of the port, with the range of its signals (``v_low``, ``v_high``); a law is possible where it is not known.
+        Of the port, with the range of its signals (``v_low``, ``v_high``) and the share of it that is visited twice
+        (``v_twice``); a law is possible where it is not known.
     """
-
+    if law.curve_input and nominals.get(f"{law.curve_input}_twice", 1.0) < MIN_SHARE_VISITED_TWICE:
+        return False
     for signal, wanted in ((law.both_signs, "both"), (law.nonnegative, "one")):
         if not signal or f"{signal}_low" not in nominals:
             continue

@@ -28,6 +28,7 @@ from aero_bayes.ports import (
     fastest_time_scale,
     recorded_inputs,
     relative_change,
+    share_visited_twice,
     signal_nominal,
     simulated_signals,
     visited_range,
@@ -124,7 +125,9 @@ class FmuFamily(ModelicaFamily):
                 force = given[inner.inputs[port.balance.equation].name]
                 speed, *position = (seen[s] for s in port.states)
                 place = (*position, speed * time)[0]
-                nominals[port.id] = {"f_n": force, "v_n": speed, "x_n": place, "x_w": place, "t_n": time}
+                read = zip(("v", "x"), port.states, strict=False)
+                twice = {f"{signal}_twice": share_visited_twice(found[s]) for signal, s in read}
+                nominals[port.id] = {"f_n": force, "v_n": speed, "x_n": place, "x_w": place, "t_n": time, **twice}
             elif port.kind == "input":
                 nominals[port.id] = {
                     "u_n": given[port.id],
@@ -133,7 +136,12 @@ class FmuFamily(ModelicaFamily):
                 }
             else:
                 reading = port.id.removeprefix("output_")
-                nominals[port.id] = {"u_n": seen[reading], **visited_range("u", found[reading]), "t_n": time}
+                nominals[port.id] = {
+                    "u_n": seen[reading],
+                    **visited_range("u", found[reading]),
+                    "u_twice": share_visited_twice(found[reading]),
+                    "t_n": time,
+                }
         return nominals
 
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:

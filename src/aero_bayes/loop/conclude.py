@@ -29,6 +29,8 @@ from aero_bayes.search.models import FittedModel
 
 #: Largest number of equivalent alternatives that are listed by name.
 MAX_NAMED_ALTERNATIVES = 2
+#: Structures that unseen readings may refuse before nothing is named: with more of them one would pass by chance.
+MAX_REFUSALS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,29 +87,44 @@ def diagnosed(conclusion: Conclusion, base: BaseFit, settings: LoopSettings) -> 
 
 
 def conclude(context: LoopContext, base: BaseFit, choice: Choice) -> Conclusion:
-    """Name the structure that was chosen, unless unseen readings refuse it."""
+    """Name the structure that was chosen, unless unseen readings refuse it; then the next one that they do not."""
+    offered: Choice | None = choice
+    refused: dict[tuple[str, ...], Conclusion] = {}
+    while offered is not None and len(refused) < MAX_REFUSALS:
+        told = offered.told()
+        if told.terms not in refused:
+            conclusion, accepted = _offer(context, base, told)
+            if accepted:
+                return conclusion
+            refused[told.terms] = conclusion
+        offered = offered.refuse()
+    return next(iter(refused.values()))
+
+
+def _offer(context: LoopContext, base: BaseFit, choice: Choice) -> tuple[Conclusion, bool]:
+    """The conclusion from a choice, and whether unseen readings accept it."""
     settings, chosen = context.settings, choice.fitted
     base = refit_base(context, base, _first_of(choice))
     before = context.unseen.predict(base.plain, base.fit)
     context.statistics.end_stage("judgement")
     smaller = smaller_effects(context, choice)
     if not (chosen.terms or (settings.include_smaller and smaller)):
-        return _without_effect(context, base, choice, before, smaller)
+        return _without_effect(context, base, choice, before, smaller), True
     try:
         extended = extend(context, base, choice)
     except CannotFinishError:
         why = f"{_explained(chosen)}, but with {_them(chosen)} the model cannot be simulated on unseen data."
-        return _unexplained(base, choice, why, before, smaller)
+        return _unexplained(base, choice, why, before, smaller), False
     if "Validation" not in settings.leave_out and not settings.structures.require:
         reason = refusal(before, extended.after, context.recordings, extended.reports)
         if reason:
             why = f"{_explained(chosen)}, but {reason} The missing effect is a different one."
-            return _unexplained(base, choice, why, before, smaller)
+            return _unexplained(base, choice, why, before, smaller), False
     return Conclusion(
         base, choice, steps_of(choice), "extended", _extended_text(context, choice, extended, before), before,
         extended.after, extended.written, extended.effects, extended.smaller or smaller, extended.calibration,
         extended.fit, extended.reports,
-    )  # fmt: skip
+    ), True  # fmt: skip
 
 
 def _first_of(choice: Choice) -> FittedModel:
@@ -122,7 +139,7 @@ def _without_effect(
     far = far_off(
         context.unseen, base.plain, base.fit, base.reports, base.floors, before, context.settings.max_error_ratio
     )
-    if structured or choice.unsure:
+    if structured or choice.unsure or choice.undecided:
         return _unexplained(base, choice, _why_none(base, choice, structured), before, smaller)
     sentence = f"The model is adequate for these recordings: {steps[-1].why}."
     if far.beyond:
@@ -151,6 +168,11 @@ def _why_none(base: BaseFit, choice: Choice, structured: Sequence[ResidualReport
             f"Most of the residual of {recording} lies between {start:.3g} s and {stop:.3g} s. This is a single "
             "disturbance, so the model gets no new effect."
         )
+    if choice.undecided:
+        return (
+            f"The data do not tell what is missing: {_one_of(choice.undecided)}. They act at different places and "
+            "lower the error on left-out readings equally well."
+        )
     unsure = choice.unsure
     if unsure:
         share = choice.comparison.share(unsure, choice.structure)
@@ -174,6 +196,12 @@ def _unexplained(
     )  # fmt: skip
 
 
+def _one_of(ids: Sequence[str]) -> str:
+    """Some terms, the last ones counted where they are many."""
+    named, more = list(ids[: MAX_NAMED_ALTERNATIVES + 1]), len(ids) - MAX_NAMED_ALTERNATIVES - 1
+    return " or ".join([*named, f"one of {more} others"] if more > 0 else named)
+
+
 def _explained(fitted: FittedModel) -> str:
     verb = "explain" if len(fitted.terms) > 1 else "explains"
     return f"The residual is structured. In the fitted data {join_names(list(fitted.terms))} {verb} part of it"
@@ -193,11 +221,14 @@ def _extended_text(context: LoopContext, choice: Choice, extended: ExtendedFit, 
     clauses += [f"lacks {join_names(lacking)}"] if lacking else []
     if not clauses:
         clauses = [f"was extended by small effects, {join_names([e.id for e in extended.smaller])}"]
+    asked = [e for e in effects if e.id not in required]
+    begin = " With {} the error of" if len(asked) > 1 else " The error of"
     falls = [
-        f" With {e.id} the error of {e.share_of} on left-out readings {Share(e.share, e.share_sd, e.share_of).fall}."
-        for e in effects
-        if e.id not in required
+        f"{begin.format(e.id)} {e.share_of} on left-out readings {Share(e.share, e.share_sd, e.share_of).fall}."
+        for e in asked
     ]
+    if choice.undecided:
+        falls.append(f" What else is missing, the data do not tell: {_one_of(choice.undecided)}.")
     sentence = f"The model {', and '.join(clauses)}: {describe_error_change(before, extended.after, context.units)}"
     structured = structured_residuals(extended.reports)
     return (

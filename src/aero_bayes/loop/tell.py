@@ -18,7 +18,6 @@ from aero_bayes.estimate.finished_fit import assess_columns, with_bounds
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.prediction import shifts
 from aero_bayes.loop.conclude import Conclusion
 from aero_bayes.loop.context import LoopContext
@@ -48,7 +47,7 @@ def result_of(
 ) -> LoopResult:
     """All that the loop found, as plain values."""
     base, written, effects = conclusion.base, conclusion.written, conclusion.effects
-    same = _equivalent(conclusion.choice) if effects else ()
+    same = _equivalent(conclusion)
     parameters = base.plain.parameters
     fitted = fitted_parameters(conclusion.calibration.parameters, conclusion.refit)
     averaged = structure_average(
@@ -123,10 +122,11 @@ def _calibrated(
     return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added)
 
 
-def _equivalent(choice: Choice) -> tuple[tuple[str, ...], ...]:
-    """Classes of terms that the data do not tell apart."""
-    classes = [choice.alike(t) for t in choice.terms]
-    return tuple(ids for ids in classes if len(ids) > 1)
+def _equivalent(conclusion: Conclusion) -> tuple[tuple[str, ...], ...]:
+    """Classes of terms that the data do not tell apart; the last one is of terms of which none is named."""
+    choice = conclusion.choice
+    classes = [choice.alike(t) for t in choice.terms] if conclusion.effects else []
+    return tuple(ids for ids in (*classes, choice.undecided) if len(ids) > 1)
 
 
 def _alternative_sentence(alternatives: Sequence[FixedValueAlternative]) -> str:
@@ -233,12 +233,13 @@ def _separating_experiments(
     """For the first class of equivalent terms: the experiments that would separate them, on a rig that is known."""
     if not classes or context.family.base_model().declared.limits.input is None:
         return ()
-    chosen, (first, *others) = conclusion.choice.fitted, classes[0]
-    lines = []
+    (first, *others), fits = classes[0], conclusion.choice.explored.fits
+    rest, lines = conclusion.choice.structure.minus(first), list[str]()
+    chosen = fits.get(rest.plus(first))
     for other in others[:2]:
-        rival = conclusion.choice.explored.fits.get(chosen.structure.minus(first).plus(other))
+        rival = fits.get(rest.plus(other))
         pair = f"{first} from {other}"
-        if rival is None:
+        if chosen is None or rival is None:
             continue
         try:
             apart = separating_experiment(

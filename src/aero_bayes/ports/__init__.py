@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from aero_bayes.ports.nominal_values import port_nominals as port_nominals
     from aero_bayes.ports.nominal_values import recorded_inputs as recorded_inputs
     from aero_bayes.ports.nominal_values import relative_change as relative_change
+    from aero_bayes.ports.nominal_values import share_visited_twice as share_visited_twice
     from aero_bayes.ports.nominal_values import signal_nominal as signal_nominal
     from aero_bayes.ports.nominal_values import simulated_signals as simulated_signals
     from aero_bayes.ports.nominal_values import visited_range as visited_range
@@ -48,7 +49,7 @@ __getattr__, __dir__ = lazy_exports(
         "insertion_point": "InsertionPoint find_insertion_point in_vector",
         "internal_signals": "defining_equations",
         "nominal_values": "NEGLIGIBLE_TERM NOMINAL_QUANTILE fastest_time_scale port_nominals "
-        "recorded_inputs relative_change signal_nominal simulated_signals visited_range",
+        "recorded_inputs relative_change share_visited_twice signal_nominal simulated_signals visited_range",
         "port": "Attachment DIFFERENCE KELVIN Port PortKind port_table signal_expression",
         "replaceable": "CombinationRule ReplaceableModel find_replaceable_models",
     },

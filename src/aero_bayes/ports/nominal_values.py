@@ -32,6 +32,10 @@ NOMINAL_QUANTILE = 0.995
 MIN_NOMINAL = 1e-200
 #: Share of its range that a place must move in a direction for that to count.
 MIN_TRAVEL_SHARE = 0.02
+#: Share of its range by which a signal must move back to count as turning back: sensor noise is less.
+MIN_RETURN_SHARE = 0.1
+#: Parts of a signal's range that are looked at for how often it passes them.
+RANGE_PARTS = 40
 #: Number of first readings whose regression line gives the initial value of a level.
 LEVEL_READINGS = 5
 #: Time for which a model is simulated until it settles, in lengths of the recording; and the largest change of a level
@@ -47,7 +51,7 @@ def port_nominals(
     """Nominal values by the id of the port, under the names of the partial models of laws (``f_n``, ``v_n``, ...).
 
     The nominal value of a law's output in a balance is that of the largest term of the balance. Beside them stands the
-    range of each signal, ``v_low`` and ``v_high`` for ``v``.
+    range of each signal, ``v_low`` and ``v_high`` for ``v``, and the share of it that is visited twice, ``v_twice``.
     """
     ports = [p for p in ports if p.replaceable is None]
     structure, outputs = alias_structure(flat), _AddedOutputs(flat)
@@ -241,6 +245,37 @@ def visited_range(signal: str, parts: Sequence[FloatArray]) -> dict[str, float]:
     return {f"{signal}_low": float(low), f"{signal}_high": float(high)}
 
 
+def share_visited_twice(parts: Sequence[FloatArray]) -> float:
+    """Share of a signal's range that it passes at least twice, over all recordings (n,) one after the other.
+
+    It counts as turning back where it moves back by :data:`MIN_RETURN_SHARE` of its range. Zero for what never moves.
+    """
+    whole = np.concatenate([part[np.isfinite(part)] for part in parts]) if parts else np.zeros(0)
+    span = float(np.ptp(whole)) if whole.size else 0.0
+    if span <= 0.0:
+        return 0.0
+    turns = _turning_points(whole, MIN_RETURN_SHARE * span)
+    grid = float(whole.min()) + span * (np.arange(RANGE_PARTS) + 0.5) / RANGE_PARTS
+    low, high = np.minimum(turns[:-1], turns[1:]), np.maximum(turns[:-1], turns[1:])
+    passes = ((low[:, np.newaxis] <= grid) & (grid <= high[:, np.newaxis])).sum(axis=0)
+    return float(np.mean(passes >= 2))
+
+
+def _turning_points(signal: FloatArray, least: float) -> FloatArray:
+    """First value, extremes from which a signal (n,) moves back by more than ``least``, and the last extreme."""
+    found, extreme, rising = [float(signal[0])], float(signal[0]), None
+    for value in signal.tolist():
+        if rising is None:
+            rising = value > found[0] if abs(value - found[0]) > least else None
+            extreme = value
+        elif (value > extreme) is rising:
+            extreme = value
+        elif abs(value - extreme) > least:
+            found.append(extreme)
+            extreme, rising = value, not rising
+    return np.array([*found, extreme])
+
+
 def _directions(places: Sequence[FloatArray], speed: Mapping[str, float]) -> dict[str, float]:
     """The range of a speed, without a direction in which the place does not move.
 
@@ -320,6 +355,8 @@ def _nominals(
         nominals |= {"h_n": above, "h_0": mean, "h_z": KELVIN.get(port.units.get("h", ""), 0.0)}
     for signal, name in seen.items():
         nominals |= visited_range(signal, found.get(name, ()))
+        if found.get(name):
+            nominals[f"{signal}_twice"] = share_visited_twice(found[name])
     if "v_high" in nominals and seen.get("x", "") in found and found[seen["x"]]:
         nominals |= _directions(found[seen["x"]], {name: nominals[name] for name in ("v_low", "v_high")})
     return nominals | {"t_n": time}
