@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-coverage lint bench trial trial-quick rig-trial real-rigs real-trial ablation coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation coverage coverage-wrong docs dist lock clean
 
 all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
@@ -107,6 +107,9 @@ trial-quick: setup ## a small part of the blind trial
 
 rig-trial: setup ## the blind trial over many kinds of rigs -> reports/rig_trial.json (resumable)
 	$(BIN)/python studies/rig_trial.py --out reports
+
+fault-trial: setup ## complete models, one fault of data, solver or noise -> reports/fault_trial.json (resumable, 15 minutes a run)
+	$(BIN)/python studies/fault_trial.py --out reports
 
 real-rigs: setup ## the loop on measured recordings of real rigs in ../shared -> reports/real_rigs (resumable)
 	$(BIN)/python studies/real_rigs.py --out reports --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS))

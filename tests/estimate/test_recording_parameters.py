@@ -98,3 +98,18 @@ def test_written_model_says_what_it_holds(tmp_path: Path, rng: np.random.Generat
     assert written.parameters["gain"] == pytest.approx(2.5, rel=0.01)
     assert "gain@a = " in written.remarks["gain"]
     assert "gain@b = " in written.remarks["gain"]
+
+
+def test_parts_of_a_recording_share_its_value(modelica: Callable[[str], Model], rng: np.random.Generator):
+    whole = lag(rng, "empty", 2.0, 0.0)
+    # No sample around a change of the input: the recording is cut there.
+    keep = (whole.time < 18.0) | (whole.time > 22.0)
+    recordings = [whole.rows_where(keep, "empty"), lag(rng, "loaded", 3.5, 1.0)]
+    searched = {"gain": Override(per_recording=True), "tau": None}
+    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=searched, settings=LOCAL, workers=0)
+    assert len(fit.calibration.recordings) == 3
+    assert [n for n in fit.parameters if n.startswith("gain")] == ["gain@empty", "gain@loaded"]
+    for name, truth in (("gain@empty", 2.0), ("gain@loaded", 3.5)):
+        assert abs(fit[name].value - truth) < 4.0 * (fit[name].sd or 0.0)
+    assert fit.diagnosis.first is not None
+    assert fit.diagnosis.first.cause == "data"

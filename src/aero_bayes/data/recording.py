@@ -52,6 +52,8 @@ class Recording:
         Faults of the readings that were found, see :func:`aero_bayes.data.screen`.
     resumes : bool
         Whether it begins in mid-motion after a gap, so that the initial value of every state is estimated.
+    part_of : str
+        Name of the recording that it is a part of, where one was cut at a gap.
     first_row : int
         Row of the file with the first sample, the first line being 1; 1 for arrays.
 
@@ -85,6 +87,7 @@ class Recording:
     path: Path | None = None
     findings: tuple[DataFinding, ...] = ()
     resumes: bool = False
+    part_of: str = ""
     first_row: int = 1
 
     def __post_init__(self) -> None:

@@ -163,5 +163,5 @@ def _parts(recording: Recording) -> tuple[Recording, ...]:
         keep[a:b] = True
         name = f"{recording.name} (part {k + 1})" if len(spans) > 1 else recording.name
         part = recording.rows_where(keep, name)
-        found.append(replace(part, findings=(*recording.findings, finding), resumes=a > 0))
+        found.append(replace(part, findings=(*recording.findings, finding), resumes=a > 0, part_of=recording.name))
     return tuple(found)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from aero_bayes.check.residual_tests import check_residuals
-from aero_bayes.display import join_names
+from aero_bayes.display import join_names, with_unit
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.result import Fit
+
+#: Share of rounding in the variance of a residual from which it is told: below, the noise smooths the steps.
+MIN_ROUNDED_SHARE = 0.25
 
 
 def check_noise(fit: Fit) -> DiagnosisRow:
@@ -17,6 +22,11 @@ def check_noise(fit: Fit) -> DiagnosisRow:
     if reports and all(report.exact for report in reports):
         left = ", ".join(f"{o} {rms:.1g}" for o, rms in fit.rms.items())
         return DiagnosisRow("noise", False, f"There is no noise at all: what is left ({left}) is rounding.")
+    rounded = _rounded(fit)
+    if rounded:
+        units = {v.name: v.unit for v in fit.calibration.model.outputs}
+        where = ", ".join(f"{o}: steps of {with_unit(f'{step:.3g}', units.get(o, ''))}" for o, step in rounded.items())
+        return DiagnosisRow("noise", True, f"{join_names(list(rounded))} is rounded to coarse counts.", where)
     correlated = {o: n for o, n in fit.noise.items() if n.kind == "ou"}
     if not correlated:
         return DiagnosisRow("noise", False, "The noise was taken as white in every output.")
@@ -24,6 +34,12 @@ def check_noise(fit: Fit) -> DiagnosisRow:
         "noise", True, f"The noise of {join_names(list(correlated))} is correlated over time.",
         ", ".join(f"{o}: over {n.tau:.3g} s" for o, n in correlated.items()), "Intervals use it.",
     )  # fmt: skip
+
+
+def _rounded(fit: Fit) -> dict[str, float]:
+    """Steps of the outputs whose rounding is a large part of their residual."""
+    counts = {o: cast("dict[str, float]", entry["encoder"]) for o, entry in fit.sensors.items() if "encoder" in entry}
+    return {o: own["step"] for o, own in counts.items() if own["share"] >= MIN_ROUNDED_SHARE}
 
 
 def _unequal_row(fit: Fit) -> DiagnosisRow:

@@ -197,8 +197,7 @@ class Calibration:
     def problem(self) -> Problem:
         """What a simulator runs; the columns are ``parameters`` in order."""
         targets = tuple(
-            tuple(p.target if p.recording in (None, e) else None for p in self.parameters)
-            for e in range(len(self.experiments))
+            tuple(p.target if p.acts_in(e) else None for p in self.parameters) for e in range(len(self.experiments))
         )
         changes = max((s.time.size for e in self.experiments for s in e.inputs), default=0)
         if self.process is not None:

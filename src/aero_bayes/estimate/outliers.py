@@ -6,13 +6,14 @@ what a model lacks, which lasts longer than a reading or follows a change of an 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
-from aero_bayes.data import DataFinding, Recording
+from aero_bayes.data import DataFinding, Recording, quantisation_step
 from aero_bayes.data.runs import MAD_TO_SD, FloatArray, Mask, after_changes, runs
 from aero_bayes.data.screen import hide
 from aero_bayes.display import with_unit
@@ -93,7 +94,9 @@ def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, 
         return none
     residual, seen = measured[at] - fitted[at], measured[at]
     off = residual - median_filter(residual, AROUND, mode="nearest")
-    size = MAD_TO_SD * float(np.median(np.abs(off)))
+    # Rounding alone spreads readings by this; the median of what is left of it may be anything below.
+    least = (quantisation_step(seen) or 0.0) / math.sqrt(12.0)
+    size = max(MAD_TO_SD * float(np.median(np.abs(off))), least)
     far = np.abs(off) > max(OUTLIER * size, MIN_SIZE * float(np.ptp(fitted[at])), 1e-300)
     beside = np.abs(seen - median_filter(seen, AROUND, mode="nearest"))
     far &= beside > MIN_OFF_NEIGHBOURS * np.abs(off)

@@ -51,6 +51,8 @@ class Parameter:
         It has a value of its own in each recording.
     starts : tuple of str
         States whose initial value it is; it does nothing else.
+    shared_with : tuple of int
+        Indices of further recordings that it belongs to: the other parts of a recording that was cut at a gap.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class Parameter:
     auto: bool = False
     per_recording: bool = False
     starts: tuple[str, ...] = ()
+    shared_with: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper):
@@ -83,6 +86,10 @@ class Parameter:
         if self.scale == "log" and self.lower <= 0.0:
             raise InputError(f"{self.name}: a logarithmic axis needs a positive lower bound, not {self.lower:g}")
         object.__setattr__(self, "prior", self.prior.bounded(self.lower, self.upper))
+
+    def acts_in(self, recording: int | None) -> bool:
+        """Whether it belongs to a recording, by its index."""
+        return self.recording in (None, recording) or recording in self.shared_with
 
 
 def prior_curvature(second: FloatArray) -> FloatArray:

@@ -25,7 +25,8 @@ def with_started_states(parameters: ParameterSet, model: Model) -> ParameterSet:
 def for_recordings(parameters: ParameterSet, model: Model, recordings: Sequence[Recording]) -> ParameterSet:
     """One parameter a recording, ``C@recording``, in the place of each that has a value of its own in each.
 
-    An initial value keeps its own name where there is one recording, and is searched from the first reading.
+    The parts of a recording that was cut at a gap share one, unless it is an initial value. An initial value keeps its
+    own name where there is one recording, and is searched from the first reading.
     """
     found: list[Parameter] = []
     for p in parameters:
@@ -33,10 +34,20 @@ def for_recordings(parameters: ParameterSet, model: Model, recordings: Sequence[
             found.append(p)
             continue
         alone = len(recordings) == 1 and not p.per_recording
-        for index, recording in enumerate(recordings):
-            name = p.name if alone else f"{p.name}@{recording.name}"
-            found.append(replace(p, name=name, recording=index, start=_start(p, model, recording)))
+        for name, (index, *others) in _groups(p, recordings).items():
+            own = p.name if alone else f"{p.name}@{name}"
+            start = _start(p, model, recordings[index])
+            found.append(replace(p, name=own, recording=index, start=start, shared_with=tuple(others)))
     return ParameterSet(tuple(found))
+
+
+def _groups(p: Parameter, recordings: Sequence[Recording]) -> dict[str, list[int]]:
+    """Indices of the recordings that share a value, by the name of the value: the parts of one, or each its own."""
+    found: dict[str, list[int]] = {}
+    for index, recording in enumerate(recordings):
+        shared = recording.part_of and not p.starts
+        found.setdefault(recording.part_of if shared else recording.name, []).append(index)
+    return found
 
 
 def templates(parameters: Iterable[Parameter]) -> list[Parameter]:
@@ -49,7 +60,7 @@ def templates(parameters: Iterable[Parameter]) -> list[Parameter]:
         if p.recording is None:
             found[p.name] = p
         elif p.per_recording or p.starts:
-            found.setdefault(_target_name(p), replace(p, name=_target_name(p), recording=None))
+            found.setdefault(_target_name(p), replace(p, name=_target_name(p), recording=None, shared_with=()))
     return list(found.values())
 
 

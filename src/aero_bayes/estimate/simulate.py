@@ -174,7 +174,7 @@ def _columns(
 ) -> dict[ProblemTarget, FloatArray]:
     """What each column of the simulated problem means, and its values (n,)."""
     columns: dict[ProblemTarget, FloatArray] = {
-        p.target: values[:, j] for j, p in enumerate(calibration.parameters) if p.recording in (None, own)
+        p.target: values[:, j] for j, p in enumerate(calibration.parameters) if p.acts_in(own)
     }
     if own is None:
         for target, mean in typical(calibration, values, calibration.recordings).items():

@@ -1,0 +1,106 @@
+"""The trial of the diagnosis: faults are what they say they are, and rates count what they should."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import aero_bayes
+from fault_trial import FaultTask, Rig, attempt, draw, fault_tasks, shortened, summarise
+from simulated_rigs import draw_rig_trial
+from simulated_rigs.faults import FAULTS, Faulty, with_fault, without_fault
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    trial = shortened(draw_rig_trial("pendulum", 3, 11001, "none"))
+    section = tomllib.loads(trial.toml.read_text(encoding="utf-8"))
+    folder = tmp_path_factory.mktemp("pendulum")
+    model = aero_bayes.load_model(section["model"]["name"], sources=[trial.model], folder=folder)
+    return Rig(trial, model, list(section["parameters"]))
+
+
+def test_faults_of_the_data_change_only_what_they_say(pendulum: Rig) -> None:
+    trial, rng = pendulum.trial, np.random.default_rng(1)
+    right, found = trial.train.outputs["angle"], {}
+    for fault in FAULTS:
+        given = with_fault(trial, fault, rng)
+        assert given is not None
+        found[fault] = given
+    changed = {f: found[f].recording.outputs["angle"] != right for f in ("impossible", "outliers", "stuck", "clipped")}
+    assert set(found["impossible"].recording.outputs["angle"][changed["impossible"]]) == {-999.0}
+    assert changed["impossible"].sum() == 3
+    assert changed["outliers"].mean() == pytest.approx(0.03)
+    assert np.unique(found["stuck"].recording.outputs["angle"][changed["stuck"]]).size == 1
+    assert 0.02 < changed["clipped"].mean() < 0.11
+    assert np.max(np.diff(found["gap"].recording.time)) > 20.0 * trial.train.interval
+    turns = (found["wrapped"].recording.outputs["angle"] - right) / (2.0 * np.pi)
+    assert np.allclose(turns, np.round(turns))
+    assert np.ptp(np.round(turns)) >= 1.0
+    steps = np.unique(np.diff(np.unique(found["rounded"].recording.outputs["angle"])).round(12))
+    assert np.allclose(steps / steps[0], np.round(steps / steps[0]))
+    assert found["solver"].recording is trial.train
+    assert found["solver"].tolerance is not None
+
+
+def test_a_fault_that_makes_no_sense_is_not_given() -> None:
+    heat = draw_rig_trial("heat", 1, 11001, "none")
+    rng = np.random.default_rng(1)
+    # Temperatures in K are no angles, and all of about the same size.
+    assert with_fault(heat, "wrapped", rng) is None
+    assert with_fault(heat, "relative", rng) is None
+
+
+def test_a_coarse_solver_is_named_and_a_fine_one_is_not(pendulum: Rig) -> None:
+    coarse = pendulum.fit(Faulty(pendulum.trial.train, tolerance=0.05)).diagnosis
+    fine = pendulum.fit(without_fault(pendulum.trial)).diagnosis
+    assert coarse.first is not None
+    assert coarse.first.cause == "solver"
+    assert coarse.first.explains
+    assert "angle" in coarse.first.where
+    assert not fine["solver"].found
+    assert not fine["model"].found
+
+
+def test_coarse_counts_are_named(pendulum: Rig) -> None:
+    trial = pendulum.trial
+    clean, sd = trial.noise_free["train"].outputs["angle"], trial.truth.noise["angle"].white
+    noisy = clean + sd * np.random.default_rng(2).standard_normal(clean.size)
+    for step, named in ((8.0 * sd, True), (0.5 * sd, False)):
+        recording = replace(trial.train, outputs={"angle": step * np.round(noisy / step)}, sha256="")
+        noise = pendulum.fit(Faulty(recording)).diagnosis["noise"]
+        assert (noise.found and "rounded" in noise.what) == named
+
+
+def test_a_trial_is_repeatable_and_judged(tmp_path: Path) -> None:
+    task = FaultTask(11001, "impossible", 0)
+    (rig, given), (_, again) = draw(task, tmp_path / "a"), draw(task, tmp_path / "b")
+    assert np.array_equal(given.recording.outputs[given.output], again.recording.outputs[given.output])
+    row = attempt(task)
+    assert "error" not in row
+    assert row["causes"][0] == "data"
+    assert row["findings"] == ["sentinel"]
+    assert row["rig"] == rig.trial.truth.kind
+
+
+def test_rates_count_what_was_asked() -> None:
+    rows = [
+        {"key": "1", "fault": "stuck", "cause": "data", "causes": ["data", "model"], "what": ["a", "b"]},
+        {"key": "2", "fault": "stuck", "cause": "data", "causes": ["model"], "what": ["b"]},
+        {"key": "3", "fault": "solver", "cause": "solver", "causes": ["data", "solver"], "what": ["a", "c"]},
+        {"key": "4", "fault": "relative", "cause": "noise", "causes": ["noise"], "what": ["d"]},
+        {"key": "5", "fault": "clear", "cause": "", "causes": ["noise"], "what": ["d"], "correlated": True},
+        {"key": "6", "fault": "clear", "cause": "", "causes": ["noise"], "what": ["d"], "correlated": False},
+    ]
+    found = summarise(rows, 3)
+    assert found["faults"] == {"loops": 4, "cause_named": 0.5, "model_blamed": 0.25}
+    assert found["clear"] == {"loops": 2, "cause_named": 0.5}
+    assert found["kinds"]["stuck"]["loops"] == 2
+    assert found["left"] == 3
+    tasks = fault_tasks(1, 20, 10)
+    assert len({task.key for task in tasks}) == 30
+    assert {task.fault for task in tasks[:18]} == {*FAULTS, "clear"}
