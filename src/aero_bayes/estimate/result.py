@@ -108,6 +108,8 @@ class Fit(FitStatistics, EstimateTable):
     True
     >>> fit.reason.name, str(fit["k"].status), fit["k"].note, fit["k"].recording
     ('CONVERGED', 'identified', '', '')
+    >>> fit.modes, fit.modes_sentence, fit.trials_sentence  # one answer, and no listed values
+    ((), '', '')
     >>> from aero_bayes.simulation import open_simulator
     >>> with open_simulator(fit.calibration.problem(), workers=0) as simulator:
     ...     target, joint = fit.target(simulator), fit.joint_target(simulator)

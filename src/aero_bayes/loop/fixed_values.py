@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -56,21 +57,27 @@ def find_alternatives(
         return ()
     extended, found = cache.beside(fixed), list[FixedValueAlternative]()
     for id_ in chosen.terms:
-        rest = explored.fits.get(chosen.structure.minus(id_))
-        if rest is not None:
-            with suppress(CannotFinishError):
-                found += _alternatives_to(extended, chosen, id_, rest, fixed, settings)
+        start = explored.fits.get(chosen.structure.minus(id_), chosen)
+        with suppress(CannotFinishError):
+            found += _alternatives_to(extended, chosen, id_, start.values, fixed, settings)
     extended.close()
     return tuple(found)
 
 
 def _alternatives_to(
-    extended: ModelCache, chosen: FittedModel, id_: str, rest: FittedModel, fixed: ParameterSet, settings: LoopSettings
+    extended: ModelCache,
+    chosen: FittedModel,
+    id_: str,
+    start: Mapping[str, float],
+    fixed: ParameterSet,
+    settings: LoopSettings,
 ) -> list[FixedValueAlternative]:
-    """Fixed parameters that do as well as a term; ``rest`` is the fit without it."""
+    """Fixed parameters that do as well as a term; the fit without it begins at the values ``start``."""
     fit = replace(settings.local_fit, hold_noise=True)
-    model = extended.of(rest.structure)
-    without_term = model.fit(rest.structure, model.at(rest.values, rest.terms), rest.noise, fit)
+    structure = chosen.structure.minus(id_)
+    model = extended.of(structure)
+    # Evidence compares under one noise only: that of the chosen structure.
+    without_term = model.fit(structure, model.at(start, structure.terms), chosen.noise, fit)
     gains = _predicted_gains(without_term, fixed)
     needed = MIN_GAIN_SHARE * without_term.temperature * (chosen.log_evidence - without_term.log_evidence)
     likely = sorted((n for n in gains if gains[n] > needed), key=lambda n: -gains[n])

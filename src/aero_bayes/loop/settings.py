@@ -76,6 +76,8 @@ class LoopSettings(SettingsDisplay):
     >>> settings = aero_bayes.LoopSettings(free=("k", "d"), exclude=("F",))
     >>> [type(edit).__name__ for edit in settings.search_parts.last_edits]
     ['AddProcessNoise']
+    >>> settings.choice.min_share
+    0.75
     >>> settings, settings.allows("F"), settings.allows("v")
     (LoopSettings(exclude=('F',), free=('k', 'd')), False, True)
     """

@@ -351,7 +351,8 @@ def _nominals(
             # relative to its rest or initial value, so that a law is the same in K and in degC
             mean = start if start is not None else float(level[0][0])
             around = [np.array(mean)] * len(level)
-        above = signal_nominal([y - z for y, z in zip(level, around, strict=True)]) or 1.0
+        # Levels that were recorded have no simulations beyond the recordings.
+        above = signal_nominal([y - z for y, z in zip(level, around, strict=False)]) or 1.0
         nominals |= {"h_n": above, "h_0": mean, "h_z": KELVIN.get(port.units.get("h", ""), 0.0)}
     for signal, name in seen.items():
         nominals |= visited_range(signal, found.get(name, ()))
