@@ -100,7 +100,8 @@ def fit_verdict(
         return {"level": "warning", "text": f"{what}effect."}
     told = cause_sentence(found[0]) if found else ""
     if structured:
-        rest = "The residual is more than noise; this is looked into before the model is blamed."
+        left = next(str(row["what"]) for row in found if row["cause"] == "model")
+        rest = f"{left} This cause is looked into before the model is blamed."
         return {"level": "warning", "text": f"{told} {rest}"}
     sampled = ", and the posterior has converged" if mcmc is not None else ""
     down = "exactly: they have no noise at all" if exact else "down to the noise"

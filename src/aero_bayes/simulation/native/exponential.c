@@ -25,7 +25,7 @@ static const double between[NODES_X] = {8.0 / 15.0, 2.0 / 3.0, -0.2};
 
 #define CLOSE_TO_LINEAR 1e-3 /* a remainder, in units of the tolerance, that does not count */
 #define OFF_PARABOLA 0.3     /* error at the end by the parabola's defect at the beginning: at least that of a kink */
-#define OF_SMOOTH 0.03       /* and the share of it that counts where the remainder was seen to be smooth */
+#define OF_SMOOTH 0.3         /* and the share of it that counts where the remainder was seen to be smooth; less misses kinks */
 #define OLD_JACOBIAN 0.5     /* error from which a newer Jacobian is worth its matrices, */
 #define FAR_FROM_JACOBIAN 5e-3 /* where the corrections shrink by no more than this */
 #define MUCH_SMALLER 0.1       /* error at which a step of twice the length is likely to do */
