@@ -48,11 +48,6 @@ class CommonNoise:
     reports: tuple[ResidualReport, ...]
 
     @property
-    def total_samples(self) -> float:
-        """Effective samples of all outputs."""
-        return sum(self.effective_samples.values())
-
-    @property
     def adequate(self) -> bool:
         """Whether the best structure leaves only noise in every output."""
         return not self.structured
