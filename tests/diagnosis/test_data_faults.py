@@ -65,6 +65,14 @@ def test_few_readings_among_many_rows(room: aero_bayes.Model, every: int) -> Non
     assert found.parameters["C"].sd is not None
 
 
+def test_crests_of_what_a_model_lacks_near_a_resonance_are_no_outliers() -> None:
+    # ten readings a period, in bursts: most of the time there is far less
+    rng = np.random.default_rng(5)
+    k = np.arange(4000)
+    residual = np.sin(0.63 * k) * np.sin(0.004 * k) ** 8 + rng.normal(0.0, 0.02, k.size)
+    assert not outlier_rows(residual, np.zeros(k.size), {}).any()
+
+
 def test_outliers_are_told_from_heavy_tails_and_delays() -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):

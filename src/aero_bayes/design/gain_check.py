@@ -19,6 +19,10 @@ from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]
 
+#: Predicted decrease of the cost, in nats, at which a refit has converged: less is lost in the error of the solver, and
+#: it moves a parameter by a seventh of its standard deviation at most.
+REFIT_TOLERANCE = 1e-2
+
 
 @dataclass(frozen=True)
 class GainCheck:
@@ -147,7 +151,7 @@ def refit_experiment(
         start = centre.copy()
         if predictor.delay is not None:
             start = _best_delay(simulator, free, centre, rows)
-        result = levenberg_marquardt(FixedCost(quadratic), start, *free.box, LocalSettings(tolerance=1e-4))
+        result = levenberg_marquardt(FixedCost(quadratic), start, *free.box, LocalSettings(tolerance=REFIT_TOLERANCE))
     return (result.point[:count], result.cost) if result.reason.converged else None
 
 

@@ -104,7 +104,8 @@ def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, 
     near = after_changes(inputs)[at] if inputs else none[at]
     far &= ~near | (np.abs(off) > MIN_TIMES_MOVED * moved)
     for start, stop in runs(far):
-        if stop - start > (1 if near[start:stop].any() else MOST_IN_A_ROW):
+        too_long = stop - start > (1 if near[start:stop].any() else MOST_IN_A_ROW)
+        if too_long or not _off_the_curve(residual, off, start, stop):
             far[start:stop] = False
     unusual = int(((np.abs(off) > UNUSUAL * size) & (np.abs(off) <= OUTLIER * size)).sum())
     if not far.any() or far.mean() > MAX_SHARE or far.sum() <= unusual - NORMAL_UNUSUAL * at.size:
@@ -112,6 +113,19 @@ def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, 
     found = none.copy()
     found[at[far]] = True
     return found
+
+
+def _off_the_curve(residual: FloatArray, off: FloatArray, start: int, stop: int) -> bool:
+    """Whether a run of readings is off the cubic through the two residuals on either side of it.
+
+    What a model lacks near a resonance has crests of a few readings; these lie on the curve, outliers do not.
+    """
+    beside = np.array([k for k in (start - 2, start - 1, stop, stop + 1) if 0 <= k < residual.size])
+    rows = np.arange(start, stop)
+    middle = 0.5 * (start + stop - 1)
+    curve = np.polynomial.Polynomial.fit(beside - middle, residual[beside], beside.size - 1)
+    distance = np.abs(residual[rows] - curve(rows - middle))
+    return bool(np.any(distance > MIN_OFF_NEIGHBOURS * np.abs(off[rows])))
 
 
 def _hidden(recording: Recording, name: str, rows: np.ndarray, distances: FloatArray) -> Recording:
