@@ -307,9 +307,25 @@ def bench_command(out: Path, seed: int) -> None:
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def fleet_command(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
     """Fit many rigs of one model and compare them. Rigs that were fitted before are not fitted again."""
-    from aero_bayes.fleet.command import run_fleet
+    from aero_bayes.files import one_run_at_a_time
+    from aero_bayes.fleet import fleet, open_executor, read_fleet
+    from aero_bayes.workflow import ProgressBar
 
-    run_fleet(config, out, dask=dask, seed=seed, workers=workers, quiet=quiet)
+    total, done = len(read_fleet(config).rigs), 0
+    with one_run_at_a_time(out), open_executor(dask, workers) as executor, ProgressBar(quiet) as bar:
+
+        def progress(count: int) -> None:
+            nonlocal done
+            done += count
+            bar("rigs", done / total, f"{done} of {total}")
+
+        progress(0)
+        try:
+            result = fleet(config, out, seed=seed, executor=executor, progress=progress)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"run the same command again to continue from {out / 'rigs.sqlite'}") from None
+    click.echo(result.verdict.text.replace("`", "") if result.verdict else "")
+    click.echo(f"wrote {out / 'fleet.json'} and {out / 'report.html'}")
 
 
 if __name__ == "__main__":

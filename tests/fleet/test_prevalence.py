@@ -14,14 +14,13 @@ LEVELS = np.array([0.05, 0.5, 0.95])
 def test_an_effect_that_cannot_be_missed_is_only_counted() -> None:
     strengths = np.full(30, 9.0) + np.linspace(-0.2, 0.2, 30)
     found = estimate_prevalence(strengths, np.ones(30), 100)
-    assert found.seen > 0.999
+    assert found.noticed > 0.999
     np.testing.assert_allclose(found.quantiles(LEVELS), beta.ppf(LEVELS, 30.5, 70.5), atol=3e-3)
 
 
 def test_an_effect_at_the_edge_of_what_is_noticed_may_be_anywhere() -> None:
     weak = estimate_prevalence(np.abs(np.random.default_rng(1).normal(0.0, 0.4, 6)), np.ones(6), 20)
-    assert weak.seen < 0.8
-    assert weak.unseen > 0.05
+    assert weak.noticed < 0.8
     low, _, high = weak.quantiles(LEVELS)
     assert high - low > 0.4
 

@@ -27,13 +27,7 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class LocalPool(Executor):
-    """Processes of this machine, replaced when one of them dies.
-
-    Parameters
-    ----------
-    workers : int, optional
-        One a core by default.
-    """
+    """Processes of this machine, one a core by default, replaced when one of them dies."""
 
     def __init__(self, workers: int | None = None) -> None:
         self.workers = workers or len(os.sched_getaffinity(0))
@@ -48,7 +42,7 @@ class LocalPool(Executor):
         return ProcessPoolExecutor(self.workers, context, _begin, (os.getpid(),), max_tasks_per_child=TASKS_PER_PROCESS)
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """As any executor, but never broken."""
+        """Submit as any executor does, with new processes where the old ones broke."""
         try:
             return self._pool.submit(fn, *args, **kwargs)
         except BrokenProcessPool:
@@ -67,7 +61,7 @@ class LocalPool(Executor):
 
 
 def _begin(parent: int) -> None:
-    """In a new process of the pool: end when the parent does, however that ends."""
+    """Have a new process of the pool end when the parent does, however that ends."""
     # What Ctrl-C sends reaches every process; only the parent has something to say about it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=watch_parent, args=(parent,), daemon=True).start()
@@ -75,7 +69,7 @@ def _begin(parent: int) -> None:
 
 @contextmanager
 def open_executor(dask: str | None = None, workers: int | None = None) -> Iterator[Executor]:
-    """This machine's cores, or the workers of a running Dask scheduler.
+    """Open this machine's cores, or the workers of a running Dask scheduler.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 MIN_RIGS = 4
 #: Points of the grid over τ: first over all sizes, then where the posterior is; nats below its peak that are left out.
 COARSE_POINTS, FINE_POINTS, MAX_DEPTH = 160, 400, 18.0
-#: Rigs that are left out at a time, which bounds the memory.
+#: Rigs that are worked on at a time, which bounds the memory.
 CHUNK_RIGS = 256
 
 
@@ -30,10 +30,8 @@ class Population:
 
     Parameters
     ----------
-    spreads : ndarray, shape (t,)
-        Grid of τ.
-    weights : ndarray, shape (t,)
-        Posterior share of each.
+    spreads, weights : ndarray, shape (t,)
+        Grid of τ, and the posterior share of each.
     means, deviations : ndarray, shape (t,)
         μ given τ is Gaussian with these.
     """
@@ -44,48 +42,56 @@ class Population:
     deviations: FloatArray
 
     def mean_quantiles(self, levels: FloatArray) -> FloatArray:
-        """Quantiles of μ, shape of ``levels``."""
-        return _mixture_quantiles(self.weights, self.means, self.deviations, levels)
+        """Compute quantiles of μ, shape of ``levels``."""
+        return self._quantiles(self.deviations, levels)
 
     def spread_quantiles(self, levels: FloatArray) -> FloatArray:
-        """Quantiles of τ, shape of ``levels``."""
-        below = np.cumsum(self.weights) - 0.5 * self.weights
-        return np.asarray(np.interp(levels, below, self.spreads))
+        """Compute quantiles of τ, shape of ``levels``."""
+        return np.asarray(np.interp(levels, np.cumsum(self.weights) - 0.5 * self.weights, self.spreads))
 
     def next_quantiles(self, levels: FloatArray) -> FloatArray:
-        """Quantiles of the next rig's value, shape of ``levels``."""
-        return _mixture_quantiles(self.weights, self.means, np.hypot(self.deviations, self.spreads), levels)
+        """Compute quantiles of the next rig's value, shape of ``levels``."""
+        return self._quantiles(np.hypot(self.deviations, self.spreads), levels)
 
     def shrunken(self, centres: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation of rigs' own values in the light of the fleet, shape (n,) each."""
+        """Compute mean and standard deviation of rigs' values in the light of the fleet, shape (n,) each."""
         mean, sd = np.empty_like(centres), np.empty_like(centres)
-        variance = self.spreads**2
         for part in _chunks(len(centres)):
-            own = widths[part, None] ** 2
-            pull = own / (own + variance)
-            at = centres[part, None] * (1.0 - pull) + pull * self.means
-            within = (1.0 - pull) * own + (pull * self.deviations) ** 2
-            mean[part] = at @ self.weights
-            sd[part] = np.sqrt((within + at**2) @ self.weights - mean[part] ** 2)
+            variance = widths[part, None] ** 2
+            pull = variance / (variance + self.spreads**2)
+            given = centres[part, None] * (1.0 - pull) + pull * self.means
+            within = (1.0 - pull) * variance + (pull * self.deviations) ** 2
+            mean[part] = given @ self.weights
+            sd[part] = np.sqrt((within + given**2) @ self.weights - mean[part] ** 2)
         return mean, sd
+
+    def _quantiles(self, deviations: FloatArray, levels: FloatArray) -> FloatArray:
+        """Compute quantiles of a mixture of Gaussians over the grid, by bisection of its distribution function."""
+        used = self.weights > 1e-12
+        weights, means, sds = self.weights[used], self.means[used], deviations[used]
+        low, high = (np.full(levels.shape, end) for end in (np.min(means - 40.0 * sds), np.max(means + 40.0 * sds)))
+        for _ in range(80):
+            middle = 0.5 * (low + high)
+            above = ndtr((middle[..., None] - means) / sds) @ weights > levels
+            low, high = np.where(above, low, middle), np.where(above, middle, high)
+        return np.asarray(0.5 * (low + high))
 
 
 def fit_population(centres: FloatArray, widths: FloatArray) -> Population:
-    """Posterior of mean and spread.
-
-    Parameters
-    ----------
-    centres, widths : ndarray, shape (n,)
-        m_i and s_i; at least :data:`MIN_RIGS` rigs, widths positive.
-    """
-    coarse = _spreads_to_try(centres, widths)
-    spreads = _where_likely(coarse, _sums(centres, widths, coarse))
+    """Compute the posterior of mean and spread from m_i and s_i > 0 of at least :data:`MIN_RIGS` rigs, shape (n,)."""
+    largest = 30.0 * max(float(np.ptp(centres)), float(np.median(widths)))
+    coarse = np.append(0.0, np.geomspace(1e-6 * largest, largest, COARSE_POINTS - 1))
+    log = _log_posterior(_sums(centres, widths, coarse))
+    kept = np.flatnonzero(log > log.max() - MAX_DEPTH)
+    low, high = coarse[max(kept[0] - 1, 0)], coarse[min(kept[-1] + 1, len(coarse) - 1)]
+    # Denser towards the lower end, where the density may be steep.
+    spreads = low + (high - low) * np.linspace(0.0, 1.0, FINE_POINTS) ** 1.5
     sums = _sums(centres, widths, spreads)
-    return _posterior(spreads, sums)
+    return Population(spreads, _weights(_log_posterior(sums), spreads), sums[1] / sums[0], sums[0] ** -0.5)
 
 
-def stand_out(centres: FloatArray, widths: FloatArray, found: Population) -> tuple[FloatArray, FloatArray]:
-    """How unlikely each rig is to come from the fleet that all the others form.
+def stand_out(centres: FloatArray, widths: FloatArray, population: Population) -> tuple[FloatArray, FloatArray]:
+    """Tell how unlikely each rig is to come from the fleet that all the others form.
 
     Returns
     -------
@@ -95,96 +101,47 @@ def stand_out(centres: FloatArray, widths: FloatArray, found: Population) -> tup
         The same as a number of standard deviations, with its sign.
     """
     # Without a rig that is far off the others may differ much less than with it.
-    spreads = np.union1d(found.spreads, np.linspace(0.0, found.spreads[0], FINE_POINTS // 2))
+    spreads = np.union1d(population.spreads, np.linspace(0.0, population.spreads[0], FINE_POINTS // 2))
     total = _sums(centres, widths, spreads)
     tail, above = np.empty_like(centres), np.empty_like(centres, dtype=bool)
     for part in _chunks(len(centres)):
-        variance = widths[part, None] ** 2 + spreads**2
-        own = _Sums.of(centres[part, None], variance)
-        rest = _Sums(*(whole - one for whole, one in zip(total.parts, own.parts, strict=True)))
-        log = rest.log_posterior()
-        weights = np.exp(log - log.max(axis=1, keepdims=True)) * _cells(spreads)
-        weights /= weights.sum(axis=1, keepdims=True)
-        z = (centres[part, None] - rest.mean) / np.sqrt(variance + 1.0 / rest.precision)
+        rest = total[:, None] - _terms(centres[part], widths[part], spreads)
+        weights = _weights(_log_posterior(rest), spreads)
+        variance = widths[part, None] ** 2 + spreads**2 + 1.0 / rest[0]
+        z = (centres[part, None] - rest[1] / rest[0]) / np.sqrt(variance)
         lower, upper = (np.sum(weights * ndtr(side), axis=1) for side in (z, -z))
         tail[part], above[part] = np.maximum(np.minimum(lower, upper), 1e-300), upper < lower
     return 2.0 * tail, np.where(above, -ndtri(tail), ndtri(tail))
 
 
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """What the posterior at each τ is made of; sums over rigs, so that one rig can be taken out again."""
+def _terms(centres: FloatArray, widths: FloatArray, spreads: FloatArray) -> FloatArray:
+    """Compute each rig's part of what the posterior at each τ is made of, shape (4, n, t).
 
-    precision: FloatArray
-    weighted: FloatArray
-    squares: FloatArray
-    log_variance: FloatArray
-
-    @classmethod
-    def of(cls, centres: FloatArray, variance: FloatArray) -> _Sums:
-        precision = 1.0 / variance
-        return cls(precision, precision * centres, precision * centres**2, np.log(variance))
-
-    @property
-    def parts(self) -> tuple[FloatArray, ...]:
-        return self.precision, self.weighted, self.squares, self.log_variance
-
-    @property
-    def mean(self) -> FloatArray:
-        return self.weighted / self.precision
-
-    def log_posterior(self) -> FloatArray:
-        """Of τ up to a constant, μ integrated out."""
-        misfit = self.squares - self.weighted**2 / self.precision
-        return -0.5 * (self.log_variance + np.log(self.precision) + misfit)
+    They are summed over rigs, so that one rig can be taken out again: the precision, precision times centre, precision
+    times centre squared, and the logarithm of the variance.
+    """
+    variance, centre = widths[:, None] ** 2 + spreads**2, centres[:, None]
+    return np.stack([1.0 / variance, centre / variance, centre**2 / variance, np.log(variance)])
 
 
-def _sums(centres: FloatArray, widths: FloatArray, spreads: FloatArray) -> _Sums:
-    total = [np.zeros(len(spreads)) for _ in range(4)]
+def _sums(centres: FloatArray, widths: FloatArray, spreads: FloatArray) -> FloatArray:
+    total = np.zeros((4, len(spreads)))
     for part in _chunks(len(centres)):
-        own = _Sums.of(centres[part, None], widths[part, None] ** 2 + spreads**2)
-        for into, one in zip(total, own.parts, strict=True):
-            into += one.sum(axis=0)
-    return _Sums(*total)
+        total += _terms(centres[part], widths[part], spreads).sum(axis=1)
+    return total
 
 
-def _posterior(spreads: FloatArray, sums: _Sums) -> Population:
-    log = sums.log_posterior()
-    weights = np.exp(log - log.max()) * _cells(spreads)
-    return Population(spreads, weights / weights.sum(), sums.mean, sums.precision**-0.5)
+def _log_posterior(sums: FloatArray) -> FloatArray:
+    """Compute the log-posterior of τ up to a constant, μ integrated out."""
+    precision, weighted, squares, log_variance = sums
+    return np.asarray(-0.5 * (log_variance + np.log(precision) + squares - weighted**2 / precision))
 
 
-def _spreads_to_try(centres: FloatArray, widths: FloatArray) -> FloatArray:
-    """From none to far beyond what the rigs differ by."""
-    largest = 30.0 * max(float(np.ptp(centres)), float(np.median(widths)))
-    return np.concatenate([[0.0], np.geomspace(1e-6 * largest, largest, COARSE_POINTS - 1)])
-
-
-def _where_likely(spreads: FloatArray, sums: _Sums) -> FloatArray:
-    """A fine grid over what is not negligible; denser towards its lower end, where the density may be steep."""
-    log = sums.log_posterior()
-    kept = np.flatnonzero(log > log.max() - MAX_DEPTH)
-    low, high = spreads[max(kept[0] - 1, 0)], spreads[min(kept[-1] + 1, len(spreads) - 1)]
-    return np.asarray(low + (high - low) * np.linspace(0.0, 1.0, FINE_POINTS) ** 1.5)
-
-
-def _cells(points: FloatArray) -> FloatArray:
-    """Length of the axis that each grid point stands for (trapezoid rule)."""
-    gaps = np.diff(points)
-    return np.asarray(0.5 * (np.append(gaps, 0.0) + np.append(0.0, gaps)))
-
-
-def _mixture_quantiles(weights: FloatArray, means: FloatArray, sds: FloatArray, levels: FloatArray) -> FloatArray:
-    """Quantiles of a mixture of Gaussians, by bisection of its distribution function."""
-    used = weights > 1e-12
-    weights, means, sds = weights[used], means[used], sds[used]
-    low = np.full(levels.shape, float(np.min(means - 40.0 * sds)))
-    high = np.full(levels.shape, float(np.max(means + 40.0 * sds)))
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        above = ndtr((middle[..., None] - means) / sds) @ weights > levels
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return np.asarray(0.5 * (low + high))
+def _weights(log: FloatArray, spreads: FloatArray) -> FloatArray:
+    """Compute the share of each grid point by the trapezoid rule, along the last axis."""
+    gaps = np.diff(spreads)
+    weights = np.exp(log - log.max(axis=-1, keepdims=True)) * (np.append(gaps, 0.0) + np.append(0.0, gaps))
+    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
 
 
 def _chunks(size: int) -> Iterator[slice]:

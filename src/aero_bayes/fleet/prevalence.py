@@ -4,7 +4,7 @@ A rig's loop names an effect if with it the logarithm of the error on left-out r
 falls (gains) of those that have it are taken as log-normal; the rigs where it was named say of this distribution what
 lies above the bar, and so how much of it lies below. With x the logarithm of the gain over the bar, share π, centre a
 and width b, the likelihood of n rigs of which c name it is  ∏ π N(x_i; a, b²) · (1 - π Φ(a / b))^(n - c).  It is summed
-on a grid: no chain, no seed.
+on a grid: no chain, no seed. Priors: Jeffreys' for the share, flat for the centre, half-normal for the width.
 """
 
 from __future__ import annotations
@@ -42,23 +42,20 @@ class Prevalence:
     ----------
     density : ndarray, shape (200,)
         Posterior of the share of rigs that have it, on :data:`SHARE_GRID`; sums to one.
-    seen : float
-        Probability that a rig that has it is noticed to have it.
-    unseen : float
-        Probability that a rig whose loop does not name it has it all the same.
+    noticed : float
+        Probability that the loop of a rig that has it names it.
     """
 
     density: FloatArray
-    seen: float
-    unseen: float
+    noticed: float
 
     def quantiles(self, levels: FloatArray) -> FloatArray:
-        """Quantiles of the share, shape of ``levels``."""
+        """Compute quantiles of the share, shape of ``levels``."""
         return np.asarray(np.interp(levels, np.cumsum(self.density) - 0.5 * self.density, SHARE_GRID))
 
 
 def estimate_prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -> Prevalence:
-    """How common an effect is.
+    """Estimate how common an effect is.
 
     Parameters
     ----------
@@ -69,29 +66,24 @@ def estimate_prevalence(strengths: FloatArray, weights: FloatArray, rigs: int) -
     rigs : int
         Number of rigs whose loop came to a conclusion.
 
-    Notes
-    -----
-    Priors: Jeffreys' for the share, flat for the centre, half-normal for the width.
+    Returns
+    -------
+    Prevalence
     """
     count = float(weights.sum())
     a, b = CENTRE_GRID[:, None], WIDTH_GRID[None, :]
-    misfit = ((strengths[:, None, None] - a) / b) ** 2
-    gains = np.tensordot(weights, -0.5 * misfit, 1) - count * np.log(b) if len(strengths) else np.zeros(a.shape)
-    prior = (
-        np.log(WIDTH_GRID) - 0.5 * (WIDTH_GRID / WIDTH_PRIOR_SCALE) ** 2
-    )  # the grid of widths is even in their logarithm
-    seen = np.exp(log_ndtr(a / b))
-    share = SHARE_GRID[:, None, None]
-    log = (count - 0.5) * np.log(share) - 0.5 * np.log1p(-share)
-    log = log + (rigs - count) * np.log1p(-share * seen) + gains + prior
+    gains = np.tensordot(weights, -0.5 * ((strengths[:, None, None] - a) / b) ** 2, 1) - count * np.log(b)
+    prior = np.log(b) - 0.5 * (b / WIDTH_PRIOR_SCALE) ** 2  # the grid of widths is even in their logarithm
+    noticed, share = np.exp(log_ndtr(a / b)), SHARE_GRID[:, None, None]
+    log = (count - 0.5) * np.log(share) - 0.5 * np.log1p(-share) + (rigs - count) * np.log1p(-share * noticed)
+    log = log + gains + prior
     joint = np.exp(log - log.max())
     joint /= joint.sum()
-    missed = share * (1.0 - seen) / (1.0 - share * seen)
-    return Prevalence(joint.sum(axis=(1, 2)), float(np.sum(joint * seen)), float(np.sum(joint * missed)))
+    return Prevalence(joint.sum(axis=(1, 2)), float(np.sum(joint * noticed)))
 
 
 def shared_out(rigs: Sequence[Sequence[NamedEffect]]) -> list[list[dict[str, float]]]:
-    """Probability of each named effect and its equivalents in each rig, by expectation maximisation over the fleet.
+    """Compute the probability of each named effect and its equivalents in each rig, by EM over the fleet.
 
     Returns
     -------
@@ -99,17 +91,12 @@ def shared_out(rigs: Sequence[Sequence[NamedEffect]]) -> list[list[dict[str, flo
         One dictionary for each name of each rig; it adds up to one.
     """
     groups = [[(named.id, *(id_ for id_ in named.alike if id_ != named.id)) for named in rig] for rig in rigs]
-    common: Counter[str] = Counter()
-    for rig in groups:
-        for group in rig:
-            common.update({id_: 1.0 / len(group) for id_ in group})
-    several = any(len(group) > 1 for rig in groups for group in rig)
-    for _ in range(EM_ROUNDS if several else 1):
+    shares = [[dict.fromkeys(group, 1.0 / len(group)) for group in rig] for rig in groups]
+    for _ in range(EM_ROUNDS):
+        common: Counter[str] = Counter()
+        for share in (share for rig in shares for share in rig):
+            common.update(share)
         shares = [[_split(group, common) for group in rig] for rig in groups]
-        common = Counter()
-        for rig_shares in shares:
-            for share in rig_shares:
-                common.update(share)
     return shares
 
 

@@ -6,7 +6,7 @@ import csv
 import hashlib
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -79,27 +79,21 @@ class Rig:
             raise InputError(f"rig {self.name!r}: expected a name of letters, digits and _ . + - the first no sign")
 
     def seed(self, seed: int) -> int:
-        """The rig's own seed: it depends on its name, not on its place in the table or on who works on it."""
+        """Derive the rig's own seed: it depends on its name, not on its place in the table or on who works on it."""
         return int.from_bytes(hashlib.sha256(f"{seed}/{self.name}".encode()).digest()[:4], "big")
 
 
 @dataclass(frozen=True)
 class FleetPlan:
-    """A fleet's file: settings of all rigs, the work, and the rigs, which are read one by one."""
+    """Settings of all rigs with the folder that paths in them start from, the work, and the rigs."""
 
     shared: Mapping[str, Any]
     folder: Path
     work: Work
-    rigs: Iterable[Rig]
+    rigs: Sequence[Rig]
 
     def config(self, rig: Rig) -> Config:
-        """The configuration of one rig.
-
-        Raises
-        ------
-        InputError
-            If the rig's own settings name a key or value that does not exist.
-        """
+        """Merge the settings of one rig. Raises InputError if they name a key or value that does not exist."""
         document = _overlaid(self.shared, rig.settings)
         return resolve_paths(validated(Config, document, f"rig {rig.name}"), self.folder.resolve())
 
@@ -112,89 +106,66 @@ def read_fleet(path: Path) -> FleetPlan:
     InputError
         The file or its table of rigs cannot be read, or there is no rig.
     """
-    document = read_toml(path)
+    document, folder = read_toml(path), path.parent.resolve()
     own = validated(FleetFile, {key: document.pop(key) for key in ("fleet", "rig") if key in document}, path)
     validated(Config, document, path)
-    table = own.fleet.rigs
-    if not own.rig and table is None:
+    rigs = [Rig(one.name, _within(folder, one.train), _within(folder, one.test), one.settings) for one in own.rig]
+    if own.fleet.rigs is not None:
+        rigs += _read_table(path.parent / own.fleet.rigs, folder)
+    if not rigs:
         raise InputError(f"{path}: no rigs; expected [[rig]] tables, or [fleet] rigs = a CSV file")
-    rigs = _Rigs(path.parent.resolve(), own.rig, path.parent / table if table is not None else None)
-    if rigs.table is not None:
-        next(rigs.of_table(), None)
     return FleetPlan(document, path.parent, own.fleet.work, rigs)
 
 
-@dataclass(frozen=True)
-class _Rigs:
-    """The rigs of a file and of its table, read anew each time, so that nobody holds them all."""
-
-    folder: Path
-    sections: tuple[RigSection, ...]
-    table: Path | None
-
-    def __iter__(self) -> Iterator[Rig]:
-        for section in self.sections:
-            yield Rig(section.name, self._at(section.train), self._at(section.test), section.settings)
-        if self.table is not None:
-            yield from self.of_table()
-
-    def of_table(self) -> Iterator[Rig]:
-        """The rigs of the CSV file. Raises InputError that names file and row."""
-        assert self.table is not None
-        try:
-            with self.table.open(encoding="utf-8-sig", newline="") as stream:
-                reader = csv.DictReader(stream)
-                missing = [c for c in TABLE_COLUMNS[:2] if c not in (reader.fieldnames or ())]
-                if missing:
-                    raise InputError(f"{self.table}: no column {missing[0]}; expected {', '.join(TABLE_COLUMNS)}")
-                for row in reader:
-                    if None in row:
-                        raise InputError(f"{self.table}: row {reader.line_num}: more cells than columns")
-                    yield self._of_row(row, reader.line_num)
-        except OSError as error:
-            raise InputError(f"{self.table}: cannot be read ({error.strerror})") from None
-        except UnicodeDecodeError:
-            raise InputError(f"{self.table}: not UTF-8 text") from None
-
-    def _of_row(self, row: Mapping[str, str | None], line: int) -> Rig:
-        train, test = (
-            tuple(Path(part.strip()) for part in (row.get(c) or "").split(BETWEEN) if part.strip())
-            for c in TABLE_COLUMNS[1:]
-        )
-        settings: dict[str, Any] = {}
-        for key, text in row.items():
-            if key not in TABLE_COLUMNS and text not in (None, ""):
-                _put(settings, _parts(key), _value(str(text)))
-        try:
-            return Rig((row["name"] or "").strip(), self._at(train), self._at(test), settings)
-        except InputError as error:
-            raise InputError(f"{self.table}: row {line}: {error}") from None
-
-    def _at(self, paths: Iterable[Path]) -> tuple[Path, ...]:
-        return tuple(self.folder / path for path in paths)
+def _read_table(path: Path, folder: Path) -> list[Rig]:
+    """Read the rigs of a CSV file. Raises InputError that names file and row."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream)
+            missing = [c for c in TABLE_COLUMNS[:2] if c not in (reader.fieldnames or ())]
+            if missing:
+                raise InputError(f"{path}: no column {missing[0]}; expected {', '.join(TABLE_COLUMNS)}")
+            return [_rig_of_row(row, folder, f"{path}: row {reader.line_num}") for row in reader]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not UTF-8 text") from None
 
 
-def _parts(key: str) -> list[str]:
-    """``parameters."spring.k".value`` -> its three parts, as TOML would read them."""
-    return [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|([^".]+)', key)]
+def _rig_of_row(row: Mapping[str, str | None], folder: Path, where: str) -> Rig:
+    if None in row:
+        raise InputError(f"{where}: more cells than columns")
+    train, test = ([Path(part.strip()) for part in (row.get(c) or "").split(BETWEEN) if part.strip()]
+                   for c in TABLE_COLUMNS[1:])  # fmt: skip
+    settings: dict[str, Any] = {}
+    for key, text in row.items():
+        if key not in TABLE_COLUMNS and text:
+            # parameters."spring.k".value -> its three parts, as TOML would read them
+            *tables, last = [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|([^".]+)', key)] or [key]
+            table = settings
+            for name in tables:
+                table = table.setdefault(name, {})
+            table[last] = _value(text)
+    try:
+        return Rig((row["name"] or "").strip(), _within(folder, train), _within(folder, test), settings)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _within(folder: Path, paths: Iterable[Path]) -> tuple[Path, ...]:
+    return tuple(folder / path for path in paths)
 
 
 def _value(text: str) -> Any:
-    """A cell as TOML would read it; plain text where it would not."""
+    """Read a cell as TOML would; it is plain text where TOML cannot."""
     try:
         return tomllib.loads(f"x = {text}")["x"]
     except tomllib.TOMLDecodeError:
         return text
 
 
-def _put(document: dict[str, Any], parts: list[str], value: Any) -> None:
-    for part in parts[:-1]:
-        document = document.setdefault(part, {})
-    document[parts[-1]] = value
-
-
 def _overlaid(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested tables, the upper ones winning key by key."""
+    """Merge nested tables, the upper ones winning key by key."""
     merged = dict(below)
     for key, value in above.items():
         nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)

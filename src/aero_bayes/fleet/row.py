@@ -10,7 +10,7 @@ import numpy as np
 
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.fleet.table import Row
-from aero_bayes.schema import LoopJson, ParameterJson, RunJson
+from aero_bayes.schema import EffectJson, LoopJson, ParameterJson, RunJson
 
 #: Central 90 % of a normal density, in standard deviations to either side.
 Z90 = 1.6448536269514722
@@ -23,7 +23,7 @@ MIN_LIKELIHOOD_SHARE = 0.05
 
 
 def fleet_row(name: str, result: RunJson, priors: Iterable[Parameter]) -> Row:
-    """The row of a finished rig.
+    """Make the row of a finished rig.
 
     Parameters
     ----------
@@ -37,55 +37,46 @@ def fleet_row(name: str, result: RunJson, priors: Iterable[Parameter]) -> Row:
     dict
         ``parameters`` of the model and of what was added: by name ``value``, ``sd``, ``unit``, ``status``, ``log``
         (whether positive by nature), and ``centre`` and ``width`` of the likelihood, Gaussian in the value or its
-        logarithm; ``over_floor``: the largest residual over the noise floor, and ``outputs`` each; ``outcome`` of the
-        loop and ``effects``: by each ``id`` those ``alike`` and the ``strength``; ``level``, ``text`` of the verdict.
+        logarithm; ``over_floor``: the largest residual over the noise floor; ``outcome`` of the loop and ``effects``:
+        by each ``id`` those ``alike`` and the ``strength``, in ``words`` what each is; ``level`` of the verdict.
     """
-    known = {item.name: item for item in priors}
-    outputs = _over_floor(result)
-    loop = result.loop
-    added = {key for effect in loop.effects for key in effect.parameters} if loop else set()
+    searched, loop, words = {item.name: item for item in priors}, result.loop, result.effect_words()
+    effects = loop.effects if loop else []
+    wanted = {*searched, *(key for effect in effects for key in effect.parameters)}
+    ratios = [one.ratio for outputs in result.residual.values() for one in outputs.values() if one.ratio is not None]
     return {
         "key": name,
         "simulated": result.simulated,
         "level": result.verdict.level if result.verdict else "",
-        "text": result.verdict.text if result.verdict else "",
         "parameters": {
-            key: _parameter(entry, known.get(key))
+            key: _parameter(entry, searched.get(key))
             for key, entry in result.parameters.items()
-            if (key in known or key in added) and entry.status != "fixed" and entry.value is not None
+            if key in wanted and entry.status != "fixed" and entry.value is not None
         },
-        "outputs": outputs,
-        "over_floor": max(outputs.values(), default=None),
+        "over_floor": max(ratios, default=None),
         "outcome": loop.outcome if loop else "",
-        "effects": _named(loop) if loop else [],
-        "words": _words(result),
+        "effects": [_named(effect, loop) for effect in effects] if loop else [],
+        "words": {effect.id: words.get(effect.id, "") for effect in effects},
     }
 
 
-def _words(result: RunJson) -> dict[str, str]:
-    words = result.effect_words()
-    return {effect.id: words.get(effect.id, "") for effect in result.loop.effects} if result.loop else {}
-
-
 def _parameter(entry: ParameterJson, item: Parameter | None) -> dict[str, Any]:
-    found = {"value": entry.value, "sd": entry.sd, "unit": entry.unit, "status": entry.status}
+    stated = {"value": entry.value, "sd": entry.sd, "unit": entry.unit, "status": entry.status}
     low, middle, high = entry.q05, entry.q50, entry.q95
     if low is None or middle is None or high is None or not high > low:
-        return found
+        return stated
     floor = item.lower if item is not None else entry.lower
     log = low > 0.0 and floor is not None and floor >= 0.0
     if log:
         low, middle, high = math.log(low), math.log(middle), math.log(high)
     likelihood = _without_prior(middle, (high - low) / (2.0 * Z90), item, log=log)
-    if likelihood is None:
-        return found
-    return found | {"log": log, "centre": likelihood[0], "width": likelihood[1]}
+    return stated | {"log": log, "centre": likelihood[0], "width": likelihood[1]} if likelihood else stated
 
 
 def _without_prior(centre: float, sd: float, item: Parameter | None, *, log: bool) -> tuple[float, float] | None:
-    """Centre and width of the likelihood: a Gaussian posterior over the prior's own curvature; None if little is left.
+    """Compute centre and width of the likelihood: a Gaussian posterior over the prior's own curvature.
 
-    The fleet takes the place of the rig's prior; with both it would be counted once a rig.
+    The fleet takes the place of the rig's prior; with both it would be counted once a rig. None if little is left.
     """
     if item is None:
         return centre, sd
@@ -95,28 +86,13 @@ def _without_prior(centre: float, sd: float, item: Parameter | None, *, log: boo
     if log:
         slope, bend = slope * value + 1.0, bend * value**2 + slope * value
     precision = 1.0 / sd**2 + bend
-    if precision < MIN_LIKELIHOOD_SHARE / sd**2:
-        return None
-    return centre - slope / precision, precision**-0.5
+    return (centre - slope / precision, precision**-0.5) if precision >= MIN_LIKELIHOOD_SHARE / sd**2 else None
 
 
-def _over_floor(result: RunJson) -> dict[str, float]:
-    """By output the largest residual over the noise floor among the recordings."""
-    found: dict[str, float] = {}
-    for outputs in result.residual.values():
-        for output, entry in outputs.items():
-            if entry.ratio is not None:
-                found[output] = max(found.get(output, 0.0), entry.ratio)
-    return found
-
-
-def _named(loop: LoopJson) -> list[dict[str, Any]]:
-    """Effects that the loop named, those that its data cannot tell from each, and how far its fall is above the bar."""
-    found = []
-    for effect in loop.effects:
-        alike = next((group for group in loop.equivalent if effect.id in group), [])
-        # An effect that is named because nothing but noise is left may lie below the bar.
-        fall = -math.log(max(effect.share, MIN_SHARE)) if effect.share else 0.0
-        strength = max(math.log(fall / MATERIAL_FALL), 0.0) if fall > 0.0 else 0.0
-        found.append({"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id], "strength": strength})
-    return found
+def _named(effect: EffectJson, loop: LoopJson) -> dict[str, Any]:
+    """Describe an effect that the loop named: what its data cannot tell from it, how far its fall is above the bar."""
+    alike = next((group for group in loop.equivalent if effect.id in group), [])
+    # An effect that is named because nothing but noise is left may lie below the bar.
+    fall = -math.log(max(effect.share, MIN_SHARE)) if effect.share else 0.0
+    strength = max(math.log(fall / MATERIAL_FALL), 0.0) if fall > 0.0 else 0.0
+    return {"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id], "strength": strength}

@@ -9,8 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
-from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.fleet.table import Row, Table
@@ -32,14 +31,6 @@ MAX_PENDING_TASKS = 4096
 MAX_TRIES = 3
 #: Fingerprint of a row that says that its workers died.
 WORKER_DIED = "worker died"
-
-
-@dataclass(frozen=True)
-class _Sent(Generic[Task]):
-    """A task on its way, and how often it has been sent."""
-
-    task: Task
-    tries: int = 1
 
 
 def run_tasks(
@@ -76,90 +67,78 @@ def run_tasks(
     CannotFinishError
         The executor takes no more tasks. What was done until then is kept.
     """
-    wanted = _wanted(tasks, table, made_of, until, progress)
+
+    def wanted() -> Iterator[Task]:
+        for task in tasks:
+            if table.has(task.key, made_of(task)):
+                progress(1)
+            elif until():
+                return
+            else:
+                yield task
+
     if executor is None:
-        for task in wanted:
+        for task in wanted():
             table.put(*_timed(attempt, task), made_of(task))
             table.flush()
             progress(1)
         return
     ended: queue.SimpleQueue[Future[tuple[Row, Row]]] = queue.SimpleQueue()
-    running: dict[Future[tuple[Row, Row]], _Sent[Task]] = {}
+    running: dict[Future[tuple[Row, Row]], tuple[Task, int]] = {}
     # A pool of processes breaks as a whole when one of them dies: whose fault it was shows when each is alone.
-    suspects: deque[_Sent[Task]] = deque()
-    window = int(getattr(executor, "window", MAX_PENDING_TASKS))
+    suspects: deque[tuple[Task, int]] = deque()
 
-    def send(sent: _Sent[Task]) -> None:
+    def send(task: Task, tries: int) -> None:
         try:
-            future = executor.submit(_timed, attempt, sent.task)
+            future = executor.submit(_timed, attempt, task)
         except RuntimeError as error:  # broken, or shut down
             raise CannotFinishError(f"the workers are gone ({error}); run the same command again to continue") from None
-        running[future] = sent
+        running[future] = task, tries
         future.add_done_callback(ended.put)
 
-    def receive(future: Future[tuple[Row, Row]]) -> None:
-        sent = running.pop(future)
+    def receive() -> None:
+        future = ended.get()
+        task, tries = running.pop(future)
         problem = future.exception() if not future.cancelled() else RuntimeError("cancelled")
-        if problem is not None and sent.tries < MAX_TRIES:
-            again = _Sent(sent.task, sent.tries + 1)
-            suspects.append(again) if isinstance(problem, BrokenExecutor) else send(again)
-            return
         if problem is None:
             row, cost = future.result()
+            table.put(row, cost | {"tries": tries}, made_of(task))
+        elif tries < MAX_TRIES:
+            suspects.append((task, tries + 1)) if isinstance(problem, BrokenExecutor) else send(task, tries + 1)
+            return
         else:
-            row, cost = failure(sent.task.key, f"its worker died {sent.tries} times ({type(problem).__name__})"), {}
-        # A row for want of a worker is made of nothing, so that the next start tries again.
-        table.put(row, cost | {"tries": sent.tries}, made_of(sent.task) if problem is None else WORKER_DIED)
+            # If workers died, the row has no fingerprint, so that the task is tried again.
+            row = failure(task.key, f"its worker died {tries} times ({type(problem).__name__})")
+            table.put(row, {"tries": tries}, WORKER_DIED)
         if ended.empty():
             table.flush()
         progress(1)
 
     try:
-        for task in wanted:
-            send(_Sent(task))
-            while len(running) >= window:
-                receive(ended.get())
+        for task in wanted():
+            send(task, 1)
+            while len(running) >= int(getattr(executor, "window", MAX_PENDING_TASKS)):
+                receive()
         while running or suspects:
             if not running:
-                send(suspects.popleft())
-            receive(ended.get())
+                send(*suspects.popleft())
+            receive()
     finally:
         for future in running:
             future.cancel()
 
 
-def _wanted(
-    tasks: Iterable[Task],
-    table: Table,
-    made_of: Callable[[Task], str],
-    until: Callable[[], bool],
-    progress: Progress,
-) -> Iterator[Task]:
-    for task in tasks:
-        if table.has(task.key, made_of(task)):
-            progress(1)
-        elif until():
-            return
-        else:
-            yield task
-
-
 def _timed(attempt: Callable[[Task], Row], task: Task) -> tuple[Row, dict[str, Any]]:
-    """A row and what it took; runs on the worker. An exception is a row: only a worker's death ends without one."""
-    began, cpu = time.perf_counter(), _cpu_seconds()
+    """Make a row, and say what it took; runs on the worker. Only a worker's death ends without a row."""
+    began, cpu = time.perf_counter(), sum(os.times()[:4])  # of this process and its children that have ended
     try:
         row = attempt(task)
     except Exception as error:
         row = failure(task.key, f"{type(error).__name__}: {error}")
-    cost = {"seconds": time.perf_counter() - began, "cpu_seconds": _cpu_seconds() - cpu}
+    cost = {"seconds": time.perf_counter() - began, "cpu_seconds": sum(os.times()[:4]) - cpu}
     return row, cost | {"worker": f"{socket.gethostname()}/{os.getpid()}"}
 
 
 def failure(key: str, reason: str) -> Row:
-    """The row of a task that gave none."""
+    """Make the row of a task that gave none."""
     return {"key": key, "error": " ".join(reason.split())}
-
-
-def _cpu_seconds() -> float:
-    """Of this process and of those that it has started and seen end."""
-    return sum(os.times()[:4])

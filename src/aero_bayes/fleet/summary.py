@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.fleet.population import MIN_RIGS, Population, fit_population, stand_out
-from aero_bayes.fleet.prevalence import NamedEffect, Prevalence, estimate_prevalence, shared_out
-from aero_bayes.fleet.table import Table
+from aero_bayes.fleet.prevalence import NamedEffect, estimate_prevalence, shared_out
+from aero_bayes.fleet.table import Row, Table
 from aero_bayes.report.fleet_page import FleetColumns, ParameterColumn
 from aero_bayes.schema import (
     FleetCostJson,
@@ -36,21 +35,6 @@ MIN_MEDIAN_RATIO, MIN_FLOOR_RATIO = 3.0, 1.5
 MAX_LISTED_RIGS = 100
 
 
-@dataclass(frozen=True, eq=False)
-class FleetFacts:
-    """Columns of the table, for the rigs that were fitted."""
-
-    names: list[str]
-    simulated: bool
-    parameters: dict[str, dict[str, Any]]
-    over_floor: FloatArray
-    levels: list[str]
-    outcomes: list[str]
-    effects: list[list[NamedEffect]]
-    words: dict[str, str]
-    failures: list[tuple[str, str]]
-
-
 def summarise_fleet(
     table: Table, *, work: str, seed: int, versions: Mapping[str, str]
 ) -> tuple[FleetJson, FleetColumns]:
@@ -71,165 +55,127 @@ def summarise_fleet(
     FleetColumns
         A number a rig for everything that the page draws.
     """
-    facts = _read(table)
-    cost, seconds = _cost(table, facts.names)
-    reasons: dict[str, list[str]] = {}
-    unlikely: dict[str, float] = {}
+    every = list(table.rows())
+    rows, failures = [row for row in every if "error" not in row], [row for row in every if "error" in row]
+    names = [row["key"] for row in rows]
+    outliers = _Outliers(names)
+    units = {name: entry["unit"] for row in reversed(rows) for name, entry in row["parameters"].items()}
     parameters, drawn = {}, {}
-    for name, entry in facts.parameters.items():
-        parameters[name], drawn[name] = _parameter(name, entry, facts.names, len(facts.parameters), reasons, unlikely)
-    _residuals(facts, reasons)
-    effects, present = _effects(facts)
+    for name in dict.fromkeys(name for row in rows for name in row["parameters"]):
+        parameters[name], drawn[name] = _parameter(name, units[name], rows, len(units), outliers)
+    over_floor = np.array([math.nan if row["over_floor"] is None else row["over_floor"] for row in rows])
+    _residuals(over_floor, outliers)
     result = FleetJson(
-        work=work,
-        seed=seed,
-        simulated=facts.simulated,
-        versions=dict(versions),
-        rigs=len(facts.names) + len(facts.failures),
-        failed=len(facts.failures),
-        outcomes=dict(Counter(filter(None, facts.outcomes))),
-        levels=dict(Counter(filter(None, facts.levels))),
-        parameters=parameters,
-        effects=effects,
-        standing_out=len(reasons),
-        stand_out=[
-            RigReasonJson(rig=rig, reasons=reasons[rig], p_value=unlikely.get(rig))
-            for rig in sorted(reasons, key=lambda rig: (unlikely.get(rig, 1.0), rig))[:MAX_LISTED_RIGS]
-        ],
-        failures=[RigReasonJson(rig=rig, reasons=[reason]) for rig, reason in facts.failures[:MAX_LISTED_RIGS]],
-        cost=cost,
-        table_sha256=table.digest(),
-    )
+        work=work, seed=seed, simulated=any(row["simulated"] for row in rows), versions=dict(versions),
+        rigs=len(every), failed=len(failures),
+        outcomes=dict(Counter(row["outcome"] for row in rows if row["outcome"])),
+        levels=dict(Counter(row["level"] for row in rows if row["level"])),
+        parameters=parameters, effects=_effects(rows),
+        standing_out=len(outliers.reasons), stand_out=outliers.listed(),
+        failures=[RigReasonJson(rig=row["key"], reasons=[row["error"]]) for row in failures[:MAX_LISTED_RIGS]],
+        cost=_cost(table), table_sha256=table.digest(),
+    )  # fmt: skip
     result = result.model_copy(update={"verdict": _verdict(result)})
-    flagged = np.array([name in reasons for name in facts.names], dtype=bool)
-    return result, FleetColumns(facts.names, drawn, facts.over_floor, seconds, present, flagged)
+    flagged = np.array([name in outliers.reasons for name in names], dtype=bool)
+    return result, FleetColumns(names, drawn, over_floor, flagged)
 
 
-def _read(table: Table) -> FleetFacts:
-    names: list[str] = []
-    found: dict[str, dict[str, Any]] = {}
-    words: dict[str, str] = {}
-    simulated = False
-    over, levels, outcomes, effects, failures = [], [], [], [], []
-    for row in table.rows():
-        if "error" in row:
-            failures.append((row["key"], row["error"]))
-            continue
-        for name, entry in row["parameters"].items():
-            one = found.setdefault(name, {"unit": entry["unit"], "log": Counter(), "rows": []})
-            if "centre" in entry:
-                one["log"][entry["log"]] += 1
-                one["rows"].append((len(names), entry["centre"], entry["width"], entry["log"]))
-        names.append(row["key"])
-        simulated = simulated or row["simulated"]
-        over.append(row["over_floor"] if row["over_floor"] is not None else math.nan)
-        levels.append(row["level"])
-        outcomes.append(row["outcome"])
-        effects.append([NamedEffect(one["id"], tuple(one["alike"]), one["strength"]) for one in row["effects"]])
-        words |= row["words"]
-    return FleetFacts(names, simulated, found, np.array(over), levels, outcomes, effects, words, failures)
+class _Outliers:
+    """Rigs that stand out: why, and how unlikely each is."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = names
+        self.reasons: dict[str, list[str]] = defaultdict(list)
+        self._unlikely: dict[str, float] = {}
+
+    def add(self, rig: int, reason: str, p_value: float | None = None) -> None:
+        """Note a reason for a rig."""
+        name = self._names[rig]
+        self.reasons[name].append(reason)
+        if p_value is not None:
+            self._unlikely[name] = min(self._unlikely.get(name, 1.0), p_value)
+
+    def listed(self) -> list[RigReasonJson]:
+        """List the rigs, the least likely first."""
+        order = sorted(self.reasons, key=lambda rig: (self._unlikely.get(rig, 1.0), rig))[:MAX_LISTED_RIGS]
+        return [RigReasonJson(rig=rig, reasons=self.reasons[rig], p_value=self._unlikely.get(rig)) for rig in order]
 
 
-def _cost(table: Table, names: list[str]) -> tuple[FleetCostJson, FloatArray]:
-    total, workers, again, seconds = [0.0, 0.0], set(), 0, {}
-    for key, cost in table.costs():
-        total[0] += cost.get("seconds", 0.0)
-        total[1] += cost.get("cpu_seconds", 0.0)
-        workers.add(cost.get("worker", ""))
-        again += cost.get("tries", 1) > 1
-        seconds[key] = cost.get("seconds", math.nan)
-    found = FleetCostJson(seconds=total[0], cpu_seconds=total[1], workers=len(workers - {""}), tries=again)
-    return found, np.array([seconds[name] for name in names])
+def _cost(table: Table) -> FleetCostJson:
+    costs = list(table.costs())
+    seconds, cpu_seconds = (sum(cost.get(key, 0.0) for cost in costs) for key in ("seconds", "cpu_seconds"))
+    workers = {cost["worker"] for cost in costs if "worker" in cost}
+    again = sum(cost.get("tries", 1) > 1 for cost in costs)
+    return FleetCostJson(seconds=seconds, cpu_seconds=cpu_seconds, workers=len(workers), tries=again)
 
 
 def _parameter(
-    name: str,
-    entry: Mapping[str, Any],
-    names: list[str],
-    parameters: int,
-    reasons: dict[str, list[str]],
-    unlikely: dict[str, float],
+    name: str, unit: str, rows: Sequence[Row], parameters: int, outliers: _Outliers
 ) -> tuple[FleetParameterJson, ParameterColumn]:
-    """One parameter over the fleet; rigs that stand out are added to ``reasons`` and ``unlikely``."""
-    log = bool(entry["log"]) and entry["log"].most_common(1)[0][0]
-    used = [row for row in entry["rows"] if row[3] == log]
-    at = np.array([row[0] for row in used], dtype=np.intp)
-    centres, widths = np.array([row[1] for row in used]), np.array([row[2] for row in used])
+    """Summarise one parameter over the fleet; rigs that stand out are added to ``outliers``."""
+    told = {k: entry for k, row in enumerate(rows) if "centre" in (entry := row["parameters"].get(name, {}))}
+    log = bool(told) and Counter(entry["log"] for entry in told.values()).most_common(1)[0][0]
+    at = np.array([k for k, entry in told.items() if entry["log"] == log], dtype=np.intp)
+    centres, widths = (np.array([told[k][part] for k in at.tolist()]) for part in ("centre", "width"))
     out = np.exp if log else np.asarray
-    values, shrunk, halves = (np.full(len(names), math.nan) for _ in range(3))
+    values, shrunk, halves = (np.full(len(rows), math.nan) for _ in range(3))
     values[at], halves[at] = out(centres), widths
+    shared = FleetParameterJson(unit=unit, log=log, rigs=len(at))
     if len(at) < MIN_RIGS:
-        shared = FleetParameterJson(unit=entry["unit"], log=log, rigs=len(at))
         return shared, ParameterColumn(values, halves, shrunk, None, shared)
-    found = fit_population(centres, widths)
-    shrunk[at] = out(found.shrunken(centres, widths)[0])
-    p_values, away = stand_out(centres, widths, found)
+    fleet = fit_population(centres, widths)
+    shrunk[at] = out(fleet.shrunken(centres, widths)[0])
+    p_values, away = stand_out(centres, widths, fleet)
     for k in np.flatnonzero(p_values < 1.0 / (OUTLIER_FLEETS * len(at) * parameters)).tolist():
-        rig = names[at[k]]
-        reasons.setdefault(rig, []).append(_outlier_text(name, centres[k], float(away[k]), found, log=log))
-        unlikely[rig] = min(unlikely.get(rig, 1.0), float(p_values[k]))
-    shared = FleetParameterJson(
-        unit=entry["unit"],
-        log=log,
-        rigs=len(at),
-        mean=_range(out(found.mean_quantiles(QUANTILE_LEVELS))),
-        spread=_range(found.spread_quantiles(QUANTILE_LEVELS)),
-        next=_range(out(found.next_quantiles(QUANTILE_LEVELS))),
-    )
+        outliers.add(at[k], _outlier_text(name, centres[k], float(away[k]), fleet, log=log), float(p_values[k]))
+    ranges = {
+        "mean": _range(out(fleet.mean_quantiles(QUANTILE_LEVELS))),
+        "spread": _range(fleet.spread_quantiles(QUANTILE_LEVELS)),
+        "next": _range(out(fleet.next_quantiles(QUANTILE_LEVELS))),
+    }
     grid = np.linspace(0.0005, 0.9995, 121)
-    return shared, ParameterColumn(values, halves, shrunk, (out(found.next_quantiles(grid)), grid), shared)
+    curve = out(fleet.next_quantiles(grid)), grid
+    shared = shared.model_copy(update=ranges)
+    return shared, ParameterColumn(values, halves, shrunk, curve, shared)
 
 
-def _outlier_text(name: str, centre: float, away: float, found: Population, *, log: bool) -> str:
-    middle = float(found.mean_quantiles(QUANTILE_LEVELS)[1])
+def _outlier_text(name: str, centre: float, away: float, fleet: Population, *, log: bool) -> str:
+    middle = float(fleet.mean_quantiles(QUANTILE_LEVELS)[1])
     far = f"{math.exp(centre - middle):.3g} times" if log else f"{centre - middle:+.3g} from"
     return f"`{name}` is {far} the typical value of the fleet, {abs(away):.1f} standard deviations from the other rigs"
 
 
-def _residuals(facts: FleetFacts, reasons: dict[str, list[str]]) -> None:
-    known = facts.over_floor[np.isfinite(facts.over_floor)]
-    if not known.size:
-        return
-    limit = max(MIN_FLOOR_RATIO, MIN_MEDIAN_RATIO * float(np.median(known)))
-    for k in np.flatnonzero(facts.over_floor > limit).tolist():
-        ratio, median = facts.over_floor[k], np.median(known)
-        text = f"its residual is {ratio:.3g} times the noise floor (median of the fleet: {median:.3g})"
-        reasons.setdefault(facts.names[k], []).append(text)
+def _residuals(over_floor: FloatArray, outliers: _Outliers) -> None:
+    """Note rigs whose residual is far above the fleet's median and above the noise."""
+    median = float(np.nanmedian(over_floor)) if np.isfinite(over_floor).any() else math.nan
+    for k in np.flatnonzero(over_floor > max(MIN_FLOOR_RATIO, MIN_MEDIAN_RATIO * median)).tolist():
+        text = f"its residual is {over_floor[k]:.3g} times the noise floor (median of the fleet: {median:.3g})"
+        outliers.add(k, text)
 
 
-def _effects(facts: FleetFacts) -> tuple[list[FleetEffectJson], FloatArray]:
-    """Effects that some rig's loop named, the commonest first; and how probable each is in each rig, (n, k).
+def _effects(rows: Sequence[Row]) -> list[FleetEffectJson]:
+    """Estimate the prevalence of each effect that some rig's loop named, the commonest first.
 
-    A rig whose residual stays unexplained conclusive nothing of effects that it does not name.
+    A rig whose residual stays unexplained tells nothing of effects that it does not name.
     """
-    named = Counter(one.id for effects in facts.effects for one in effects)
-    ids = sorted(named, key=lambda id_: (-named[id_], id_))
-    conclusive = np.array([outcome in ("adequate", "extended") for outcome in facts.outcomes], dtype=bool)
-    shares = shared_out(facts.effects)
-    present = np.full((len(facts.names), len(ids)), math.nan)
+    named = [[NamedEffect(e["id"], tuple(e["alike"]), e["strength"]) for e in row["effects"]] for row in rows]
+    times = Counter(one.id for effects in named for one in effects)
+    conclusive = [row["outcome"] in ("adequate", "extended") for row in rows]
+    words: dict[str, str] = {id_: text for row in rows for id_, text in row["words"].items()}
+    used: dict[str, dict[int, tuple[float, float]]] = defaultdict(dict)
+    for rig, (effects, split) in enumerate(zip(named, shared_out(named), strict=True)):
+        for one, share in zip(effects, split, strict=True):
+            for id_, weight in share.items() if conclusive[rig] else ():
+                used[id_][rig] = one.strength, weight
     found = []
-    for column, id_ in enumerate(ids):
-        sure = {
-            rig: (one.strength, share[id_])
-            for rig, (effects, split) in enumerate(zip(facts.effects, shares, strict=True))
-            for one, share in zip(effects, split, strict=True)
-            if id_ in share
-        }
-        used = [pair for rig, pair in sure.items() if conclusive[rig]]
-        strengths, weights = np.array(used).reshape(-1, 2).T
-        common = estimate_prevalence(strengths, weights, int(conclusive.sum()))
-        present[conclusive, column] = common.unseen
-        for rig, (_, weight) in sure.items():
-            present[rig, column] = weight
-        summary = facts.words.get(id_, "")
-        found.append(_effect(FleetEffectJson(id=id_, summary=summary, named=named[id_]), common, known=bool(used)))
-    return found, present
-
-
-def _effect(effect: FleetEffectJson, common: Prevalence, *, known: bool) -> FleetEffectJson:
-    if not known:
-        return effect
-    return effect.model_copy(update={"share": _range(common.quantiles(QUANTILE_LEVELS)), "noticed": common.seen})
+    for id_ in sorted(times, key=lambda id_: (-times[id_], id_)):
+        known: dict[str, Any] = {}
+        if used[id_]:
+            strengths, weights = np.array(list(used[id_].values())).T
+            common = estimate_prevalence(strengths, weights, sum(conclusive))
+            known = {"share": _range(common.quantiles(QUANTILE_LEVELS)), "noticed": common.noticed}
+        found.append(FleetEffectJson(id=id_, summary=words.get(id_, ""), named=times[id_], **known))
+    return found
 
 
 def _range(values: FloatArray) -> RangeJson:

@@ -1,4 +1,4 @@
-"""The table that rows are written to as they come: one SQLite file that survives whoever writes it."""
+"""Rows that survive whatever happens to the process that writes them: one SQLite file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import sqlite3
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from aero_bayes.errors import InputError
@@ -28,21 +27,11 @@ class Table:
 
     ``row`` holds what is the same however often and wherever it is computed; ``cost`` what it took, and where;
     ``made_of`` a fingerprint of what it was computed from, so that a row made of something else is computed anew.
-
-    Parameters
-    ----------
-    path : Path
-        The file; a folder for it is made.
-
-    Raises
-    ------
-    InputError
-        The file is there and no such table.
+    Raises InputError where the file is there and no such table.
     """
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        self.path = path
         self._began = 0.0
         self._database = sqlite3.connect(path, isolation_level=None, timeout=60.0)
         try:
@@ -50,17 +39,16 @@ class Table:
             self._database.execute("PRAGMA journal_mode = TRUNCATE")
             self._database.execute("PRAGMA synchronous = NORMAL")
             self._database.execute(_TABLE)
-        except sqlite3.OperationalError:  # the disk, not the file
-            self._database.close()
-            raise
         except sqlite3.DatabaseError as error:
             self._database.close()
+            if isinstance(error, sqlite3.OperationalError):  # the disk, not the file
+                raise
             raise InputError(f"{path}: not a table of rows ({error})") from None
 
     def has(self, key: str, made_of: str = "") -> bool:
-        """Whether the row is there and was made of just this."""
+        """Tell whether the row is there and was made of just this."""
         found = self._database.execute("SELECT made_of FROM rows WHERE key = ?", (key,)).fetchone()
-        return found is not None and found[0] == made_of
+        return found is not None and bool(found[0] == made_of)
 
     def put(self, row: Row, cost: Mapping[str, Any], made_of: str = "") -> None:
         """Write a row, which carries its key under ``key``, whole or not at all.
@@ -81,28 +69,27 @@ class Table:
             self._database.execute("COMMIT")
 
     def get(self, key: str) -> Row | None:
-        """One row."""
+        """Read one row."""
         found = self._database.execute("SELECT row FROM rows WHERE key = ?", (key,)).fetchone()
         return json.loads(found[0]) if found is not None else None
 
     def rows(self) -> Iterator[Row]:
-        """All rows, one at a time."""
+        """Read all rows, one at a time."""
         for (text,) in self._database.execute("SELECT row FROM rows ORDER BY key"):
             yield json.loads(text)
 
-    def costs(self) -> Iterator[tuple[str, Row]]:
-        """(key, cost) of all rows, one at a time."""
-        for key, text in self._database.execute("SELECT key, cost FROM rows ORDER BY key"):
-            yield key, json.loads(text)
+    def costs(self) -> Iterator[Row]:
+        """Read the costs of all rows, one at a time."""
+        for (text,) in self._database.execute("SELECT cost FROM rows ORDER BY key"):
+            yield json.loads(text)
 
     def keep_only(self, keys: set[str]) -> None:
         """Drop rows of other keys."""
-        for (key,) in self._database.execute("SELECT key FROM rows").fetchall():
-            if key not in keys:
-                self._database.execute("DELETE FROM rows WHERE key = ?", (key,))
+        present = {key for (key,) in self._database.execute("SELECT key FROM rows")}
+        self._database.executemany("DELETE FROM rows WHERE key = ?", [(key,) for key in present - keys])
 
     def digest(self) -> str:
-        """Hash of all rows, costs left out: equal for equal tables."""
+        """Hash all rows, costs left out: equal for equal tables."""
         total = hashlib.sha256()
         for key, text in self._database.execute("SELECT key, row FROM rows ORDER BY key"):
             total.update(f"{key}\0{text}\n".encode())
@@ -111,15 +98,9 @@ class Table:
     def __len__(self) -> int:
         return int(self._database.execute("SELECT COUNT(*) FROM rows").fetchone()[0])
 
-    def close(self) -> None:
-        """Let go of the file."""
-        self.flush()
-        self._database.close()
-
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    def __exit__(self, *_: object) -> None:
+        self.flush()
+        self._database.close()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from aero_bayes.config import Config
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.fleet.parcels import Parcel, local_folder
+from aero_bayes.files import whole_file
 from aero_bayes.fleet.rigs import Rig, Work
 from aero_bayes.fleet.row import fleet_row
 from aero_bayes.fleet.runner import failure
@@ -23,8 +25,7 @@ from aero_bayes.workflow.job import RunOptions, fit_parameters
 #: Folder of the rigs' run directories, and what each says while it runs.
 RUNS, LOG = "rigs", "log.txt"
 #: What a row is, so that rows of an older kind are computed anew.
-KIND = 1
-
+KIND = 2
 _COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
     "fit": lambda rig, options: run_fit(rig.train, options),
     "posterior": lambda rig, options: run_posterior(rig.train, options),
@@ -34,13 +35,46 @@ _COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
 
 
 @dataclass(frozen=True)
+class Parcel:
+    """A file that every machine gets once: where all can read it, and the hash that it is known by."""
+
+    source: Path
+    sha256: str
+
+    def here(self) -> Path:
+        """Return the file on this machine's own disk; the first task that asks for it copies it there.
+
+        Raises InputError if what stands at the source is not what was sent.
+        """
+        target = local_folder() / f"{self.sha256}{self.source.suffix}"
+        if not target.exists():
+            content = self.source.read_bytes()
+            if hashlib.sha256(content).hexdigest() != self.sha256:
+                raise InputError(f"{self.source}: has changed since the fleet was started")
+            with whole_file(target) as temporary:
+                temporary.write_bytes(content)
+        return target
+
+
+def local_folder() -> Path:
+    """Return this machine's folder of models. Raises InputError unless it is the user's: models are executed."""
+    folder = Path(tempfile.gettempdir()) / f"aero-bayes-models-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if found.st_uid != os.getuid() or folder.is_symlink() or found.st_mode & 0o022:
+        raise InputError(f"{folder}: expected a folder that only this user can write to")
+    return folder
+
+
+@dataclass(frozen=True)
 class RigTask:
     """Everything that a worker needs; the files must be readable on its machine.
 
     Parameters
     ----------
     rig : Rig
-    config : Config
+    config : Config or str
+        Or what is wrong with the rig's settings.
     work : {"fit", "posterior", "loop", "all"}
     out : Path
         The fleet's folder.
@@ -51,11 +85,11 @@ class RigTask:
     """
 
     rig: Rig
-    config: Config
+    config: Config | str
     work: Work
     out: Path
     seed: int
-    model: Parcel | None
+    model: Parcel | None = None
 
     @property
     def key(self) -> str:
@@ -65,47 +99,36 @@ class RigTask:
     @property
     def made_of(self) -> str:
         """Fingerprint of all that its row depends on; recordings by size and time of change."""
-        files = [(path.name, *_stamp(path)) for path in (*self.rig.train, *self.rig.test)]
-        sha256 = self.model.sha256 if self.model is not None else ""
-        facts = (KIND, self.config.model_dump_json(exclude={"model"}), self.work, self.seed, sha256, files)
+        paths = (*self.rig.train, *self.rig.test)
+        files = [(p.name, (s := p.stat()).st_size, s.st_mtime_ns) if p.exists() else p.name for p in paths]
+        config = self.config if isinstance(self.config, str) else self.config.model_dump_json(exclude={"model"})
+        facts = (KIND, config, self.work, self.seed, self.model.sha256 if self.model is not None else "", files)
         return hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
 
 
-def _stamp(path: Path) -> tuple[int, int]:
-    try:
-        found = path.stat()
-    except OSError:
-        return -1, -1
-    return found.st_size, found.st_mtime_ns
-
-
 def attempt(task: RigTask) -> Row:
-    """Work on a rig; one that cannot be is a row with its reason.
+    """Work on a rig; one that cannot be fitted is a row with its reason.
 
     The rig's own core is the only one that it uses. Its simulations run in a process of their own that can be killed.
     """
-    folder = task.out / RUNS / task.rig.name
-    config = task.config
-    built = task.model.here() if task.model is not None else None
-    if built is not None and config.model.fmu is not None:
-        config, built = config.model_copy(update={"model": config.model.model_copy(update={"fmu": built})}), None
+    config, folder = task.config, task.out / RUNS / task.rig.name
+    if isinstance(config, str):
+        return failure(task.key, config)
+    fmu = built = task.model.here() if task.model is not None else None
+    if fmu is not None and config.model.fmu is not None:
+        config, built = config.model_copy(update={"model": config.model.model_copy(update={"fmu": fmu})}), None
     options = RunOptions(
         folder, config=config, seed=task.seed, workers=1, quiet=True, built=built, cache=local_folder() / "loop"
     )
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        with (folder / LOG).open("w", encoding="utf-8") as log, _said_to(log):
+        with (
+            (folder / LOG).open("w", encoding="utf-8") as log,
+            contextlib.redirect_stdout(log),
+            contextlib.redirect_stderr(log),
+        ):
             _COMMANDS[task.work](task.rig, options)
     except (InputError, CannotFinishError) as error:
         return failure(task.key, str(error))
-    run = RunDirectory.read(folder)
-    model = Model.load(task.model.here()) if task.model is not None else None
-    return fleet_row(task.key, run.result, fit_parameters(model, config) if model is not None else ())
-
-
-def _said_to(log: object) -> contextlib.ExitStack:
-    """Redirect the output of a command to the log of the rig."""
-    stack = contextlib.ExitStack()
-    stack.enter_context(contextlib.redirect_stdout(log))  # type: ignore[type-var]
-    stack.enter_context(contextlib.redirect_stderr(log))  # type: ignore[type-var]
-    return stack
+    parameters = fit_parameters(Model.load(fmu), config) if fmu is not None else ()
+    return fleet_row(task.key, RunDirectory.read(folder).result, parameters)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,11 @@ from aero_bayes.config import Config, ModelSection
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.fleet.executors import open_executor
-from aero_bayes.fleet.parcels import Parcel
 from aero_bayes.fleet.rigs import FleetPlan, Rig, Work, read_fleet
-from aero_bayes.fleet.runner import Progress, failure, run_tasks
+from aero_bayes.fleet.runner import Progress, run_tasks
 from aero_bayes.fleet.summary import summarise_fleet
-from aero_bayes.fleet.table import Row, Table
-from aero_bayes.fleet.task import RigTask, attempt
+from aero_bayes.fleet.table import Table
+from aero_bayes.fleet.task import Parcel, RigTask, attempt
 from aero_bayes.report.fleet_page import write_fleet_page
 from aero_bayes.schema import FleetJson
 from aero_bayes.simulation.load_model import load_model
@@ -60,6 +60,11 @@ def fleet(
     progress : callable, optional
         Told how many rigs are done, one or more at a time.
 
+    Returns
+    -------
+    FleetJson
+        As ``fleet.json`` holds it.
+
     Raises
     ------
     InputError
@@ -72,61 +77,58 @@ def fleet(
     >>> found = fleet(rigs, "out", settings={"model": {"name": "Aero.Systems.HalfQuad"}})  # doctest: +SKIP
     >>> found.parameters["R_a"].spread.q50  # doctest: +SKIP
     """
-    plan = read_fleet(Path(rigs)) if isinstance(rigs, Path | str) else FleetPlan(settings or {}, Path(), work, rigs)
-    target = Path(out).resolve()
     if executor is None:
-        with open_executor() as own:
-            return _run(plan, target, seed, own, progress)
-    return _run(plan, target, seed, executor, progress)
-
-
-def _run(plan: FleetPlan, out: Path, seed: int, executor: Executor, progress: Progress) -> FleetJson:
-    names: set[str] = set()
-    tasks = tasks_of(plan, out, seed, names)
-    first = next(tasks, None)  # what is wrong with all rigs shows before anything is written
-    with Table(out / TABLE) as table:
-        started = chain([first] if first is not None else [], tasks)
-        run_tasks(started, _attempt, table, executor, made_of=lambda task: task.made_of, progress=progress)
-        table.keep_only(names)
+        with open_executor() as pool:
+            return fleet(rigs, out, settings=settings, work=work, seed=seed, executor=pool, progress=progress)
+    if isinstance(rigs, Path | str):
+        plan = read_fleet(Path(rigs))
+    else:
+        plan = FleetPlan(settings or {}, Path(), work, tuple(rigs))
+    folder = Path(out).resolve()
+    tasks = tasks_of(plan, folder, seed)
+    first = [
+        task for task in (next(tasks, None),) if task
+    ]  # what is wrong with all rigs shows before anything is written
+    with Table(folder / TABLE) as table:
+        run_tasks(chain(first, tasks), attempt, table, executor, made_of=lambda task: task.made_of, progress=progress)
+        table.keep_only({rig.name for rig in plan.rigs})
         result, columns = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
-    with whole_file(out / FLEET_RESULT) as temporary:
+    with whole_file(folder / FLEET_RESULT) as temporary:
         text = json.dumps(result.model_dump(by_alias=True), indent=1, ensure_ascii=False, allow_nan=False)
         temporary.write_text(text + "\n", "utf-8")
-    write_fleet_page(out, result, columns)
+    write_fleet_page(folder, result, columns)
     return result
 
 
-def tasks_of(plan: FleetPlan, out: Path, seed: int, names: set[str] | None = None) -> Iterator[RigTask | Wrong]:
-    """A task for each rig, made when its turn comes; every model is built once.
+def tasks_of(plan: FleetPlan, out: Path, seed: int) -> Iterator[RigTask]:
+    """Make a task for each rig when its turn comes; every model is built once.
 
     Raises
     ------
     InputError
-        Two rigs have one name, which ``names`` collects; or settings or model of the first rig are wrong, as then
-        all are.
+        Two rigs have one name; or settings or model of the first rig are wrong, as then all are.
     """
-    names = set() if names is None else names
+    for name, times in Counter(rig.name for rig in plan.rigs).items():
+        if times > 1:
+            raise InputError(f"two rigs are called {name}")
     models: dict[ModelSection, Parcel] = {}
-    for rig in plan.rigs:
-        if rig.name in names:
-            raise InputError(f"two rigs are called {rig.name}")
-        names.add(rig.name)
+    for number, rig in enumerate(plan.rigs):
+        train, test = (tuple(path.resolve() for path in paths) for paths in (rig.train, rig.test))
+        task = RigTask(Rig(rig.name, train, test), "", plan.work, out, rig.seed(seed))
         try:
             config = plan.config(rig)
             if config.model not in models:
                 models[config.model] = _model(config, out)
         except InputError as error:
-            if len(names) == 1:
+            if not number:
                 raise
-            yield Wrong(rig.name, str(error))
-            continue
-        train, test = (tuple(path.resolve() for path in paths) for paths in (rig.train, rig.test))
-        own = Rig(rig.name, train, test)
-        yield RigTask(own, config, plan.work, out, rig.seed(seed), models[config.model])
+            yield replace(task, config=str(error))
+        else:
+            yield replace(task, config=config, model=models[config.model])
 
 
 def _model(config: Config, out: Path) -> Parcel:
-    """The FMU of a configuration, kept under its hash where all workers find it."""
+    """Build or read the FMU of a configuration; it is kept under its hash where all workers find it."""
     name, fmu = which_model(config, RunOptions(out))
     model = load_model(fmu or name, sources=config.model.sources, libraries=config.model.libraries)
     kept = out / MODELS / f"{model.sha256}.fmu"
@@ -135,15 +137,3 @@ def _model(config: Config, out: Path) -> Parcel:
         with whole_file(kept) as temporary:
             shutil.copyfile(model.path, temporary)
     return Parcel(kept, model.sha256)
-
-
-@dataclass(frozen=True)
-class Wrong:
-    """A rig whose settings make no task, and why."""
-
-    key: str
-    made_of: str
-
-
-def _attempt(task: RigTask | Wrong) -> Row:
-    return failure(task.key, task.made_of) if isinstance(task, Wrong) else attempt(task)
