@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -50,6 +49,14 @@ FORMS = {
     + lines("time\tP\tQ\tT\tComment", lambda *r: "\t".join(map(str, r))),
     "epoch.csv": lines("time,P,Q,T", lambda t, *r: f"{1792800000000 + int(1000 * t)},{','.join(map(str, r))}"),
     "days.csv": lines("time,P,Q,T", lambda t, *r: f"{46319.75 + t / 86400:.9f},{','.join(map(str, r))}"),
+    "rows.csv": lines("tag,timestamp,value", lambda t, p, q, y: f"P,{t},{p}\nQ,{t},{q}\nT,{t},{y}"),
+    "clocks.csv": lines("time_P,P,time_Q,Q,time_T,T", lambda t, p, q, y: f"{t},{p},{t},{q},{t},{y}"),
+    "units.csv": lines("time;P;Q;T\nmin;kW;W;degC", lambda t, p, q, y: f"{t / 60};{p / 1000};{q};{y - 273.15}"),
+    "events.csv": lines('"time","P","Q","T"', lambda t, p, q, y: f"{t},{p + 1},{q},{y}\n{t},{p},{q},{y}"),
+    "table.txt": lines(
+        "#1\n# of CombiTimeTable\ndouble tab(40,4) # P, Q, T",
+        lambda *r: " ".join(map(str, r)) + ("  # start" if r[0] == 0 else ""),
+    ),
     "zones.csv": lines("time,P,Q,T", lambda t, *r: f"{summer_time(t)},{','.join(map(str, r))}"),
 }
 
@@ -57,7 +64,8 @@ FORMS = {
 @pytest.mark.parametrize("form", FORMS)
 def test_a_form_is_read_right(form: str, tmp_path: Path) -> None:
     (tmp_path / form).write_text(FORMS[form])
-    found = read_recording(tmp_path / form, layout=LAYOUT)
+    maps = {"P": "tab(2)", "Q": "tab(3)", "T": "tab(4)"} if form == "table.txt" else {}
+    found = read_recording(tmp_path / form, {n: ColumnMap(source) for n, source in maps.items()}, layout=LAYOUT)
     assert found.time - found.time[0] == pytest.approx(TIME, abs=1e-3)
     for values, expected in ((found.inputs["P"], P), (found.inputs["Q"], Q), (found.outputs["T"], T)):
         assert values == pytest.approx(expected, abs=1e-3)
@@ -88,10 +96,35 @@ def test_readings_that_are_marked_as_bad_are_not_fitted(column: str, tmp_path: P
     assert "rows 5, 11" in found.findings[0].where
 
 
+def test_signals_with_clocks_of_their_own_come_to_one_time(tmp_path: Path) -> None:
+    """Inputs hold until their next reading, outputs are missing between theirs."""
+    rows = [f"P,{t},{t}" for t in range(0, 60, 3)] + [f"Q,{t},1" for t in (1, 30)] + [f"T,{t},{t}" for t in range(50)]
+    (tmp_path / "run.csv").write_text("\n".join(["signal,time,value", *rows]))
+    found = read_recording(tmp_path / "run.csv", layout=LAYOUT)
+    assert found.time[[0, -1]].tolist() == [1.0, 57.0]
+    assert found.inputs["P"] == pytest.approx(3.0 * np.floor(found.time / 3.0))
+    read = np.isfinite(found.outputs["T"])
+    assert found.time[read].tolist() == list(range(1, 50))
+    assert found.outputs["T"][read] == pytest.approx(found.time[read])
+
+
+def test_a_repeated_time_without_an_event_is_an_error(tmp_path: Path) -> None:
+    rows = [f"{t - (t == 240.0) * 120.0},{1000.0},{0.0},{y}" for t, _, _, y in ROWS]
+    (tmp_path / "run.csv").write_text("\n".join(["time,P,Q,T", *rows]))
+    with pytest.raises(InputError, match="row 4, column time: repeats"):
+        read_recording(tmp_path / "run.csv", layout=LAYOUT)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (lines("tag,time,value", lambda t, p, q, y: f"P,{t},{p}\nQ,{t},{q}\nT,{t},{y}"), ("one reading a row", "tag")),
+        (
+            lines("tag,time,a,b", lambda t, p, q, y: f"P,{t},{p},1\nQ,{t},{q},1\nT,{t},{y},1"),
+            ("one reading a row", "tag"),
+        ),
+        (lines("tag,time,value", lambda t, p, q, y: f"P,{t},{p}\nT,{t},{y}"), ("no reading of Q", "tag")),
+        (lines("#1\ndouble tab(41,4)", lambda *r: " ".join(map(str, r))), ("row 2", "tab", "expected 164")),
+        (lines("LabVIEW Measurement\nSeparator\tTab\ntime\tP", lambda *r: "1\t2"), ("End_of_Header",)),
         (lines("time_P,P,time_T,Q,T", lambda t, p, q, y: f"{t},{p},{t + 7},{q},{y}"), ("time_P", "time_T", "resample")),
         (lines("time,P,Q,T,T", lambda t, p, q, y: f"{t},{p},{q},{y},{y}"), ("T appears 2 times",)),
     ],
@@ -133,26 +166,3 @@ def test_arrays_of_dates_and_objects_are_in_seconds() -> None:
         Recording("run", TIME, {"P": times}, {"T": T})
     with pytest.raises(InputError, match="column T"):
         Recording.from_frame(frame.assign(T=pandas.to_datetime(frame["time"])), inputs="P", outputs="T")
-
-
-TABLES = [(".xlsx", "openpyxl", "excel"), (".parquet", "pyarrow", "parquet")]
-
-
-@pytest.mark.parametrize(("suffix", "module", "extra"), TABLES)
-def test_a_table_is_read_or_its_reader_is_named(suffix: str, module: str, extra: str, tmp_path: Path) -> None:
-    path = tmp_path / f"run{suffix}"
-    try:
-        __import__(module)
-    except ImportError:
-        path.write_bytes(b"")
-        with pytest.raises(InputError, match=rf"aero-bayes\[{extra}\]"):
-            read_recording(path, layout=LAYOUT)
-        assert module not in sys.modules
-        return
-    frame = pandas.DataFrame(
-        {"time": pandas.Timestamp("2026-07-24T18:00") + pandas.to_timedelta(TIME, unit="s"), "P": P, "Q": Q, "T": T}
-    )
-    getattr(frame, "to_excel" if suffix == ".xlsx" else "to_parquet")(path, index=False)
-    found = read_recording(path, layout=LAYOUT)
-    assert found.time == pytest.approx(TIME, abs=1e-3)
-    assert found.outputs["T"] == pytest.approx(T)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from facts import facts
+from scipy.io import savemat
 
 from aero_bayes.cli import main
 from aero_bayes.language import main_class
@@ -89,6 +90,32 @@ def test_every_parameter_is_listed_and_only_what_the_outputs_tell_is_free(rig):
     ):
         (line,) = (x for x in lines if x.removeprefix("# ").startswith(f"{name} ="))
         assert all(word in line for word in words), line
+
+
+@pytest.mark.parametrize("form", ["structure with time", "result of Dymola"])
+def test_signals_of_a_mat_file_are_matched(rig, form):
+    time, u, level = np.loadtxt(rig / "run.csv", delimiter=",", skiprows=1).T
+    if form == "structure with time":
+        signals = [{"values": v[:, None], "label": n} for n, v in (("u", u), ("level", level))]
+        savemat(rig / "run.mat", {"log": {"time": time[:, None], "signals": np.array(signals, dtype=object)}})
+        expected = {"time": "log.time", "u": "log.u", "level": "log.level"}
+    else:
+        names = np.array(["time      ", "test.u    ", "test.level"])
+        info, about = np.array([[0, 1, 0, -1], [2, 2, 0, -1], [2, 3, 0, -1]]), ["Atrajectory", "1.1", "", "binNormal"]
+        content = {
+            "name": names,
+            "dataInfo": info,
+            "data_1": np.zeros((2, 1)),
+            "data_2": np.column_stack([time, u, level]),
+        }
+        savemat(rig / "run.mat", {"Aclass": np.array([a.ljust(11) for a in about]), **content}, format="4")
+        expected = {"u": "test.u", "level": "test.level"}
+    done = run("init", rig / "models" / "Rig.mo", rig / "run.mat", "--out", rig / "rig.toml")
+    assert done.exit_code == 0, done.output
+    found = tomllib.loads((rig / "rig.toml").read_text())["data"].get("columns", {})
+    assert {name: column["source"] for name, column in found.items()} == expected
+    checked = run("check", rig / "run.mat", "--config", rig / "rig.toml")
+    assert checked.exit_code == 0, checked.output
 
 
 def test_a_file_is_not_overwritten(rig):

@@ -1,4 +1,4 @@
-"""Tables of pandas: data frames, and files that pandas reads; times of any type and resolution become seconds."""
+"""Tables that pandas reads: Excel, where the header may stand below a title, Parquet and Feather."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.data.cells import is_number
+from aero_bayes.data.csv_text import with_units
+from aero_bayes.data.table import Table
 from aero_bayes.errors import InputError
-from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
 
-FloatArray = NDArray[np.float64]
 #: Function of pandas that reads a file by its suffix, and the part of an installation that it needs.
 READERS = {
     ".xlsx": ("read_excel", "excel"),
@@ -27,126 +27,101 @@ READERS = {
 #: Suffixes of tables that are not read, and what to do instead.
 REFUSED = {
     ".xls": "save it as .xlsx or CSV",
-    ".h5": "write it as CSV or Parquet",
-    ".hdf5": "write it as CSV or Parquet",
+    ".ods": "save it as .xlsx or CSV",
+    ".pkl": "write it as CSV or Parquet",
 }
+#: Rows of a sheet in which its header is looked for.
+MOST_TITLES = 60
 
 
 def is_table(path: Path) -> bool:
-    """Whether a file is a table that pandas reads, by its suffix.
-
-    Raises
-    ------
-    InputError
-        For one that is known and not read.
-    """
+    """Whether a file is a table that pandas reads, by its suffix; InputError for one that is known and not read."""
     suffix = path.suffix.lower()
     if suffix in REFUSED:
         raise InputError(f"{path}: {suffix} is not read: {REFUSED[suffix]}")
     return suffix in READERS
 
 
-def read_frame(path: Path) -> pandas.DataFrame:
-    """Read a table.
+class FrameTable:
+    """A table that pandas reads whole; InputError if its reader is not installed, or cannot read the file."""
 
-    Raises
-    ------
-    InputError
-        If the reader is not installed, or cannot read the file.
-    """
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        name, extra = READERS[path.suffix.lower()]
+        # Without its name pandas would ask the file for its engine first.
+        options = {"engine": "openpyxl", "header": None, "sheet_name": None} if extra == "excel" else {}
+        frame = read_with_extra(path, extra, name, **options)
+        self.first_row, self.where = 1, str(path)
+        if extra == "excel":
+            frame = self._sheet(frame)
+        elif frame.index.name is not None and frame.index.name not in frame.columns:
+            frame = frame.reset_index()
+        self.names = [str(column).strip() for column in frame.columns]
+        self._frame = frame.set_axis(range(len(self.names)), axis=1)
+
+    def head(self) -> pandas.DataFrame:
+        """The first rows."""
+        return self._frame.head(20)
+
+    def read(self, columns: Sequence[str], memory: int | None = None) -> Table:
+        """Columns by name."""
+        found = self._frame[[self.names.index(name) for name in columns]].set_axis(list(columns), axis=1)
+        if not len(found):
+            raise InputError(f"{self.path}: holds a header but no data, expected one sample a row")
+        digest, first = hashlib.sha256(self.path.read_bytes()).hexdigest(), self.first_row
+        return Table(found, digest, lambda row: f"row {row + first}", first)
+
+    def _sheet(self, sheets: dict[str, pandas.DataFrame]) -> pandas.DataFrame:
+        """The first sheet with a header: a row of names above a row with numbers, or above one of units."""
+        for title, sheet in sheets.items():
+            for row in range(min(MOST_TITLES, len(sheet) - 1)):
+                below = 1 if _has_numbers(sheet.iloc[row + 1]) else 2
+                units = sheet.iloc[row + 1]
+                if not _are_names(sheet.iloc[row]) or row + below >= len(sheet):
+                    continue
+                if below == 2 and not (_are_names(units, least=1) and _has_numbers(sheet.iloc[row + 2])):
+                    continue
+                used = [k for k, cell in enumerate(sheet.iloc[row]) if isinstance(cell, str) and cell.strip()]
+                names = [str(sheet.iloc[row, k]).strip() for k in used]
+                if below == 2:
+                    names = with_units(names, ["" if _empty(units.iloc[k]) else str(units.iloc[k]) for k in used])
+                data = sheet.iloc[row + below :, used].set_axis(names, axis=1).reset_index(drop=True)
+                self.first_row, self.where = row + below + 1, f"{self.path}, sheet {title}, row {row + 1}"
+                while len(data) and all(_empty(cell) for cell in data.iloc[-1]):
+                    data = data.iloc[:-1]
+                return data.infer_objects()
+        raise InputError(f"{self.path}: no sheet has a row of names above rows of numbers")
+
+
+def read_with_extra(path: Path, extra: str, reader: str, **options: Any) -> Any:
+    """What a reader of pandas makes of a file; InputError that names the extra where it needs one."""
     import pandas
 
-    name, extra = READERS[path.suffix.lower()]
     try:
-        # Without its name pandas would ask the file for its engine first.
-        options = {"engine": "openpyxl"} if extra == "excel" else {}
-        frame: pandas.DataFrame = getattr(pandas, name)(path, **options)
+        return getattr(pandas, reader)(path, **options)
     except ImportError:
-        raise InputError(
-            f"{path}: reading {path.suffix} files needs a further package: pip install 'aero-bayes[{extra}]', or write "
-            "the table as CSV"
-        ) from None
+        raise missing_extra(path, extra) from None
     except Exception as error:
         reason = f"{error}".partition("\n")[0] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a table: {reason}") from None
-    if frame.index.name is not None and frame.index.name not in frame.columns:
-        frame = frame.reset_index()
-    frame.columns = [str(column).strip() for column in frame.columns]
-    return frame
 
 
-def frame_columns(
-    path: Path, time: str, wanted: Sequence[str], optional: Sequence[str]
-) -> tuple[dict[str, FloatArray], str]:
-    """Columns of a table by name, and the hash of its file.
-
-    Parameters
-    ----------
-    path : Path
-    time : str
-        Column of the times.
-    wanted, optional : sequence of str
-        Columns that must be there, and that are read where they are.
-
-    Raises
-    ------
-    InputError
-        For a column that is missing, there twice, or holds something else than numbers.
-    """
-    frame = read_frame(path)
-    names = list(frame.columns)
-    found: dict[str, FloatArray] = {}
-    for name in (*wanted, *optional):
-        if names.count(name) > 1:
-            raise InputError(f"{path}: column {name} appears {names.count(name)} times, expected once")
-        if name in names:
-            found[name] = seconds(frame[name]) if name == time else numbers(frame[name], str(path))
-        elif name in wanted:
-            raise InputError(f"{path}: no column {name}{known_names_hint(name, names)}")
-    return found, hashlib.sha256(path.read_bytes()).hexdigest()
+def missing_extra(path: Path, extra: str) -> InputError:
+    """The error for a file whose reader is not installed."""
+    return InputError(
+        f"{path}: reading {path.suffix} files needs a further package: pip install 'aero-bayes[{extra}]', or write the "
+        "signals as CSV"
+    )
 
 
-def seconds(times: Any) -> FloatArray:
-    """Times in s of a series or an index of pandas, or an array.
-
-    Dates count from the first one, whatever their resolution and time zone; durations and numbers stay what they are.
-    """
-    import pandas
-
-    given = pandas.Series(times.array if hasattr(times, "array") else times)
-    if isinstance(given.dtype, pandas.PeriodDtype):
-        given = given.dt.to_timestamp()
-    if given.dtype == object and len(given) and not isinstance(given.iloc[0], int | float | np.number):
-        first = given.iloc[0]
-        by = pandas.to_timedelta if hasattr(first, "total_seconds") else _dates
-        try:
-            given = pandas.Series(by(given))
-        except (ValueError, TypeError, OverflowError):
-            return numbers(given, "time")
-    if isinstance(given.dtype, pandas.DatetimeTZDtype):
-        given = given.dt.tz_convert("UTC").dt.tz_localize(None)
-    if given.dtype.kind == "M":
-        given = given - given.iloc[0]
-    if given.dtype.kind == "m":
-        return np.asarray(given / pandas.Timedelta(seconds=1), dtype=np.float64)
-    return numbers(given, "time")
+def _empty(cell: Any) -> bool:
+    return cell is None or (isinstance(cell, float) and np.isnan(cell)) or (isinstance(cell, str) and not cell.strip())
 
 
-def numbers(column: Any, where: str) -> FloatArray:
-    """A column as numbers, NaN where there is none; InputError for dates, durations and text."""
-    name = getattr(column, "name", None) or "time"
-    kind = getattr(getattr(column, "dtype", None), "kind", "f")
-    try:
-        if kind in "mM":
-            raise TypeError
-        return np.asarray(column, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: column {name} holds something else than numbers") from None
+def _are_names(row: pandas.Series, least: int = 2) -> bool:
+    given = [cell for cell in row if not _empty(cell)]
+    return len(given) >= least and all(isinstance(cell, str) and not is_number(cell.strip()) for cell in given)
 
 
-def _dates(values: Any) -> Any:
-    """Dates in universal time; text with several offsets is compared by the instants that it names."""
-    import pandas
-
-    text = isinstance(values.iloc[0], str)
-    return pandas.to_datetime(values, utc=True, **({"format": "ISO8601"} if text else {}))
+def _has_numbers(row: pandas.Series) -> bool:
+    return any(not _empty(cell) and (not isinstance(cell, str) or is_number(cell.strip())) for cell in row)

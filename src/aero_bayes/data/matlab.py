@@ -1,4 +1,4 @@
-"""Logs that MATLAB, Simulink and QUARC write: version 5 through SciPy, version 7.3 (HDF5) through h5py.
+"""Logs that MATLAB, Simulink, QUARC, Dymola and OpenModelica write: ``.mat`` files of versions 4, 5 and 7.3.
 
 Whatever the layout, a file becomes a flat set of named vectors, which a column mapping refers to:
 
@@ -11,10 +11,15 @@ each, time first; To Workspace: a column each)   ``log(1)`` is time
 structure ``run`` with a field ``a``             ``run.a`` (and so on inwards)
 Simulink's structure with time                   ``run.time``, ``run.signals(1)`` or its label ``run.label``; a signal
                                                  of several columns ``run.signals(1)(2)``
+
+table or timetable ``run``                       ``run.u``; the times of a timetable are ``run.time``
+timeseries ``y``                                 ``y`` and ``y.time``
+result of Dymola or OpenModelica                 as in the model, ``time`` first; at an event the values after it
 ===============================================  ==================================================================
 
-Only in a structure with time, or with a variable named ``t`` or ``tout``, is time found without a mapping.
-``timeseries`` objects are an undocumented format; saving ``[ts.Time ts.Data]`` avoids it, and the error says so.
+In structures with time, timetables and timeseries, and with a variable named ``t`` or ``tout``, time is found without
+a mapping; signals that have times of their own are brought to common ones. Tables, timetables and timeseries are
+objects, which the package mat-io reads (``aero-bayes[matlab]``).
 """
 
 from __future__ import annotations
@@ -25,15 +30,16 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from aero_bayes.data import matlab_process
-from aero_bayes.data.csv_text import FloatArray, free_memory
+from aero_bayes.data.csv_text import free_memory
 from aero_bayes.data.matlab_process import HDF5
+from aero_bayes.data.signals import Columns, Request, Signals, pick_signals
 from aero_bayes.errors import InputError
 
 #: Seconds that reading may take, and for each MiB of the file; the readers can be made to run for ever.
@@ -42,10 +48,16 @@ READ_TIME_LIMIT, READ_TIME_PER_MIB = 30.0, 0.5
 INTERPRETER_BYTES = 2 << 30
 
 
-def is_matlab(path: Path) -> bool:
-    """Whether the file's content is that of a MATLAB file (its name does not matter)."""
+def is_one(path: Path) -> bool:
+    """Whether the file's content is that of a MATLAB file (its name matters for version 4 only, which has no mark)."""
     with path.open("rb") as file:
-        return file.read(7) == b"MATLAB " or _is_hdf5(path)
+        head = file.read(7)
+    return (
+        head == b"MATLAB "
+        or _is_hdf5(path)
+        or (path.suffix.lower() == ".mat" and not head.isascii())
+        or (path.suffix.lower() == ".mat" and b"\0" in head)
+    )
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -54,74 +66,57 @@ def _is_hdf5(path: Path) -> bool:
     return HDF5 in (head[:8], head[512:])
 
 
-def read_matlab(
-    path: Path,
-    sources: Mapping[str, str],
-    wanted: Sequence[str],
-    optional: Sequence[str],
-    memory: int | None = None,
-) -> tuple[dict[str, FloatArray], str]:
-    """Vectors of the file under the contract's names, and the file's hash.
-
-    Parameters
-    ----------
-    path : Path
-    sources : mapping of str to str
-        The file's name (see above) of each of the contract's columns.
-    wanted, optional : sequence of str
-        Columns that must be there, and that are read where they are.
-    memory : int, optional
-        Bytes that may be used; what the machine has free by default.
+def read(path: Path, request: Request) -> Columns:
+    """Vectors of the file under the recording's names.
 
     Raises
     ------
     InputError
-        Too large for the memory, damaged, needs h5py, holds only timeseries objects, a column missing or of another
-        length.
+        Too large for the memory, damaged, needs a package, a column missing or of another length.
     """
-    size, free = path.stat().st_size, memory if memory is not None else free_memory()
+    size, free = path.stat().st_size, request.memory if request.memory is not None else free_memory()
     # Read, flattened and converted: three copies; compressed files are seldom more than twice their size.
     if 6 * size > free:
         raise InputError(
             f"{path}: {size / 2**20:,.1f} MiB need about {6 * size / 2**20:,.0f} MiB of memory, "
             f"{free / 2**20:,.0f} MiB are free: write it as CSV, thin it, or run on a larger machine"
         )
-    vectors, opaque = _read(path, free)
-    sources = dict(sources)
-    if sources["time"] not in vectors:
-        times = [name for name in vectors if name.endswith(".time")] or [n for n in ("t", "tout") if n in vectors]
-        if len(times) == 1:
-            sources["time"] = times[0]
-    for name in [*wanted, *optional]:
-        labelled = [key for key in vectors if key.endswith(f".{sources[name]}")]
-        if sources[name] not in vectors and len(labelled) == 1:
-            sources[name] = labelled[0]
-    found: dict[str, FloatArray] = {}
-    shown = ", ".join(list(vectors)[:20]) or "nothing"
-    for name in [*wanted, *optional]:
-        if sources[name] in vectors:
-            found[name] = vectors[sources[name]]
-        elif name in wanted:
-            hint = (
-                f"; {', '.join(opaque)} cannot be read (timeseries or other object: save [ts.Time ts.Data] instead)"
-                if opaque
-                else "; map it with columns in the configuration"
-            )
-            raise InputError(f"{path}: no column {sources[name]}, found {shown}{hint}")
-    length = found["time"].size
-    for name, values in found.items():
-        if values.size != length:
-            raise InputError(f"{path}, column {name}: {values.size} values, expected {length} as in time")
+    signals, opaque = _read(path, free)
+    hint = "; map it with columns in the configuration"
+    if opaque:
+        hint = (
+            f"; {', '.join(opaque)} cannot be read: pip install 'aero-bayes[matlab]' for tables, timetables and "
+            "timeseries, or save [ts.Time ts.Data] instead"
+        )
     with path.open("rb") as file:
-        return found, hashlib.file_digest(file, "sha256").hexdigest()
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return pick_signals(path, signals, request, digest, hint)
 
 
-def matlab_names(path: Path) -> list[str]:
+def names_of(path: Path) -> list[str]:
     """Names of the vectors in the file."""
-    return list(_read(path, free_memory())[0])
+    signals, opaque = _read(path, free_memory())
+    if opaque and not signals.vectors:
+        raise InputError(
+            f"{path}: holds only objects ({', '.join(opaque)}): pip install 'aero-bayes[matlab]' to read them"
+        )
+    return signals.names
 
 
-def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], list[str]]:
+def _clocks(names: Sequence[str]) -> dict[str, str]:
+    """The times of each vector: those of its structure, else the only ones that the file has."""
+    times = [n for n in names if n.rpartition(".")[2].casefold() == "time"]
+    common = [n for n in ("time", "t", "tout") if n in names] or (times if len(times) == 1 else [])
+    clocks = {}
+    for name in names:
+        own = [t for t in times if "." in t and (name == t[:-5] or name.startswith((t[:-4], f"{t[:-5]}(")))]
+        clock = max(own, key=len, default=common[0] if common else "")
+        if clock not in ("", name):
+            clocks[name] = clock
+    return clocks
+
+
+def _read(path: Path, memory: int) -> tuple[Signals, list[str]]:
     """The file's vectors and the names of what cannot be read, by a process that a damaged file may crash."""
     if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
         raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
@@ -140,4 +135,6 @@ def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], list[str]]:
         raise InputError(f"{path}: not a readable MATLAB file ({answer['error']})")
     sizes: dict[str, int] = answer["sizes"]
     parts = np.split(np.frombuffer(data), np.cumsum(list(sizes.values()))[:-1]) if sizes else []
-    return dict(zip(sizes, parts, strict=True)), list(answer["opaque"])
+    vectors = dict(zip(sizes, parts, strict=True))
+    clocks = dict.fromkeys(list(vectors)[1:], "time") if answer["result"] else _clocks(list(vectors))
+    return Signals(vectors, clocks), list(answer["opaque"])

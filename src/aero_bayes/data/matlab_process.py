@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import resource
 import sys
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -28,9 +29,15 @@ def main(path: Path, memory: int) -> None:
     vectors: dict[str, FloatArray] = {}
     opaque: list[str] = []
     try:
-        for name, value in _variables(path, opaque).items():
-            _flatten(name, value, vectors)
-        answer: dict[str, Any] = {"sizes": {n: v.size for n, v in vectors.items()}, "opaque": opaque}
+        variables = _variables(path, opaque)
+        result = {"dataInfo", "name", "data_2"} <= set(variables)
+        if result:
+            vectors = _trajectories(variables)
+        else:
+            for name, value in variables.items():
+                _flatten(name, value, vectors)
+        sizes = {n: v.size for n, v in vectors.items()}
+        answer: dict[str, Any] = {"sizes": sizes, "opaque": opaque, "result": result}
     except MemoryError:
         answer = {"error": "needs more memory than is free"}
     except Exception as error:
@@ -47,7 +54,7 @@ def _variables(path: Path, opaque: list[str]) -> dict[str, Any]:
     with path.open("rb") as file:
         head = file.read(520)
     if head.startswith(HDF5) or head[512:520] == HDF5:
-        return _variables_hdf5(path, opaque)
+        return _variables_hdf5(path, opaque) | _objects(path, opaque)
     from scipy.io import loadmat
 
     content = loadmat(path, simplify_cells=True)
@@ -59,7 +66,67 @@ def _variables(path: Path, opaque: list[str]) -> dict[str, Any]:
             del named[name]
     if "__function_workspace__" in content and not named and not opaque:
         opaque.append("its variables")
-    return named
+    return named | _objects(path, opaque)
+
+
+def _objects(path: Path, opaque: list[str]) -> dict[str, Any]:
+    """Tables, timetables and timeseries through mat-io, where it is installed; what it read leaves ``opaque``."""
+    if not opaque:
+        return {}
+    try:
+        from matio import load_from_mat
+    except ImportError:
+        return {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            content = load_from_mat(str(path))
+        except Exception:
+            return {}
+    found = {name: fields for name, value in content.items() if (fields := _fields_of(value)) is not None}
+    opaque[:] = [name for name in opaque if name not in found and not (found and name == "its variables")]
+    return found
+
+
+def _fields_of(value: Any) -> dict[str, Any] | None:
+    """Columns of a table or timetable, or times and values of a timeseries; None for anything else."""
+    if hasattr(value, "columns"):
+        fields = {str(name): value[name].to_numpy() for name in value.columns}
+        index = value.index
+        if index.dtype.kind in "mM" and len(index):
+            start = index[0] if index.dtype.kind == "M" else np.timedelta64(0, "ns")
+            fields = {"time": np.asarray((index - start) / np.timedelta64(1, "s"), dtype=float)} | fields
+        return fields
+    properties = getattr(value, "properties", None)
+    one = np.ravel(properties)[0] if isinstance(properties, np.ndarray) and properties.size == 1 else properties
+    if not isinstance(one, Mapping) or "timeseries" not in str(getattr(value, "classname", "")):
+        return None
+    times = next((one[key] for key in ("Time_", "Time") if np.size(one.get(key, 0)) > 1), None)
+    values = next((one[key] for key in ("Data_", "Data") if np.size(one.get(key, 0)) > 1), None)
+    return None if times is None or values is None else {"time": np.ravel(times), "": np.squeeze(values)}
+
+
+def _trajectories(variables: Mapping[str, Any]) -> dict[str, FloatArray]:
+    """Variables over time of a result of Dymola or OpenModelica; at an event, where a time is there twice, the last.
+
+    ``dataInfo`` has a column for each name: the matrix with its values (0: the time, 1: constants, 2: over time), the
+    row in it, negative for one that enters with the other sign. ``Aclass`` says in which order matrices are stored.
+    """
+    transposed = len(variables["Aclass"]) > 3 and str(variables["Aclass"][3]).startswith("binTrans")
+    info, data = np.asarray(variables["dataInfo"]), np.atleast_2d(np.asarray(variables["data_2"], dtype=float))
+    names = [str(name) for name in variables["name"]]
+    if transposed:
+        width = max(len(name) for name in names)
+        names = ["".join(name[k] for name in names if k < len(name)) for k in range(width)]
+    else:
+        info, data = info.T, data.T
+    time = data[0]
+    last = np.append(np.diff(time) != 0.0, True)
+    found = {"time": np.ascontiguousarray(time[last])}
+    for name, (matrix, row, *_) in zip((n.strip(" \0") for n in names), info.T, strict=False):
+        if int(matrix) == 2 and abs(int(row)) > 1 and name:
+            found[name] = np.ascontiguousarray(np.sign(row) * data[abs(int(row)) - 1][last])
+    return found
 
 
 def _variables_hdf5(path: Path, opaque: list[str]) -> dict[str, Any]:
@@ -97,7 +164,7 @@ def _flatten(name: str, value: Any, vectors: dict[str, FloatArray]) -> None:
                 if label:
                     _flatten_array(f"{name}.{label}", values, vectors)
         for key, child in fields.items():
-            _flatten(f"{name}.{key}", child, vectors)
+            _flatten(f"{name}.{key}" if key else name, child, vectors)
     elif isinstance(value, (list, np.ndarray)) and len(value) and isinstance(value[0], Mapping):
         for index, child in enumerate(value, start=1):
             _flatten(f"{name}({index})", child, vectors)

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.data.cells import plain_seconds
 from aero_bayes.data.checks import check_recording
-from aero_bayes.data.csv_forms import plain_seconds, quality_columns
-from aero_bayes.data.csv_text import CsvTable, FloatArray, read_columns, read_header, read_quality
-from aero_bayes.data.frames import frame_columns, is_table, read_frame
+from aero_bayes.data.file_forms import column_names, read_columns
 from aero_bayes.data.layout import ColumnMap, Layout
-from aero_bayes.data.matlab import is_matlab, matlab_names, read_matlab
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import hide
+from aero_bayes.data.signals import Columns, Request, without_repeats
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
 from aero_bayes.files import whole_file
 from aero_bayes.unknown_names import known_names_hint
+
+FloatArray = NDArray[np.float64]
 
 
 def read_recording(
@@ -35,9 +38,9 @@ def read_recording(
     Parameters
     ----------
     path : path
-        A CSV file with a header, or a MATLAB ``.mat`` file (version 5, or 7.3 where h5py is installed), told apart by
-        content; or a table in Excel (``.xlsx``) or Parquet, where pandas has its reader installed. An empty cell (NaN
-        in MATLAB) of an output is a gap; the text ``nan`` is an error.
+        A table of text with a header, a ``.mat`` file of MATLAB, Simulink, Dymola or OpenModelica, a table in Excel or
+        Parquet, a log in MDF 4, TDMS or ``.lvm``, or a table of Modelica, told apart by content. An empty cell (NaN in
+        MATLAB) of an output is a gap; the text ``nan`` is an error.
     columns : mapping of str to ColumnMap, optional
         Where a column of the layout is found if not under its own name and in SI.
     layout : Layout, optional
@@ -71,34 +74,11 @@ def read_recording(
     if not file.is_file():
         raise InputError(f"{file}: is not a file")
     sources = {name: maps[name].source if name in maps else name for name in layout.units}
-    wanted = ["time", *(quantity.name for quantity in layout.inputs)]
-    wanted += [quantity.name for quantity in layout.outputs if quantity.name in maps]
+    held = [quantity.name for quantity in layout.inputs]
+    wanted = ["time", *held, *(quantity.name for quantity in layout.outputs if quantity.name in maps)]
     optional = [quantity.name for quantity in layout.outputs if quantity.name not in maps]
-    where: Callable[[int], str] = _sample
-    first_row, bad = 1, dict[str, NDArray[np.bool_]]()
-    try:
-        if is_table(file):
-            needed = list(dict.fromkeys(sources[name] for name in wanted))
-            columns_of_file, sha256 = frame_columns(file, sources["time"], needed, [sources[name] for name in optional])
-            found = {n: columns_of_file[source] for n, source in sources.items() if source in columns_of_file}
-            first_row = 2
-        elif is_matlab(file):
-            found, sha256 = read_matlab(file, sources, wanted, optional, memory)
-        else:
-            table = read_columns(
-                file,
-                list(dict.fromkeys(sources[name] for name in wanted)),
-                [sources[name] for name in optional],
-                memory,
-            )
-            found = {name: table.columns[source] for name, source in sources.items() if source in table.columns}
-            sha256, line, first_row = table.sha256, table.line, table.line(0)
-            bad = _bad_readings(file, sources, layout, table)
-
-            def where(row: int) -> str:
-                return f"row {line(row)}"
-    except PermissionError:
-        raise InputError(f"{file}: may not be read (permission denied)") from None
+    given = _after_events(read_columns(file, Request(sources, wanted, optional, held, memory)), held)
+    found = given.columns
     if not any(quantity.name in found for quantity in layout.outputs):
         missing = ", ".join(sources[quantity.name] for quantity in layout.outputs)
         there = known_names_hint(
@@ -107,7 +87,7 @@ def read_recording(
         raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
     if maps.get("time", ColumnMap("time")).unit is None:
         found["time"] = plain_seconds(found["time"])
-    values = {name: _in_unit(column, name, maps.get(name), layout) for name, column in found.items()}
+    values = {name: _in_unit(column, name, maps, given.named, layout) for name, column in found.items()}
     recording = Recording(
         name=file.stem,
         time=values["time"],
@@ -115,34 +95,29 @@ def read_recording(
         | {quantity.name: values[quantity.name] for quantity in layout.inputs},
         outputs={quantity.name: values[quantity.name] for quantity in layout.outputs if quantity.name in values},
         units={name: unit for name, unit in layout.units.items() if name in values},
-        sha256=sha256,
+        sha256=given.sha256,
         path=file,
-        first_row=first_row,
+        first_row=given.first_row,
     )
-    for name, rows in bad.items():
+    for name, rows in given.bad.items():
         what = f"{int(rows.sum())} readings of {name} are marked as bad by the column of its quality."
         recording = hide(recording, name, rows, "quality", what)
-    check_recording(recording, layout, where)
+    check_recording(recording, layout, given.line)
     return recording
 
 
-def _bad_readings(
-    file: Path, sources: Mapping[str, str], layout: Layout, table: CsvTable
-) -> dict[str, NDArray[np.bool_]]:
-    """Rows of outputs that a column of quality words calls bad, by output."""
-    outputs = {q.name: sources[q.name] for q in layout.outputs if sources[q.name] in table.columns}
-    bad: dict[str, NDArray[np.bool_]] = {}
-    for column, signals in quality_columns(read_header(file).names, outputs).items():
-        rows = read_quality(file, column, next(iter(table.columns.values())).size)
-        bad |= {signal: bad.get(signal, rows) | rows for signal in signals if rows.any()}
-    return bad
-
-
-def column_names(path: Path) -> list[str]:
-    """Names of the columns of a file, or of the variables of a MATLAB file."""
-    if is_table(path):
-        return list(read_frame(path).columns)
-    return matlab_names(path) if is_matlab(path) else read_header(path).names
+def _after_events(given: Columns, held: Sequence[str]) -> Columns:
+    """The rows without those that a simulator writes a second time at an event."""
+    keep = without_repeats(given.columns, held)
+    if keep.all():
+        return given
+    rows = np.flatnonzero(keep)
+    return replace(
+        given,
+        columns={name: values[keep] for name, values in given.columns.items()},
+        bad={name: marked[keep] for name, marked in given.bad.items()},
+        line=lambda row: given.line(int(rows[row])),
+    )
 
 
 def write_csv(recording: Recording, path: Path | str) -> Path:
@@ -170,9 +145,12 @@ def write_csv(recording: Recording, path: Path | str) -> Path:
     return target
 
 
-def _sample(row: int) -> str:
-    return f"sample {row + 1}"
-
-
-def _in_unit(values: FloatArray, name: str, column: ColumnMap | None, layout: Layout) -> FloatArray:
-    return values if column is None else column.convert(values, name, layout.units[name])
+def _in_unit(
+    values: FloatArray, name: str, maps: Mapping[str, ColumnMap], named: Mapping[str, str], layout: Layout
+) -> FloatArray:
+    """Values in the unit of the layout, from the unit that was given, or else from the one in the column's name."""
+    column = maps.get(name, ColumnMap(name))
+    called = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
+    if column.unit is None and called and named[name] != column.source:
+        column = replace(column, unit=called[1])
+    return column.convert(values, name, layout.units[name])

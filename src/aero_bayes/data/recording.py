@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arguments import names_of
+from aero_bayes.data.cells import numbers, seconds
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.findings import DataFinding
-from aero_bayes.data.frames import numbers, seconds
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.plot_backend import plot_backend

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from aero_bayes.data import Recording, screen_all
-from aero_bayes.data.read import column_names
+from aero_bayes.data.file_forms import column_names
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation import Model, Variable

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from aero_bayes.config import Config
 from aero_bayes.data import read_recording
-from aero_bayes.data.read import column_names
+from aero_bayes.data.file_forms import column_names
+from aero_bayes.data.table import is_time_name
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import CalibrationSettings, calibrate
 from aero_bayes.estimate.objective import Objective
@@ -31,8 +32,6 @@ from aero_bayes.workflow.job import columns_of, layout_of
 
 FloatArray = NDArray[np.float64]
 
-#: What a column of time is called, without its unit.
-TIME_NAMES = {"time", "t", "timestamp", "zeit", "xvalue", "datetime"}
 #: Number of sample times at which sensitivities are computed.
 SAMPLE_COUNT = 2000
 #: Change of an output, as a share of its range, by a relative change of one of a parameter, below which it has none.
@@ -62,7 +61,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     source : Path
         A Modelica file, or the folder of a package.
     data : Path
-        A CSV file with a header.
+        A recording, in any form that is read.
     out : Path
         The TOML file; it must not exist.
     model : str, optional
@@ -118,7 +117,7 @@ def match_columns(
     units_of = {c: unit or (to_modelica_unit(c) if not re.search(r"\d", c) else "") for c, (_, unit) in named.items()}
 
     def timed(signal: str, column: str) -> bool:
-        return signal == "time" and _bare(named[column][0]) in TIME_NAMES
+        return signal == "time" and is_time_name(named[column][0])
 
     def alike(signal: str, column: str) -> bool:
         is_time = signal == "time" and not named[column][1] and conversion(units_of[column], "s") is not None
@@ -194,7 +193,7 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
         if signal == column:
             continue
         given = f", unit = {_text(unit)}" if known not in (None, (1.0, 0.0)) or unit == "%" else ""
-        alike = _bare(plain) == _bare(signal) or (signal == "time" and plain.casefold() in TIME_NAMES)
+        alike = _bare(plain) == _bare(signal) or (signal == "time" and is_time_name(plain))
         doubts = [] if alike else ["is this the right column?"]
         doubts += [] if known else [f"in {unit}, but the model has {units[signal]}: give scale"]
         doubt = f"  # {'; '.join(doubts)}" if doubts else ""

@@ -13,7 +13,7 @@ import click
 
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data import ColumnMap, ColumnSpec, Layout, Recording, read_recording
-from aero_bayes.data.read import column_names
+from aero_bayes.data.file_forms import column_names
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError

@@ -1,0 +1,170 @@
+"""Logs of measuring systems: MDF 4 (``.mf4``, of dSPACE, Vector, ETAS), TDMS and ``.lvm`` of LabVIEW.
+
+A signal with a unit is called ``v [km/h]``, in TDMS behind its group where two groups have one of its name. Each signal
+has its own times; those of one recording are brought to common ones.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aero_bayes.data.cells import FloatArray, seconds
+from aero_bayes.data.frames import missing_extra
+from aero_bayes.data.signals import Columns, Request, Signals, pick_signals
+from aero_bayes.data.table import is_time_name
+from aero_bayes.errors import InputError
+
+MDF, TDMS, LABVIEW = (b"MDF     ", b"UnFinMF "), b"TDSm", b"LabVIEW Measurement"
+#: Units that say nothing.
+NO_UNITS = ("", "-", "1", "none")
+
+
+def is_one(path: Path) -> bool:
+    """Whether a file is one of these, by its first bytes."""
+    with path.open("rb") as file:
+        head = file.read(24).lstrip(b"\xef\xbb\xbf")
+    return head.startswith((*MDF, TDMS, LABVIEW))
+
+
+def names_of(path: Path) -> list[str]:
+    """Names of the signals and of their times."""
+    return _signals(path).names
+
+
+def read(path: Path, request: Request) -> Columns:
+    """The signals that a recording asks for."""
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return pick_signals(path, _signals(path), request, digest, "; map it with columns in the configuration")
+
+
+def _signals(path: Path) -> Signals:
+    """All signals with their times; InputError for a file that cannot be read, or whose reader is not installed."""
+    with path.open("rb") as file:
+        head = file.read(8)
+    kind, extra = (_mdf, "mdf") if head in MDF else (_tdms, "tdms") if head.startswith(TDMS) else (_lvm, "")
+    try:
+        found = kind(path)
+    except ImportError:
+        raise missing_extra(path, extra) from None
+    except InputError:
+        raise
+    except Exception as error:
+        reason = f"{error}".partition("\n")[0] or type(error).__name__
+        raise InputError(f"{path}: cannot be read: {reason}") from None
+    if not found:
+        raise InputError(f"{path}: holds no signal over time")
+    return _named(found)
+
+
+def _named(found: list[tuple[str, str, str, FloatArray, FloatArray]]) -> Signals:
+    """Signals from (group, name, unit, times, values); times are called ``time``, or by their group."""
+    count = Counter(name for _, name, *_ in found)
+    vectors: dict[str, FloatArray] = {}
+    clocks: dict[str, str] = {}
+    several = any(not np.array_equal(times, found[0][3]) for *_, times, _ in found)
+    for group, name, unit, times, values in found:
+        mark = f" [{unit}]" if unit.casefold() not in NO_UNITS else ""
+        called = (name if count[name] == 1 else f"{group}/{name}") + mark
+        clock = f"time of {group}" if several else "time"
+        if clock in vectors and not np.array_equal(vectors[clock], times):
+            clock = f"time of {called}"
+        vectors |= {clock: times, called: values}
+        clocks[called] = clock
+    return Signals(vectors, clocks)
+
+
+def _mdf(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
+    from asammdf import MDF as File
+
+    found = []
+    with File(path) as file:
+        for index, group in enumerate(file.virtual_groups):
+            for signal in file.select([(None, g, c) for g, c in _channels(file, group)]):
+                values = np.asarray(signal.samples)
+                if values.dtype.kind in "biuf" and values.ndim == 1 and values.size > 1:
+                    times = np.asarray(signal.timestamps, dtype=float)
+                    found.append((f"group {index + 1}", signal.name, signal.unit or "", times, values.astype(float)))
+    return found
+
+
+def _channels(file: Any, group: int) -> list[tuple[int, int]]:
+    """Group and number of each channel that is not a time."""
+    masters = set(file.masters_db.items())
+    return [
+        (g, c)
+        for g in file.virtual_groups[group].groups
+        for c in range(len(file.groups[g].channels))
+        if (g, c) not in masters
+    ]
+
+
+def _tdms(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
+    from nptdms import TdmsFile
+
+    found = []
+    for group in TdmsFile.read(path).groups():
+        channels = [channel for channel in group.channels() if len(channel) > 1]
+        timed = [c for c in channels if is_time_name(c.name) and "wf_increment" not in c.properties]
+        for channel in channels:
+            values = np.asarray(channel[:])
+            if channel in timed or values.dtype.kind not in "biuf":
+                continue
+            if "wf_increment" in channel.properties:
+                times = np.asarray(channel.time_track(), dtype=float)
+            elif len(timed) == 1 and len(timed[0]) == values.size:
+                times = seconds(np.asarray(timed[0][:]))
+            else:
+                raise InputError(
+                    f"{path}: signal {channel.name} has no times: neither wf_increment nor one channel of its group "
+                    "called time"
+                )
+            unit = str(channel.properties.get("unit_string", ""))
+            found.append((group.name, channel.name, unit, times, values.astype(float)))
+    return found
+
+
+def _lvm(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
+    """One segment of a ``.lvm``; times are a column for all signals, one for each, or steps from ``X0``."""
+    import pandas
+
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    ends = [k for k, line in enumerate(lines) if line.strip().startswith("***End_of_Header***")]
+    if len(ends) > 2:
+        raise InputError(f"{path}: has {len(ends) - 1} segments, expected one: write one header only, or cut the file")
+    if not ends:
+        raise InputError(f"{path}: has no ***End_of_Header***, expected a LabVIEW measurement")
+    separator = "," if any(line.startswith("Separator,") for line in lines[: ends[0]]) else "\t"
+    about = {cells[0]: cells[1:] for line in lines[: ends[-1]] if (cells := line.split(separator))[0]}
+    header = next(k for k in range(ends[-1] + 1, len(lines)) if lines[k].strip())
+    decimal = (about.get("Decimal_Separator") or ["."])[0] or "."
+    names = [cell.strip() for cell in lines[header].split(separator)]
+    text = io.StringIO("\n".join(lines[header + 1 :]))
+    frame = pandas.read_csv(text, sep=separator, decimal=decimal, header=None, names=range(len(names)), index_col=False)
+    units = [u.strip() for u in about.get("Y_Unit_Label", [])]
+    found, time, number = [], None, 0
+    for column, name in enumerate(names):
+        if name.casefold() in ("x_value", "time"):
+            time = frame[column].to_numpy(dtype=float) if frame[column].notna().any() else None
+        elif name.casefold() != "comment" and frame[column].notna().sum() > 1:
+            values = frame[column].to_numpy(dtype=float)
+            own = time if time is not None else _steps(about, number, values.size, decimal)
+            known = np.isfinite(own)
+            unit = units[number] if number < len(units) else ""
+            found.append((f"channel {number + 1}", name, unit, own[known], values[known]))
+            number += 1
+    return found
+
+
+def _steps(about: dict[str, list[str]], number: int, size: int, decimal: str) -> FloatArray:
+    """Times of a channel without a column of times."""
+
+    def value(key: str) -> float:
+        return float(about[key][number].replace(decimal, "."))
+
+    return np.asarray(value("X0") + value("Delta_X") * np.arange(size))

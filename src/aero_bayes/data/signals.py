@@ -1,0 +1,191 @@
+"""Signals of a file by name, and how signals with clocks of their own come to one time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+#: Decimals of a time in s within which two instants are one.
+SAME_INSTANT = 9
+
+
+def _sample(row: int) -> str:
+    return f"sample {row + 1}"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a recording asks of a file.
+
+    Parameters
+    ----------
+    sources : mapping of str to str
+        What the file calls each column of the recording, ``time`` included.
+    wanted, optional : sequence of str
+        Columns that must be there, and that are read where they are.
+    held : collection of str
+        Inputs: they keep their value until their next reading.
+    memory : int, optional
+        Bytes that may be used; what the machine has free by default.
+    """
+
+    sources: Mapping[str, str]
+    wanted: Sequence[str]
+    optional: Sequence[str]
+    held: Collection[str]
+    memory: int | None = None
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What a file gave: columns of equal length by the recording's names, and where they come from.
+
+    ``named`` has what the file calls them, which may end in a unit; ``line`` names a row in messages, ``first_row`` is
+    the number of the first; ``bad`` has rows of outputs that the file calls bad.
+    """
+
+    columns: dict[str, FloatArray]
+    sha256: str
+    named: Mapping[str, str] = field(default_factory=dict)
+    line: Callable[[int], str] = _sample
+    first_row: int = 1
+    bad: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Vectors of a file by name; ``clocks`` has the name of the times of those that have their own."""
+
+    vectors: Mapping[str, FloatArray]
+    clocks: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all vectors."""
+        return list(self.vectors)
+
+
+def column_called(source: str, names: Iterable[str]) -> str | None:
+    """The name in a file that a signal's name means: itself, or the only one that adds a unit or a place to it.
+
+    ``F`` is ``F [N]``, and ``run.F`` or ``group/F`` where there is one such signal.
+    """
+    there = list(names)
+    if source in there:
+        return source
+    for called in (
+        [n for n in there if n.startswith(f"{source} [")],
+        [n for n in there if n.partition(" [")[0].endswith((f".{source}", f"/{source}"))],
+    ):
+        if len(called) == 1:
+            return called[0]
+    return None
+
+
+def pick_signals(path: Path, signals: Signals, request: Request, sha256: str, hint: str) -> Columns:
+    """The signals that a recording asks for, at one time.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    signals : Signals
+    request : Request
+    sha256 : str
+        Hash of the file.
+    hint : str
+        What to do about a signal that is not there.
+
+    Raises
+    ------
+    InputError
+        For a signal that is not there, or of another length than the times.
+    """
+    named = {}
+    for name in (*request.wanted, *request.optional):
+        if (called := column_called(request.sources[name], signals.vectors)) is not None:
+            named[name] = called
+    clocks = {n: signals.clocks[c] for n, c in named.items() if c in signals.clocks and n != "time"}
+    own = "time" not in named or named["time"] in signals.clocks.values()
+    if own and len(clocks) == len([n for n in named if n != "time"]) > 0:
+        named.setdefault("time", next(iter(clocks.values())))
+    shown = ", ".join([*signals.vectors][:20]) or "nothing"
+    for name in request.wanted:
+        if name not in named:
+            raise InputError(f"{path}: no column {request.sources[name]}, found {shown}{hint}")
+    if own and len(set(clocks.values())) > 1:
+        first = signals.vectors[named["time"]]
+        if not all(np.array_equal(signals.vectors[clock], first) for clock in clocks.values()):
+            pairs = {n: (signals.vectors[clock], signals.vectors[named[n]]) for n, clock in clocks.items()}
+            for name, (times, values) in pairs.items():
+                _check_length(path, name, values, times.size)
+            return Columns(joined(pairs, request.held), sha256, named)
+    found = {name: signals.vectors[called] for name, called in named.items()}
+    for name, values in found.items():
+        _check_length(path, name, values, found["time"].size)
+    return Columns(found, sha256, named)
+
+
+def _check_length(path: Path, name: str, values: FloatArray, length: int) -> None:
+    if values.size != length:
+        raise InputError(f"{path}, column {name}: {values.size} values, expected {length} as in time")
+
+
+def joined(pairs: Mapping[str, tuple[FloatArray, FloatArray]], held: Collection[str]) -> dict[str, FloatArray]:
+    """Signals with clocks of their own at all of their times, from the first at which every input is known.
+
+    Parameters
+    ----------
+    pairs : mapping of str to (ndarray, ndarray)
+        Times (s, in order) and values of each signal, shapes (n,).
+    held : collection of str
+        Signals that keep their value until their next reading; the others are missing (NaN) between their readings.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``time`` and the signals, all of one length.
+    """
+    known = {name: (np.round(t[np.isfinite(t)], SAME_INSTANT), v[np.isfinite(t)]) for name, (t, v) in pairs.items()}
+    known = {name: (t[np.isfinite(v)], v[np.isfinite(v)]) for name, (t, v) in known.items()}
+    time = np.unique(np.concatenate([t for t, _ in known.values()]))
+    for name, (t, _) in known.items():
+        if name in held and t.size:
+            time = time[time >= t[0]]
+    found = {"time": time}
+    for name, (t, v) in known.items():
+        at = np.searchsorted(t, time, side="right") - 1
+        values = np.full(time.size, np.nan)
+        seen = at >= 0 if name in held else (at >= 0) & (t[np.maximum(at, 0)] == time) if t.size else np.zeros(0, bool)
+        if t.size:
+            values[seen] = v[at[seen]]
+        found[name] = values
+    return found
+
+
+def without_repeats(columns: dict[str, FloatArray], held: Collection[str]) -> NDArray[np.bool_]:
+    """Rows to keep where a time is there twice at an event, as simulators write it: the last one, after the event.
+
+    It is an event where an input jumps between the two rows, or where they are equal.
+    """
+    time = columns["time"]
+    repeated = np.flatnonzero(np.diff(time) == 0.0)
+    keep = np.ones(time.size, dtype=bool)
+    moved = np.zeros(repeated.size, dtype=bool)
+    for name in held:
+        moved |= np.diff(columns[name])[repeated] != 0.0
+    differs = np.zeros(repeated.size, dtype=bool)
+    for name, values in columns.items():
+        if name != "time":
+            with np.errstate(invalid="ignore"):
+                differs |= np.abs(np.diff(values)[repeated]) > 0.0
+    keep[repeated[moved | ~differs]] = False
+    return keep

@@ -1,0 +1,235 @@
+"""Tables of cells, whatever wrote them: signals in columns or in rows, with one clock or with several, and quality."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data.cells import numbers_in, times_in
+from aero_bayes.data.signals import Columns, Request, column_called, joined
+from aero_bayes.errors import InputError
+from aero_bayes.unknown_names import known_names_hint
+
+if TYPE_CHECKING:
+    import pandas
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: How a column is called that says of each row (or of one signal) whether it is good.
+QUALITY_NAMES = ("quality", "dataquality", "status", "validity", "flag", "q")
+#: Words for a reading that is none.
+BAD_WORDS = re.compile(
+    r"bad|invalid|uncertain|err|fail|fault|offline|no.?data|not.?connected|questionable|\bnok\b", re.I
+)
+#: How columns of signals' names and of their values are called in a table with one reading a row.
+SIGNAL_NAMES = ("tag", "signal", "variable", "name", "channel", "sensor", "point", "field", "_field")
+VALUE_NAME = re.compile(r"_?(value|val|reading|wert)( \[.*\])?", re.IGNORECASE)
+#: What a column of times is called, without its unit.
+TIME_NAMES = {"time", "timestamp", "zeit", "xvalue", "datetime"}
+
+
+def is_time_name(name: str) -> bool:
+    """Whether a column's name, without its unit, is one of times: ``t``, but not ``T``."""
+    plain = re.sub(r"[\W_]", "", name)
+    return plain == "t" or plain.casefold() in TIME_NAMES
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns as they were read, the hash of the file, the name of a row in messages, and the first row's number."""
+
+    frame: pandas.DataFrame
+    sha256: str
+    line: Callable[[int], str]
+    first_row: int
+
+
+class TableFile(Protocol):
+    """A file that holds a table: its names, where they stand, and its columns when they are asked for."""
+
+    path: Path
+    names: list[str]
+    where: str
+
+    def head(self) -> pandas.DataFrame: ...
+
+    def read(self, columns: Sequence[str], memory: int | None = None) -> Table: ...
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Columns of a table in rows of readings: the column of names, of values, and of times."""
+
+    signal: str
+    value: str
+    time: str
+
+
+def read_table(file: TableFile, request: Request) -> Columns:
+    """Read the columns that a recording asks for.
+
+    Parameters
+    ----------
+    file : TableFile
+    request : Request
+
+    Raises
+    ------
+    InputError
+        One line with file, row and column.
+    """
+    rows = _in_rows(file, request)
+    if rows is not None:
+        return _read_rows(file, request, rows)
+    named: dict[str, str] = {}
+    for name in (*request.wanted, *request.optional):
+        column = column_called(request.sources[name], file.names)
+        if column is not None and file.names.count(column) > 1:
+            raise InputError(f"{file.where}: column {column} appears {file.names.count(column)} times, expected once")
+        if column is not None:
+            named[name] = column
+    clocks = {} if "time" in named else _clocks(file.where, file.names, named)
+    for name in request.wanted:
+        if name not in named and not (name == "time" and clocks):
+            raise InputError(f"{file.where}: no column {request.sources[name]}"
+                             f"{known_names_hint(request.sources[name], file.names)}")  # fmt: skip
+    about = quality_columns(file.names, {n: c for n, c in named.items() if n not in request.held and n != "time"})
+    columns = list(dict.fromkeys([*named.values(), *clocks.values(), *about]))
+    table = file.read(columns, request.memory)
+
+    def place(row: int) -> str:
+        return f"{file.path}, {table.line(row)}"
+
+    bad: dict[str, Mask] = {}
+    for column, signals in about.items():
+        marked = _bad(table.frame[column])
+        bad |= {s: bad.get(s, marked) | marked for s in signals if marked.any()}
+    cells = {n: table.frame[c] for n, c in named.items() if n != "time"}
+    # a cell that is marked as bad may hold a word
+    cells |= {n: cells[n].astype(object).mask(marked, None) for n, marked in bad.items() if cells[n].dtype.kind == "O"}
+    values = {n: numbers_in(column, place, request.sources[n]) for n, column in cells.items()}
+    if not clocks:
+        values["time"] = times_in(table.frame[named["time"]], place, request.sources["time"])
+        return Columns(values, table.sha256, named, table.line, table.first_row, bad)
+    values |= {n: np.where(marked, np.nan, values[n]) for n, marked in bad.items()}
+    times = {n: times_in(table.frame[clock].dropna(), place, clock) for n, clock in clocks.items()}
+    pairs = {n: (times[n], values[n][: times[n].size]) for n in clocks}
+    return Columns(joined(pairs, request.held), table.sha256, named)
+
+
+def _clocks(where: str, names: Sequence[str], named: Mapping[str, str]) -> dict[str, str]:
+    """The column of times of each signal, where all signals have one: ``time_P`` beside ``P``, ``t [P]``."""
+    clocks: dict[str, str] = {}
+    for name in names:
+        parts = re.split(r"[ _\-\[\].:]+", name.strip("[] "), maxsplit=1)
+        if len(parts) == 2 and is_time_name(parts[0]):
+            clocks |= {signal: name for signal, column in named.items() if parts[1] == column}
+    without = [signal for signal in named if signal not in clocks]
+    if len(set(clocks.values())) > 1 and without:
+        raise InputError(
+            f"{where}: columns {' and '.join(clocks.values())} are times of single signals, but {without[0]} has none: "
+            "resample the signals to common times"
+        )
+    return {} if without else clocks
+
+
+def _in_rows(file: TableFile, request: Request) -> _Rows | None:
+    """Where a table holds one reading a row: a column of text has the names of signals that no column is called by."""
+    missing = {request.sources[n] for n in (*request.wanted, *request.optional) if n != "time"} - set(file.names)
+    if not missing or len(file.names) < 3:
+        return None
+    head = file.head()
+    for column, name in enumerate(file.names):
+        if name == request.sources["time"] or not set(head.iloc[:, column].astype(str).str.strip()) & missing:
+            continue
+        others = [n for n in file.names if n != name]
+        time = column_called(request.sources["time"], others)
+        timed = [n for n in others if is_time_name(n.partition("[")[0])] if time is None else [time]
+        if len(timed) != 1:
+            raise InputError(f"{file.where}: one reading a row, named by column {name}, but no column of times")
+        called = [n for n in others if VALUE_NAME.fullmatch(n)]
+        left = called or [n for n in others if n != timed[0] and _is_numeric(head.iloc[:, file.names.index(n)])]
+        if len(left) != 1:
+            raise InputError(
+                f"{file.where}: one reading a row, named by column {name}, but {', '.join(left) or 'no column'} may be "
+                "its value; expected one column value"
+            )
+        return _Rows(name, left[0], timed[0])
+    return None
+
+
+def _is_numeric(column: pandas.Series) -> bool:
+    import pandas
+
+    return bool(pandas.to_numeric(column, errors="coerce").notna().any())
+
+
+def _read_rows(file: TableFile, request: Request, rows: _Rows) -> Columns:
+    """Signals from a table with one reading a row, at the union of their times."""
+    about = [n for n in file.names if re.sub(r"[\W_]", "", n.casefold()) in QUALITY_NAMES]
+    table = file.read(list(dict.fromkeys([rows.time, rows.signal, rows.value, *about])), request.memory)
+
+    def place(row: int) -> str:
+        return f"{file.path}, {table.line(row)}"
+
+    time = times_in(table.frame[rows.time], place, rows.time)
+    whose = table.frame[rows.signal].astype(str).str.strip().to_numpy()
+    good = ~np.logical_or.reduce([np.zeros(time.size, dtype=bool), *(_bad(table.frame[c]) for c in about)])
+    there, pairs = sorted(set(whose)), {}
+    for name in (*request.wanted, *request.optional):
+        source = request.sources[name]
+        own = np.flatnonzero((whose == source) & good)
+        if name == "time" or (own.size == 0 and name in request.optional):
+            continue
+        if own.size == 0:
+            raise InputError(f"{file.path}: no reading of {source} in column {rows.signal}"
+                             f"{known_names_hint(source, there)}")  # fmt: skip
+        cells = table.frame[rows.value].iloc[own]
+        values = numbers_in(cells, lambda row, own=own: place(int(own[row])), source)  # type: ignore[misc]
+        order = np.argsort(time[own], kind="stable")
+        pairs[name] = (time[own][order], values[order])
+    return Columns(joined(pairs, request.held), table.sha256, {n: request.sources[n] for n in pairs})
+
+
+def row_names(file: TableFile) -> list[str]:
+    """Names of signals in a table with one reading a row, for those who ask what a file holds; else its columns."""
+    timed = [n for n in file.names if is_time_name(n.partition("[")[0])]
+    called = [n for n in file.names if VALUE_NAME.fullmatch(n)]
+    text = [n for n in file.names if n.casefold() in SIGNAL_NAMES]
+    if len(timed) == len(called) == len(text) == 1:
+        return [timed[0], *sorted(set(file.read(text).frame[text[0]].astype(str).str.strip()))]
+    return file.names
+
+
+def quality_columns(names: Sequence[str], signals: Mapping[str, str]) -> dict[str, list[str]]:
+    """The signals that each column of quality words is about, by the column's name.
+
+    ``signals`` has the column of each signal. A column that names no signal is about all of them.
+    """
+
+    def plain(text: str) -> str:
+        return re.sub(r"\[.*\]|[\W_]", "", text.casefold())
+
+    about: dict[str, list[str]] = {}
+    for name in names:
+        if name in signals.values():
+            continue
+        if plain(name) in QUALITY_NAMES:
+            about[name] = list(signals)
+            continue
+        own = [s for s, column in signals.items() if plain(name) in {plain(column) + q for q in QUALITY_NAMES}]
+        if own:
+            about[name] = own
+    return about
+
+
+def _bad(column: pandas.Series) -> Mask:
+    """Rows whose cell of quality says that the reading is none."""
+    return np.asarray(column.astype(str).str.contains(BAD_WORDS), dtype=bool)
