@@ -10,26 +10,12 @@ from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.cost import eq6
-from aero_bayes.simulation.interface import (
-    Experiment,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    Simulator,
-    SolverSettings,
-)
-from aero_bayes.simulation.model import Model
+from aero_bayes.simulation import Outcome, Simulator
 
 FloatArray = NDArray[np.float64]
 
 #: Standard deviation, in units of the fitted output's, of outputs that a reduced call shall leave out.
 IGNORED = 1e9
-
-
-def parameter_problem(model: Model, experiment: Experiment, names: Sequence[str]) -> Problem:
-    """Pose the problem with one column for each named parameter of the model."""
-    targets = tuple(ParameterTarget(name) for name in names)
-    return Problem(model, (experiment,), (targets,), settings=SolverSettings(time_limit=5.0))
 
 
 class ModelEvaluator:
@@ -38,7 +24,7 @@ class ModelEvaluator:
     Parameters
     ----------
     simulator : Simulator
-        Opened on :func:`parameter_problem`.
+        Opened on a problem with one experiment, a column for each value of ``start``.
     start : mapping of str to float
         Values of all columns, in the problem's order, where nothing else is said.
     """

@@ -33,7 +33,7 @@ def run_result(replay: Replay) -> dict[str, Any]:
         "seed": replay.seed,
         "versions": versions(),
         "data": [],
-        "simulated": replay.simulated,
+        "simulated": True,
         "study": study_section(replay).model_dump(),
         NAME: replay.to_dict(),
         "failures": dict(replay.failures),

@@ -5,16 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
 
 from aero_bayes.estimate.staged import Stage
 
 #: Columns of Table 1, and the only parameters that the paper searches.
 TABLE_PARAMETERS = ("R_a", "L_a", "J_r", "J_s", "k_d", "k_t")
-UNITS: Mapping[str, str] = MappingProxyType(
-    {"R_a": "Ω", "L_a": "H", "J_r": "kg·m²", "J_s": "kg·m²", "k_d": "N·m·s/rad", "k_t": "N·s/rad"}
-)
-
 #: The paper fits the electrical parameters on current, the mechanical ones on speed, the aerodynamic ones on pitch.
 PAPER_STAGES = (
     Stage(("R_a", "L_a"), ("i_m",)),
@@ -34,7 +29,6 @@ class Published:
     """
 
     label: str
-    kind: Literal["multi-domain", "transfer function"]
     parameters: Mapping[str, float]
     fitness: float
 
@@ -49,28 +43,19 @@ class Published:
 
 
 def _row(label: str, fitness: float, *values: float) -> Published:
-    return Published(label, "multi-domain", MappingProxyType(dict(zip(TABLE_PARAMETERS, values, strict=True))), fitness)
+    return Published(label, MappingProxyType(dict(zip(TABLE_PARAMETERS, values, strict=True))), fitness)
 
 
 UNOPTIMISED = _row("Unoptimised", 29.3903, 8.4, 0.00116, 4e-6, 4e-6, -1e-5, 0.00045)
 PSO = _row("PSO Model 1", 498.7173, 0.187, 0.0487, 84.2, 0.0, -0.587, 0.000689)
 PSO_DATASHEET = _row("PSO + data sheet", 28.2230, 8.4, 0.00116, 84.2, 0.0, -0.587, 0.000689)
 FMINCON = _row("fmincon", 0.2280, 8.4, 0.00116, 3.45e-11, 0.000174, -1e-5, 0.0004)
-TRANSFER = Published(
-    "Transfer function", "transfer function", MappingProxyType({"R_a": 8.4, "k_d": -1e-5, "k_t": 0.00045}), 42.7060
-)
+TRANSFER = Published("Transfer function", MappingProxyType({"R_a": 8.4, "k_d": -1e-5, "k_t": 0.00045}), 42.7060)
 
 TABLE_1 = (UNOPTIMISED, PSO, PSO_DATASHEET, FMINCON, TRANSFER)
 
 #: Corners of the box that is searched. The paper does not print its own; this one reaches, on every axis, from zero to
 #: the next power of ten above everything that Table 1 holds.
 BOX: Mapping[str, tuple[float, float]] = MappingProxyType(
-    {
-        "R_a": (0.0, 10.0),
-        "L_a": (0.0, 0.1),
-        "J_r": (0.0, 100.0),
-        "J_s": (0.0, 100.0),
-        "k_d": (0.0, 1.0),
-        "k_t": (0.0, 1e-3),
-    }
+    {name: (0.0, top) for name, top in zip(TABLE_PARAMETERS, (10.0, 0.1, 100.0, 100.0, 1.0, 1e-3), strict=True)}
 )

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate import Fit
-from paper_replay.descent import Descent
-from paper_replay.swarm import StageEnd
-from paper_replay.visibility import Visibility
+from paper_replay.search import StageEnd
 
 FloatArray = NDArray[np.float64]
 Variant = Literal["paper's values", "recipe rerun", "scaled axes", "joint fit"]
@@ -57,51 +55,40 @@ class ReplayRow:
         """Model and variant."""
         return f"{self.model}: {self.variant}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the row as result.json holds it."""
-        return {
-            "model": self.label,
-            "variant": self.variant,
-            "parameters": dict(self.parameters),
-            "fitness": self.fitness,
-            "paper_fitness": self.paper_fitness,
-            "note": self.note,
-            "rms": dict(self.rms),
-        }
+
+def row_of(rows: Sequence[ReplayRow], model: str, variant: Variant) -> ReplayRow:
+    """Return the row of a model and variant."""
+    return next(row for row in rows if (row.model, row.variant) == (model, variant))
 
 
 @dataclass(frozen=True, eq=False)
 class Details:
-    """The runs behind the sentences: where each stage of each search ended, and what the data can see.
+    """The runs behind the sentences: where each stage of each search ended.
 
-    ``endings`` has shape (seeds, iterations): J_r + J_s of the swarm's best in the speed stage, for several seeds.
+    ``endings`` has shape (seeds, iterations): J_r + J_s of the swarm's best in the speed stage, for several seeds;
+    ``still`` is the fitness of a pitch that never moves.
     """
 
     swarm: tuple[StageEnd, ...]
     swarm_scaled: tuple[StageEnd, ...]
-    line_search: tuple[Descent, ...]
-    interior_point: tuple[Descent, ...]
-    exact: tuple[Descent, ...]
+    line_search: tuple[StageEnd, ...]
+    interior_point: tuple[StageEnd, ...]
+    exact: tuple[StageEnd, ...]
     endings: FloatArray
-    visibility: Visibility
+    still: float
     linear: Fit
     quadratic: Fit
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, without the fits (their rows hold them)."""
-        return {
-            "pso": [_stage(end) for end in self.swarm],
-            "pso_scaled": [_stage(end) for end in self.swarm_scaled],
-            "fmincon_line_search": [_stage(end) for end in self.line_search],
-            "fmincon_interior_point": [_stage(end) for end in self.interior_point],
-            "fmincon_exact": [_stage(end) for end in self.exact],
-            "slopes": [dict(slope.__dict__) for end in self.line_search for slope in end.slopes],
+        searches = ("swarm", "swarm_scaled", "line_search", "interior_point", "exact")
+        return {name: [_stage(end) for end in getattr(self, name)] for name in searches} | {
+            "slopes": [asdict(slope) for end in self.line_search for slope in end.slopes],
             "rotor_inertia_by_iteration": {
                 "median": np.median(self.endings, axis=0).tolist(),
                 "largest": np.max(self.endings, axis=0).tolist(),
                 "seeds": len(self.endings),
             },
-            "visibility": self.visibility.to_dict(),
         }
 
 
@@ -124,8 +111,6 @@ class Replay:
         Simulations by how they ended.
     seed : int
     seconds : float
-    simulated : bool
-        Always true: the paper's own recording is not public.
     """
 
     rows: tuple[ReplayRow, ...]
@@ -137,14 +122,10 @@ class Replay:
     failures: Mapping[str, int]
     seed: int
     seconds: float
-    simulated: bool = True
 
     def row(self, model: str, variant: Variant) -> ReplayRow:
-        """Return a row by name. Raises KeyError if there is none."""
-        for row in self.rows:
-            if row.model == model and row.variant == variant:
-                return row
-        raise KeyError(f"{model}, {variant}")
+        """Return a row by name."""
+        return row_of(self.rows, model, variant)
 
     @property
     def series(self) -> dict[str, FloatArray]:
@@ -155,9 +136,9 @@ class Replay:
     def to_dict(self) -> dict[str, Any]:
         """Return the ``replay`` entry of result.json."""
         return {
-            "rows": [row.to_dict() for row in self.rows],
+            "rows": [asdict(row) | {"model": row.label} for row in self.rows],
             "notes": list(self.notes),
-            "simulated": self.simulated,
+            "simulated": True,
             "seed": self.seed,
             "samples": int(self.time.size),
             "failures": dict(self.failures),
@@ -166,13 +147,6 @@ class Replay:
         }
 
 
-def _stage(end: StageEnd | Descent) -> dict[str, Any]:
-    common: dict[str, Any] = {
-        "output": end.stage.outputs[0],
-        "values": {name: end.values[name] for name in end.stage.parameters},
-        "start_cost": end.start_cost,
-        "cost": end.cost,
-    }
-    if isinstance(end, Descent):
-        return common | {"reason": end.reason, "evaluations": end.evaluations}
-    return common | {"failures": end.failures}
+def _stage(end: StageEnd) -> dict[str, Any]:
+    values = {name: end.values[name] for name in end.stage.parameters}
+    return {"output": end.stage.outputs[0], "values": values, "start_cost": end.start_cost, "cost": end.cost}

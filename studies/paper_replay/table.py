@@ -20,7 +20,6 @@ from paper_replay.published import (
     Published,
 )
 from paper_replay.result import JOINT, PAPER, RERUN, SCALED, Details, ReplayRow, Variant
-from paper_replay.rigs import Rigs
 
 FloatArray = NDArray[np.float64]
 
@@ -30,11 +29,12 @@ LINEAR_LAW, QUADRATIC_LAW = "Linear law", "Quadratic law"
 _DATASHEET = {name: UNOPTIMISED.parameters[name] for name in ("R_a", "L_a")}
 
 
-def build(rigs: Rigs, details: Details) -> tuple[tuple[ReplayRow, ...], dict[str, FloatArray]]:
+def build(
+    linear: ModelEvaluator, transfer: ModelEvaluator, details: Details
+) -> tuple[tuple[ReplayRow, ...], dict[str, FloatArray]]:
     """Build all rows, and the pitch of those that Fig. 6 shows."""
     swarm, scaled = details.swarm[-1].values, details.swarm_scaled[-1].values
     line, interior, exact = (ends[-1].values for ends in (details.line_search, details.interior_point, details.exact))
-    linear, transfer = rigs.linear, rigs.transfer
     entries: list[tuple[Published, Variant, ModelEvaluator, Mapping[str, float], str]] = [
         (UNOPTIMISED, PAPER, linear, UNOPTIMISED.model_values, "linear law, as the units say"),
         (PSO, PAPER, linear, PSO.model_values, "the rotor hardly turns"),

@@ -89,7 +89,6 @@ def test_goes_into_result_json(replay):
     entry = json.loads(json.dumps(replay.to_dict(), allow_nan=False))
     assert {"model", "parameters", "fitness", "paper_fitness", "note"} <= set(entry["rows"][0])
     assert entry["simulated"] is True
-    assert entry["details"]["visibility"]["relative_sd"]["J_s"] is None
     assert entry["failures"]["completed"] > 1000
     assert set(entry["failures"]) == {outcome.key for outcome in Outcome}
 

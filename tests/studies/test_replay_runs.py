@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from aero_closed_form import linear_run, quadratic_run
+from aero_closed_form import linear_run
 from scipy.optimize import least_squares
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.simulation import Outcome, WorkerPool, open_simulator
 from paper_replay import paper_recording
-from paper_replay.descent import coarse_gradient, coarse_stage, coarse_step, exact_stage
+from paper_replay.models import OUTPUTS, export_models, open_models
 from paper_replay.notes import number
 from paper_replay.published import (
     BOX,
@@ -22,9 +22,7 @@ from paper_replay.published import (
     TABLE_PARAMETERS,
     UNOPTIMISED,
 )
-from paper_replay.rigs import OUTPUTS, Rigs, export_models
-from paper_replay.swarm import swarm_recipe
-from paper_replay.visibility import COLUMNS, DELAY, Visibility, judge_visibility, sensitivity_problem
+from paper_replay.search import coarse_gradient, coarse_stage, coarse_step, exact_stage, swarm_recipe
 
 COLUMN = {name: k for k, name in enumerate(OUTPUTS)}
 
@@ -40,14 +38,15 @@ def models(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def opened():
+def opened(recording, models):
+    """The linear model and the transfer function."""
     with WorkerPool(1) as pool:
-        yield lambda problem: open_simulator(problem, pool=pool)
+        yield open_models(recording, models, lambda problem: open_simulator(problem, pool=pool))
 
 
 @pytest.fixture(scope="module")
-def rigs(recording, models, opened):
-    return Rigs(recording, models, opened)
+def linear(opened):
+    return opened[0]
 
 
 def eq6(recording, run, output):
@@ -70,13 +69,13 @@ def test_table_is_the_papers():
 
 @pytest.mark.parametrize("published", [UNOPTIMISED, PSO, PSO_DATASHEET, FMINCON], ids=lambda one: one.label)
 @pytest.mark.parametrize("output", OUTPUTS)
-def test_fitness_of_the_papers_models(rigs, recording, published, output):
+def test_fitness_of_the_papers_models(linear, recording, published, output):
     run = linear_run(published.model_values, recording.time)
-    found = rigs.linear.cost(rigs.linear.vector(published.model_values)[None, :], output)[0]
+    found = linear.cost(linear.vector(published.model_values)[None, :], output)[0]
     assert found == pytest.approx(eq6(recording, run, output), rel=2e-4)
 
 
-def test_transfer_function_is_a_second_order_step_response(rigs, recording):
+def test_transfer_function_is_a_second_order_step_response(opened, recording):
     gain, inertia, damping, stiffness = 0.0011, 0.0219, 0.0071, 0.0375
     omega, sigma = np.sqrt(stiffness / inertia), damping / (2.0 * inertia)
     ringing = np.sqrt(omega**2 - sigma**2)
@@ -86,24 +85,24 @@ def test_transfer_function_is_a_second_order_step_response(rigs, recording):
         return 1.0 - np.exp(-sigma * t) * (np.cos(ringing * t) + sigma / ringing * np.sin(ringing * t))
 
     expected = 24.0 * gain / stiffness * (step(recording.time) - step(recording.time - 20.0))
-    found = rigs.transfer.simulate(np.array([[gain]]))[0, :, 0]
+    found = opened[1].simulate(np.array([[gain]]))[0, :, 0]
     np.testing.assert_allclose(found, expected, atol=2e-5)
 
 
-def test_stator_and_rotor_inertia_act_as_a_sum(rigs):
+def test_stator_and_rotor_inertia_act_as_a_sum(linear):
     base = UNOPTIMISED.model_values
-    runs = rigs.linear.simulate(
-        np.array([rigs.linear.vector(base | {"J_r": j, "J_s": 8e-6 - j}) for j in (4e-6, 1e-9, 7.999e-6)])
+    runs = linear.simulate(
+        np.array([linear.vector(base | {"J_r": j, "J_s": 8e-6 - j}) for j in (4e-6, 1e-9, 7.999e-6)])
     )
     scaled = runs / np.abs(runs[0]).max(axis=0)
     np.testing.assert_allclose(scaled[1:], np.broadcast_to(scaled[0], scaled[1:].shape), atol=1e-5)
 
 
-def test_exact_slopes_are_those_of_the_closed_form(rigs, recording):
+def test_exact_slopes_are_those_of_the_closed_form(linear, recording):
     base = UNOPTIMISED.model_values
     for stage in PAPER_STAGES:
         output, columns = stage.outputs[0], [TABLE_PARAMETERS.index(name) for name in stage.parameters]
-        found = rigs.linear.slopes(rigs.linear.vector(base), output, columns)
+        found = linear.slopes(linear.vector(base), output, columns)
         for name, slope in zip(stage.parameters, found, strict=True):
             h = 1e-4 * base[name]
             high, low = (
@@ -113,8 +112,8 @@ def test_exact_slopes_are_those_of_the_closed_form(rigs, recording):
             assert slope == pytest.approx((high - low) / (2.0 * h), rel=2e-3)
 
 
-def test_coarse_slopes_have_the_recipes_step_and_the_wrong_sign_for_the_inertia(rigs, recording):
-    end = coarse_stage(rigs.linear, PAPER_STAGES[1], UNOPTIMISED.model_values)
+def test_coarse_slopes_have_the_recipes_step_and_the_wrong_sign_for_the_inertia(linear, recording):
+    end = coarse_stage(linear, PAPER_STAGES[1], UNOPTIMISED.model_values)
     slope = end.slopes[0]
     assert slope.step == pytest.approx(0.1)
     base = UNOPTIMISED.model_values
@@ -145,10 +144,10 @@ def test_a_coarse_gradient_is_exact_for_a_plane():
     np.testing.assert_allclose(np.abs(steps), [0.1, 5e-4, 9.0])
 
 
-def test_exact_stage_finds_the_least_squares_solution(rigs, recording):
+def test_exact_stage_finds_the_least_squares_solution(linear, recording):
     """The electrical stage against SciPy's trust-region method on the closed form."""
     base = UNOPTIMISED.model_values
-    end = exact_stage(rigs.linear, PAPER_STAGES[0], base)
+    end = exact_stage(linear, PAPER_STAGES[0], base)
 
     def residual(x):
         values = base | dict(zip(("R_a", "L_a"), np.exp(x), strict=True))
@@ -160,12 +159,12 @@ def test_exact_stage_finds_the_least_squares_solution(rigs, recording):
     assert end.values["L_a"] == pytest.approx(np.exp(other.x[1]), rel=2e-2)
 
 
-def test_swarm_repeats_with_its_seed_and_fails_in_words(recording, models, rigs):
-    ends = swarm_recipe(rigs.linear, "linear", np.random.default_rng(8))
+def test_swarm_repeats_with_its_seed_and_fails_in_words(recording, models, linear):
+    ends = swarm_recipe(linear, "linear", np.random.default_rng(8))
     with WorkerPool(0) as pool:
-        again = Rigs(recording, models, lambda problem: open_simulator(problem, pool=pool))
-        twin = swarm_recipe(again.linear, "linear", np.random.default_rng(8))
-        other = swarm_recipe(again.linear, "linear", np.random.default_rng(9))
+        again, _ = open_models(recording, models, lambda problem: open_simulator(problem, pool=pool))
+        twin = swarm_recipe(again, "linear", np.random.default_rng(8))
+        other = swarm_recipe(again, "linear", np.random.default_rng(9))
     assert [end.values for end in ends] == [end.values for end in twin]
     assert [end.values for end in ends] != [end.values for end in other]
     for end in ends:
@@ -173,69 +172,22 @@ def test_swarm_repeats_with_its_seed_and_fails_in_words(recording, models, rigs)
             assert BOX[name][0] <= end.values[name] <= BOX[name][1]
         np.testing.assert_array_equal(end.path[-1], [end.values[name] for name in end.stage.parameters])
         assert (
-            rigs.linear.cost(rigs.linear.vector(end.values)[None, :], end.stage.outputs[0])[0]
+            linear.cost(linear.vector(end.values)[None, :], end.stage.outputs[0])[0]
             == pytest.approx(end.cost, rel=1e-12)
             or end is not ends[-1]
         )
 
 
-def test_a_rotor_without_inertia_is_a_counted_failure(rigs):
-    before = rigs.linear.failures
-    values = rigs.linear.vector(UNOPTIMISED.model_values | {"J_r": 0.0, "J_s": 0.0})
-    both = np.array([values, rigs.linear.vector({})])
-    cost = rigs.linear.cost(both, "omega_m")
+def test_a_rotor_without_inertia_is_a_counted_failure(linear):
+    before = linear.failures
+    values = linear.vector(UNOPTIMISED.model_values | {"J_r": 0.0, "J_s": 0.0})
+    both = np.array([values, linear.vector({})])
+    cost = linear.cost(both, "omega_m")
     assert np.isinf(cost[0])
     assert np.isfinite(cost[1])
-    assert rigs.linear.failures == before + 1
+    assert linear.failures == before + 1
     with pytest.raises(CannotFinishError, match="cannot be simulated"):
-        rigs.linear.slopes(values, "omega_m", [0])
-
-
-def test_visibility_is_the_cramer_rao_bound(rigs, recording, models, opened):
-    """Bounds from finite differences of a second implementation; J_r and J_s as a null direction; L_a unseen."""
-    values = dict(zip(COLUMNS, (8.9, 1.16e-3, 0.0415, 3.5e-6, 4e-6, 2.6e-8, 2.7e-7, 0.01, 0.039), strict=True))
-    delay, noise = 0.006, np.array([5e-3, 1.0, 2e-3])
-    problem = sensitivity_problem(models["OneDof"], rigs.experiment)
-    vector = np.array([*values.values(), delay])
-    found = opened(problem).simulate(vector[None, :], active=list(range(vector.size)))
-    seen = judge_visibility(problem, found.outputs[0][0], found.sensitivities[0][0], vector, noise)
-
-    def run(changed, late=delay):
-        return quadratic_run(values | changed, recording.time, late) / noise
-
-    slopes = {}
-    for name, value in values.items():
-        h = 0.3 if name == "L_a" else 1e-2
-        slopes[name] = ((run({name: value * (1 + h)}) - run({name: value * (1 - h)})) / (2 * h)).ravel()
-    slopes[DELAY] = ((run({}, delay + 1e-4) - run({}, delay - 1e-4)) / 2e-4).ravel()
-
-    def bound(name, unknown):
-        scale = {n: np.linalg.norm(slopes[n]) for n in unknown}
-        s = np.stack([slopes[n] / scale[n] for n in unknown], axis=1)
-        covariance = np.linalg.inv(s.T @ s)
-        return np.sqrt(covariance[unknown.index(name), unknown.index(name)]) / scale[name]
-
-    usual = ["R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp", DELAY]
-    for name in usual[:-1]:
-        assert seen.relative_sd(name) == pytest.approx(bound(name, usual), rel=0.03)
-    known_delay = usual[:-1]
-    assert seen.relative_sd("L_a", known_delay) == pytest.approx(bound("L_a", ["L_a", *known_delay]), rel=0.1)
-    assert seen.relative_sd("L_a", known_delay) > 0.3
-    assert seen.relative_sd("L_a") > 1.0
-    assert seen.alike("J_r", "J_s") < 1e-9
-    assert np.isinf(seen.relative_sd("J_s", [*usual, "J_s"]))
-    assert "J_r + J_s" in seen.combinations
-    assert all(seen.relative_sd(name, outputs=("theta",)) > 1.0 for name in ("R_a", "c_m", "k_d", "k_t"))
-
-
-def test_visibility_of_a_line():
-    """Two parameters, closed form: columns (1, t) have the covariance of a straight-line fit."""
-    t = np.linspace(0.0, 1.0, 50)
-    columns = np.stack((np.ones(50), t), axis=1)
-    seen = Visibility(("a", "b"), {"a": 1.0, "b": 1.0}, columns, ("y",), 50.0, ())
-    spread = np.sum((t - t.mean()) ** 2)
-    assert seen.relative_sd("b", ["a"]) == pytest.approx(1.0 / np.sqrt(spread))
-    assert seen.relative_sd("b", []) == pytest.approx(1.0 / np.sqrt(np.sum(t**2)))
+        linear.slopes(values, "omega_m", [0])
 
 
 def test_numbers_read_well():
@@ -245,8 +197,8 @@ def test_numbers_read_well():
     assert number(0.0996, 2) == "0.1"
 
 
-def test_outcomes_add_up(rigs):
-    before = rigs.outcomes.total()
-    rigs.linear.cost(np.array([rigs.linear.vector({})] * 3), "theta")
-    assert rigs.outcomes.total() == before + 3
-    assert rigs.outcomes[Outcome.OK] > 0
+def test_outcomes_add_up(linear):
+    before = linear.outcomes.total()
+    linear.cost(np.array([linear.vector({})] * 3), "theta")
+    assert linear.outcomes.total() == before + 3
+    assert linear.outcomes[Outcome.OK] > 0
