@@ -87,6 +87,8 @@ def public() -> Iterator[Public]:
 
 
 def _members(thing: type) -> dict[str, object]:
-    """What a class and the project's classes below it define; its own definition where both do."""
-    bases = [base for base in reversed(thing.__mro__) if base.__module__.startswith("aero_bayes.")]
+    """Collect what a class and the project's classes below it define; what a public class below it has is there."""
+    offered = {getattr(aero_bayes, name) for name in aero_bayes.__all__} - {thing}
+    elsewhere = {one for base in thing.__mro__ if base in offered for one in base.__mro__}
+    bases = [b for b in reversed(thing.__mro__) if b.__module__.startswith("aero_bayes.") and b not in elsewhere]
     return {name: value for base in bases for name, value in vars(base).items()}

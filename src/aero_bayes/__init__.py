@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from aero_bayes.plot_backend import PlotBackend
     from aero_bayes.report.run_directory import RunDirectory
     from aero_bayes.sample import Posterior, SampleSettings, sample
-    from aero_bayes.simulation import Model
+    from aero_bayes.simulation import Model, PythonModel
     from aero_bayes.simulation.load_model import load_model
 
 __all__ = [
@@ -58,6 +58,7 @@ __all__ = [
     "LoopSettings",
     "Model",
     "Posterior",
+    "PythonModel",
     "Recording",
     "RecordingPrediction",
     "Rig",
@@ -91,7 +92,7 @@ __getattr__, __dir__ = lazy_exports(
         "loop": "LoopResult LoopSettings close_loop",
         "report.run_directory": "RunDirectory",
         "sample": "Posterior SampleSettings sample",
-        "simulation": "Model",
+        "simulation": "Model PythonModel",
         "simulation.load_model": "load_model",
     },
 )

@@ -37,7 +37,7 @@ from aero_bayes.search.explored import Library, SearchControl
 from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
 from aero_bayes.search.scout import informative_share
 from aero_bayes.search.structure import Structure
-from aero_bayes.simulation import WorkerPool
+from aero_bayes.simulation import PythonModel, WorkerPool
 from aero_bayes.simulation.model import Model, ModelicaSource
 
 __all__ = ["LoopSettings", "close_loop"]
@@ -155,6 +155,8 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
 
 def _sources(model: str | Path | Model, settings: LoopSettings) -> tuple[str, LoopSettings]:
     """Name of the class, or path of the FMU, and the settings with the files that the class is built from."""
+    if isinstance(model, PythonModel):
+        raise InputError(f"model {model.name} is a Python function: the loop extends Modelica, or an FMU")
     if isinstance(model, Model):
         source = model.source
         model = model.path

@@ -29,6 +29,7 @@ from aero_bayes.simulation.interface import (
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.model_description import BINARY_FOLDERS, ModelDescription, Variable
 from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.python_model import PythonModel
 from aero_bayes.simulation.worker_main import watch_parent
 from aero_bayes.simulation.workers import MAX_LOST_RUNS, WorkerPool
 
@@ -56,6 +57,7 @@ __all__ = [
     "Problem",
     "ProblemTarget",
     "ProcessNoise",
+    "PythonModel",
     "ReadingNoiseTarget",
     "Simulator",
     "SolverSettings",

@@ -7,6 +7,7 @@ from typing import Literal
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.interface import Problem, Simulator
 from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.python_model import PythonModel, PythonSimulator
 from aero_bayes.simulation.workers import WorkerPool
 
 Engine = Literal["native", "fmpy"]
@@ -40,6 +41,8 @@ def open_simulator(
     """
     if problem.process is not None and (engine != "native" or problem.model.interface != "model exchange"):
         raise InputError(f"{problem.model.path}: process noise needs the native engine and an FMU with Model Exchange")
+    if isinstance(problem.model, PythonModel):
+        return PythonSimulator(problem)
     if problem.model.interface == "co-simulation" and engine in ("native", "fmpy"):
         from aero_bayes.simulation.cosimulation import CosimulationSimulator
 

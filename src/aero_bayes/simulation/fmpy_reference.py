@@ -9,14 +9,11 @@ from __future__ import annotations
 import ctypes
 import time as clock
 from collections.abc import Sequence
-from dataclasses import replace
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.sundials import CVodeSolver
-from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
 from aero_bayes.scratch import ScratchFolder
@@ -24,7 +21,6 @@ from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.input_signals import signals_of_run, value_at
 from aero_bayes.simulation.interface import (
-    DelayTarget,
     FloatArray,
     InputSignal,
     Outcome,
@@ -32,17 +28,16 @@ from aero_bayes.simulation.interface import (
     Problem,
     SolverSettings,
     StartTarget,
-    Trajectories,
 )
-from aero_bayes.simulation.problem_checks import check_active, check_problem, check_values, target_scale
-from aero_bayes.simulation.reduction import ReducedTrajectories
+from aero_bayes.simulation.problem_checks import check_problem
+from aero_bayes.simulation.reduction import SingleRuns
 
 
 class _TimedOutError(Exception):
     """The time limit of a run passed."""
 
 
-class FmpySimulator(ReducedTrajectories):
+class FmpySimulator(SingleRuns):
     """Runs a problem with FMPy.
 
     Parameters
@@ -66,14 +61,6 @@ class FmpySimulator(ReducedTrajectories):
         self._slopes_pointer = (ctypes.c_double * max(1, len(problem.model.states)))()
         self._fresh = True
         self._closed = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Free the model and remove what was unpacked."""
@@ -227,46 +214,6 @@ class FmpySimulator(ReducedTrajectories):
         except RuntimeError:
             return out, Outcome.SOLVER_FAILED
         return (found, Outcome.OK) if np.all(np.isfinite(found)) else (out, Outcome.NOT_FINITE)
-
-    def _slopes(self, number: int, values: FloatArray, columns: NDArray[np.int64]) -> FloatArray:
-        problem = self.problem
-        experiment, row = problem.experiments[number], problem.targets[number]
-        settings = replace(
-            problem.settings,
-            relative_tolerance=max(1e-12, 1e-3 * problem.settings.relative_tolerance),
-            absolute_tolerance=max(1e-12, 1e-3 * problem.settings.absolute_tolerance),
-        )
-        slopes = np.zeros((experiment.time.size, len(experiment.outputs), len(columns)))
-        for place, column in enumerate(columns):
-            target = row[int(column)]
-            if target is None:
-                continue
-            size = abs(values[int(column)]) or target_scale(problem.model, experiment, target)
-            step = 1e-4 * (0.1 if isinstance(target, DelayTarget) else size)
-            sides = []
-            for sign in (1.0, -1.0):
-                trial = values.copy()
-                trial[int(column)] += sign * step
-                sides.append(self._run(number, trial, settings)[0])
-            slopes[..., place] = (sides[0] - sides[1]) / (2.0 * step)
-        return slopes
-
-    # -- the contract --------------------------------------------------------------------------------------------------
-
-    def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
-        """Trajectories; with ``active`` also sensitivities to those columns. See :class:`Simulator`."""
-        values = check_values(self.problem, values)
-        columns = check_active(self.problem, active if active is not None else [])
-        experiments = self.problem.experiments
-        outcomes = np.zeros((len(values), len(experiments)), dtype=np.uint8)
-        outputs = tuple(np.empty((len(values), e.time.size, len(e.outputs))) for e in experiments)
-        slopes = tuple(np.full((*out.shape, len(columns)), np.nan) for out in outputs)
-        for i, row in enumerate(values):
-            for e in range(len(experiments)):
-                outputs[e][i], outcomes[i, e] = self._run(e, row, self.problem.settings)
-                if outcomes[i, e] == Outcome.OK and len(columns):
-                    slopes[e][i] = self._slopes(e, row, columns)
-        return Trajectories(outputs, slopes if active is not None else None, outcomes)
 
 
 class _Inputs:

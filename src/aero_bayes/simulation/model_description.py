@@ -14,7 +14,7 @@ from aero_bayes.simulation import archive
 BINARY_FOLDERS = {2: "binaries/linux64", 3: "binaries/x86_64-linux"}
 
 Kind = Literal["real", "integer", "boolean"]
-Interface = Literal["model exchange", "co-simulation"]
+Interface = Literal["model exchange", "co-simulation", "python"]
 
 # OpenModelica's name of the state behind an output that is a state.
 _OUTPUT_ALIAS = re.compile(r"(?:\$|_D_)outputAlias_(?P<output>.+)")

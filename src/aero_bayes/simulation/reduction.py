@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 
 from aero_bayes.simulation.gaussian import gauss_newton_products
-from aero_bayes.simulation.interface import FloatArray, GaussNewton, Likelihoods, Outcome, Problem, Trajectories
-from aero_bayes.simulation.problem_checks import check_noise, check_values
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    FloatArray,
+    GaussNewton,
+    Likelihoods,
+    Outcome,
+    Problem,
+    SolverSettings,
+    Trajectories,
+)
+from aero_bayes.simulation.problem_checks import check_active, check_noise, check_values, target_scale
+
+#: Step of a central difference relative to the value; runs of a solver are computed at tolerances this much tighter.
+RELATIVE_STEP, TIGHTER, TIGHTEST = 1e-4, 1e-3, 1e-12
+#: What a step in a delay is relative to, in s.
+DELAY_SIZE = 0.1
 
 
 class ReducedTrajectories:
@@ -63,3 +80,56 @@ class ReducedTrajectories:
             measured, output, slopes = measured / spread, output / spread, slopes / spread[:, :, None]
         cost, gradient, hessian, found = gauss_newton_products(experiment.time, measured, output, slopes, noise)
         return cost, gradient, hessian, found - unequal
+
+
+class SingleRuns(ReducedTrajectories):
+    """A :class:`Simulator` that does one run after the other, in this process; slopes are central differences."""
+
+    def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
+        """Simulate one experiment at one parameter vector (p,): outputs (n, m), NaN where the run fails."""
+        raise NotImplementedError
+
+    def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
+        """Compute trajectories; with ``active`` also sensitivities to those columns. See :class:`Simulator`."""
+        values = check_values(self.problem, values)
+        columns = check_active(self.problem, active if active is not None else [])
+        experiments = self.problem.experiments
+        outcomes = np.zeros((len(values), len(experiments)), dtype=np.uint8)
+        outputs = tuple(np.empty((len(values), e.time.size, len(e.outputs))) for e in experiments)
+        slopes = tuple(np.full((*out.shape, len(columns)), np.nan) for out in outputs)
+        for i, e in np.ndindex(outcomes.shape):
+            outputs[e][i], outcomes[i, e] = self._run(e, values[i], self.problem.settings)
+            if outcomes[i, e] == Outcome.OK:
+                for place, column in enumerate(columns.tolist()):
+                    slopes[e][i, ..., place] = self._slope(e, values[i], column)
+        return Trajectories(outputs, slopes if active is not None else None, outcomes)
+
+    def _slope(self, number: int, values: FloatArray, column: int) -> FloatArray:
+        problem = self.problem
+        experiment, target = problem.experiments[number], problem.targets[number][column]
+        if target is None:
+            return np.zeros((experiment.time.size, len(experiment.outputs)))
+        settings = replace(
+            problem.settings,
+            relative_tolerance=max(TIGHTEST, TIGHTER * problem.settings.relative_tolerance),
+            absolute_tolerance=max(TIGHTEST, TIGHTER * problem.settings.absolute_tolerance),
+        )
+        size = abs(values[column]) or target_scale(problem.model, experiment, target)
+        step = RELATIVE_STEP * (DELAY_SIZE if isinstance(target, DelayTarget) else size)
+        sides = []
+        for sign in (1.0, -1.0):
+            trial = values.copy()
+            trial[column] += sign * step
+            sides.append(self._run(number, trial, settings)[0])
+        return np.asarray((sides[0] - sides[1]) / (2.0 * step))
+
+    def close(self) -> None:
+        """Free what the simulator holds."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
