@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,23 +26,26 @@ from aero_bayes.simulation import (
 
 MOTOR = """model Motor "A stiff circuit drives a rotor against the air"
   parameter Real R = 8.4;
+  parameter Real L = 1.16e-3;
   parameter Real k = 2.4e-8;
+  parameter Real J = 1.0e-5;
   input Real u;
   output Real w(start = 0, fixed = true);
   Real i(start = 0, fixed = true);
 equation
-  1.16e-3 * der(i) = u - R * i - 0.042 * w;
-  1.0e-5 * der(w) = 0.042 * i - k * w * abs(w);
+  L * der(i) = u - R * i - 0.042 * w;
+  J * der(w) = 0.042 * i - k * w * abs(w);
 end Motor;
 """
 STOP = """model Stop "A cart that meets a second spring: an event at each contact"
   parameter Real k = 40;
+  parameter Real c = 25;
   input Real u;
   output Real x(start = 0, fixed = true);
   Real v(start = 0, fixed = true);
 equation
   der(x) = v;
-  der(v) = u - 25 * x - 2 * v - (if x > 0.02 then k * (x - 0.02) else 0);
+  der(v) = u - c * x - 2 * v - (if x > 0.02 then k * (x - 0.02) else 0);
 end Stop;
 """
 Slope = Callable[[float, np.ndarray, float], list[float]]
@@ -134,3 +138,30 @@ def test_a_tighter_tolerance_is_kept_too(tmp_path, here):
         found = simulator.simulate(np.zeros((1, 0))).outputs[0][0, :, 0]
     exact = reference(motor, time, level, "hold", "LSODA", 0.02)
     assert np.abs(found - exact).max() <= 2e-8 * np.ptp(exact)
+
+
+@pytest.mark.parametrize("interpolation", ["hold", "linear"])
+@pytest.mark.parametrize(
+    ("text", "parameters", "interval", "size"),
+    [
+        pytest.param(MOTOR, ("R", "k", "L", "J"), 0.02, 6.0, id="stiff"),
+        pytest.param(STOP, ("k", "c"), 0.01, 1.0, id="events"),
+    ],
+)
+def test_sensitivities_meet_the_differences_of_tight_runs(
+    tmp_path, here, interpolation, text, parameters, interval, size
+):
+    time = interval * np.arange(121)
+    level = size * (np.sin(time / (20.0 * interval)) + 0.2 * np.random.default_rng(2).standard_normal(time.size))
+    model = build(tmp_path, text.split()[1], text)
+    experiment = Experiment(time, (model.outputs[0].name,), (InputSignal("u", time, level, interpolation),))
+    targets = (*(ParameterTarget(p) for p in parameters), DelayTarget())
+    values = np.array([*(float(model.parameter(p).start) for p in parameters), 0.3 * interval])
+    problem = Problem(model, (experiment,), (targets,))
+    tight = replace(problem, settings=SolverSettings(1e-11, 1e-11, max_steps=1_000_000))
+    step = np.diag(1e-4 * values)
+    with NativeSimulator(problem, pool=here) as simulator, NativeSimulator(tight, pool=here) as fine:
+        found = simulator.simulate(values[None, :], active=range(values.size)).sensitivities[0][0, :, 0]
+        high, low = (fine.simulate(values + sign * step).outputs[0][:, :, 0] for sign in (1.0, -1.0))
+    exact = ((high - low) / (2.0 * np.diag(step)[:, None])).T
+    assert np.all(np.abs(found - exact).max(axis=0) <= 1e-3 * np.ptp(exact, axis=0))

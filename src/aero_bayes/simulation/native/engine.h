@@ -15,6 +15,7 @@
  *   kalman.c       the extended Kalman filter of a model with process noise
  *   covariance.c   and its mean and covariance over a step
  *   exponential.c  steps with an exact linear part, where the input moves at each sample
+ *   columns.c      and the sensitivities over them
  *   phi.c          and their matrices
  *   step.c         the steps of a segment between two jumps or events, with error control
  *   crossing.c     what happens between two segments
@@ -196,12 +197,23 @@ enum { NODES_X = 3, MOST_TABLES = 6, MOST_INSIDE = 3, MOST_STATES = 32 };
  * its own. */
 enum { ONLY_END = 7, RENEWED = 8 };
 
+/* A matrix by columns of `rows`, and its derivatives along several parameters: each column is n rows of `ld`. */
+typedef struct {
+    double *value, *slopes;
+} Matrix;
+
+/* A linear system x' = A x; ld is 0 where no derivatives are wanted. */
+typedef struct {
+    int n, rows, ld;
+    Matrix a, work; /* work: eight matrices */
+} Linear;
+
 /* What the linear part does up to a fraction of the step. */
 typedef struct {
     double theta;
-    double *transition;       /* e^(theta h A), and the integrals of phi.c behind it */
-    double *of_slope, *of_ramp; /* of a constant slope, and of one that grows from zero by one over the step */
-    double *of_node[NODES_X]; /* of the remainder at each point */
+    Matrix transition;       /* e^(theta h A), and the integrals of phi.c behind it */
+    Matrix of_slope, of_ramp; /* of a constant slope, and of one that grows from zero by one over the step */
+    Matrix of_node[NODES_X]; /* of the remainder at each point */
 } Flow;
 
 typedef struct {
@@ -220,10 +232,16 @@ typedef struct {
     double contraction; /* of the corrections, or -1 */
     double error, worst; /* of the last step; of this segment's */
     int level, since_longer; /* halvings of a segment; segments since fewer were tried */
-    double *a, *b, *work; /* Jacobians by the states and by the inputs */
+    Linear system;
+    double *b; /* Jacobian by the inputs */
     double *x[NODES_X], *linear[NODES_X], *d[NODES_X]; /* at the points: states, and remainders */
     double *x0, *f0, *ramp, *v, *change, *end, *first, *second, *middle;
     StepTable table[MOST_TABLES], *now;
+    /* sensitivities: is there room for them; have the last ones no remainder; is it left out */
+    int columns, linear_columns, bare_columns;
+    double *nearness[NODES_X];             /* Jacobian at the points less A */
+    double *g[NODES_X], *s_linear[NODES_X]; /* of the points: remainders, columns without them */
+    double *s_slope, *s_ramp;              /* their slope at the beginning, and what it grows by with time alone */
 } Exponential;
 
 /* Everything one run needs; buffers are allocated once for a problem's experiment and reused. */
@@ -328,6 +346,8 @@ double first_step_of(double slope, double bend, double limit);
 int sensitivity_begin(Run *);
 int delay_jump(Run *, int *);
 int sensitivity_node(Run *, int node, double t, const double *x, const double *jac);
+int sensitivity_slopes(Run *, double t, double *b);
+double sensitivity_error(Run *, const double *v);
 double sensitivity_step(Run *, double h, double root);
 void sensitivity_activate(Run *, double t);
 
@@ -365,18 +385,31 @@ void kalman_advance(Run *, double h);
 int kalman_read(Run *, int *finite);
 
 /* phi.c */
-void phi_flow(double *flow, const double *a, double h, double theta, double *work, int n, int rows);
-void phi_follow(double *to, double a, const double *first, const double *then, int n, int rows);
+void phi_flow(const Linear *, Matrix flow, double h, double theta);
+void phi_follow(const Linear *, Matrix to, double a, Matrix first, Matrix then);
+Matrix matrix_at(const Linear *, Matrix first, int k);
+double phi_norm(const Linear *);
 
 /* exponential.c */
 /* Do inputs move at each sample, or nearly so? */
 static inline int moves_at_samples(const Experiment *e) { return e->n_breaks * (MOST_INSIDE + 1) >= e->n; }
+/* Points of the parabola, and its value at the step's beginning by those at the points. */
+static const double point_of[NODES_X] = {1.0 / 6.0, 2.0 / 3.0, 1.0};
+static const double at_start[NODES_X] = {1.6, -1.0, 0.4};
+#define CLOSE_TO_LINEAR 1e-3 /* a remainder, in units of the tolerance, that does not count */
+#define OFF_PARABOLA 0.3     /* error at the end by the parabola's defect at the beginning: at least that of a kink */
 int exponential_open(Run *);
 void exponential_close(Exponential *);
 void exponential_begin(Run *);
 int exponential_may(Run *, double end);
 double exponential_step(Run *, double span, double left, double *recorded);
 int exponential_emit(Run *, double limit);
+void linear_at(const Run *, const Flow *, double *to);
+
+/* columns.c */
+int columns_renew(Run *);
+double columns_step(Run *);
+void columns_at(const Run *, const Flow *, double *s);
 
 /* step.c */
 typedef struct {

@@ -11,9 +11,6 @@
  * products and evaluations is that of attempt() for all, and a step counts where it is good enough for each of them. */
 #include "engine.h"
 
-/* Points of the parabola, its values at the step's beginning and end by those at the points. */
-static const double point[NODES_X] = {1.0 / 6.0, 2.0 / 3.0, 1.0};
-static const double at_start[NODES_X] = {1.6, -1.0, 0.4};
 /* Lagrange's polynomials of the points: coefficients of 1, s and s^2 / 2. */
 static const double lagrange[NODES_X][3] = {{1.6, -4.0, 4.8}, {-1.0, 7.0, -12.0}, {0.4, -3.0, 7.2}};
 
@@ -23,21 +20,22 @@ static const double lagrange[NODES_X][3] = {{1.6, -4.0, 4.8}, {-1.0, 7.0, -12.0}
 static const double between[NODES_X] = {8.0 / 15.0, 2.0 / 3.0, -0.2};
 #define CUBIC_BETWEEN (-1.0 / 3.0)
 
-#define CLOSE_TO_LINEAR 1e-3 /* a remainder, in units of the tolerance, that does not count */
-#define OFF_PARABOLA 0.3     /* error at the end by the parabola's defect at the beginning: at least that of a kink */
 #define OF_SMOOTH 0.3         /* and the share of it that counts where the remainder was seen to be smooth; less misses kinks */
 #define OLD_JACOBIAN 0.5     /* error from which a newer Jacobian is worth its matrices, */
 #define FAR_FROM_JACOBIAN 5e-3 /* where the corrections shrink by no more than this */
 #define MUCH_SMALLER 0.1       /* error at which a step of twice the length is likely to do */
 #define OF_CORRECTIONS 0.3   /* error that may be left to corrections not made */
+#define STIFF 0.5 /* size of h A from which sensitivities move too fast within a step for a parabola */
 
 enum {
     CHECK_EACH = 16,   /* a linear model is looked at between its samples, and the iteration's contraction measured anew */
     MOST_ROUNDS = 4,
     LONGEST_PAUSE = 64, /* segments that are left to the other method after failures */
     MOST_LEVELS = 3,    /* halvings of a segment */
-    TRY_LONGER = 4      /* segments after which one halving less is tried */
+    TRY_LONGER = 4,     /* segments after which one halving less is tried */
+    LASTED = 8          /* steps of a Jacobian that are worth the derivatives of its matrices */
 };
+#define MOST_MEMORY 64e6 /* bytes of them */
 
 static double *take(double **at, size_t count)
 {
@@ -46,11 +44,18 @@ static double *take(double **at, size_t count)
     return here;
 }
 
-static void lay_out_flow(Flow *f, double **at, size_t size)
+static Matrix take_matrices(double **at, size_t count, const Exponential *k, int ld)
 {
-    f->transition = take(at, 4 * size);
-    f->of_slope = take(at, size), f->of_ramp = take(at, size);
-    for (int j = 0; j < NODES_X; j++) f->of_node[j] = take(at, size);
+    const size_t n = (size_t)k->system.n;
+    const Matrix m = {take(at, count * n * (size_t)k->rows), take(at, count * n * n * (size_t)ld)};
+    return m;
+}
+
+static void lay_out_flow(Flow *f, double **at, const Exponential *k, int ld)
+{
+    f->transition = take_matrices(at, 4, k, ld);
+    f->of_slope = take_matrices(at, 1, k, ld), f->of_ramp = take_matrices(at, 1, k, ld);
+    for (int j = 0; j < NODES_X; j++) f->of_node[j] = take_matrices(at, 1, k, ld);
 }
 
 /* Memory of the steps, kept for all runs of an experiment; 0 where there is none. */
@@ -58,9 +63,11 @@ int exponential_open(Run *r)
 {
     if (r->exponential) return 1;
     const size_t n = (size_t)r->n, rows = (n + 3) / 4 * 4, size = n * rows, inputs = (size_t)r->e->n_signals;
-    const size_t flows = MOST_TABLES * (NODES_X + 1 + MOST_INSIDE);
+    const size_t matrices = MOST_TABLES * (NODES_X + 1 + MOST_INSIDE) * 9 + 9;
+    const int columns = (double)(matrices * n * n * (size_t)r->ld) * sizeof(double) <= MOST_MEMORY, ld = columns ? r->ld : 0;
     Exponential *k = calloc(1, sizeof *k);
-    const size_t count = flows * 9 * size + 9 * size + inputs * rows + (3 * NODES_X + 9) * rows;
+    const size_t count = matrices * n * (rows + n * (size_t)ld) + inputs * rows + (3 * NODES_X + 9) * rows +
+                         NODES_X * size + (2 * NODES_X + 2) * n * (size_t)ld;
     double *at = k ? calloc(count + 8, sizeof *at) : NULL;
     if (!at) {
         free(k);
@@ -68,14 +75,21 @@ int exponential_open(Run *r)
     }
     k->memory = at;
     k->rows = (int)rows;
-    k->a = take(&at, size), k->work = take(&at, 8 * size), k->b = take(&at, inputs * rows);
+    k->columns = columns;
+    k->system = (Linear){.n = r->n, .rows = k->rows};
+    k->system.a = take_matrices(&at, 1, k, ld), k->system.work = take_matrices(&at, 8, k, ld);
+    k->b = take(&at, inputs * rows);
     for (int t = 0; t < MOST_TABLES; t++) {
-        for (int j = 0; j < NODES_X; j++) lay_out_flow(&k->table[t].node[j], &at, size);
-        lay_out_flow(&k->table[t].between, &at, size);
-        for (int j = 0; j < MOST_INSIDE; j++) lay_out_flow(&k->table[t].inside[j], &at, size);
+        for (int j = 0; j < NODES_X; j++) lay_out_flow(&k->table[t].node[j], &at, k, ld);
+        lay_out_flow(&k->table[t].between, &at, k, ld);
+        for (int j = 0; j < MOST_INSIDE; j++) lay_out_flow(&k->table[t].inside[j], &at, k, ld);
     }
-    for (int j = 0; j < NODES_X; j++)
+    for (int j = 0; j < NODES_X; j++) {
         k->x[j] = take(&at, rows), k->d[j] = take(&at, rows), k->linear[j] = take(&at, rows);
+        k->nearness[j] = take(&at, size);
+        k->g[j] = take(&at, n * (size_t)ld), k->s_linear[j] = take(&at, n * (size_t)ld);
+    }
+    k->s_slope = take(&at, n * (size_t)ld), k->s_ramp = take(&at, n * (size_t)ld);
     k->f0 = take(&at, rows), k->x0 = take(&at, rows), k->ramp = take(&at, rows), k->v = take(&at, rows);
     k->change = take(&at, rows), k->end = take(&at, rows), k->first = take(&at, rows), k->second = take(&at, rows);
     k->middle = take(&at, rows);
@@ -93,28 +107,38 @@ void exponential_close(Exponential *k)
 /* Before a run. */
 void exponential_begin(Run *r)
 {
-    if (!r->exponential) return;
-    r->exponential->level = r->exponential->stale = r->exponential->since_longer = 0;
-    r->exponential->known = r->exponential->pause = r->exponential->last_pause = r->exponential->linear_model = 0;
+    Exponential *k = r->exponential;
+    if (!k) return;
+    k->level = k->stale = k->since_longer = 0;
+    k->known = k->pause = k->last_pause = k->linear_model = k->linear_columns = 0;
+    k->age = LASTED;
 }
 
 /* The matrices that the step uses, from e^(theta h A) and the integrals behind it. */
-static void weigh_flow(Flow *f, double h, size_t size)
+static void weigh(double *of_slope, double *of_ramp, double *const of_node[], double h, const double *i0, size_t size)
 {
-    const double *i0 = f->transition + size, *i1 = i0 + size, *i2 = i1 + size;
+    const double *i1 = i0 + size, *i2 = i1 + size;
     for (size_t i = 0; i < size; i++) {
-        f->of_slope[i] = h * i0[i];
-        f->of_ramp[i] = h * i1[i];
+        of_slope[i] = h * i0[i];
+        of_ramp[i] = h * i1[i];
         for (int j = 0; j < NODES_X; j++)
-            f->of_node[j][i] = h * (lagrange[j][0] * i0[i] + lagrange[j][1] * i1[i] + lagrange[j][2] * i2[i]);
+            of_node[j][i] = h * (lagrange[j][0] * i0[i] + lagrange[j][1] * i1[i] + lagrange[j][2] * i2[i]);
     }
+}
+
+static void weigh_flow(const Linear *m, Flow *f, double h)
+{
+    const Matrix i0 = matrix_at(m, f->transition, 1), *w = f->of_node;
+    weigh(f->of_slope.value, f->of_ramp.value, (double *const[]){w[0].value, w[1].value, w[2].value}, h, i0.value,
+          (size_t)(m->n * m->rows));
+    if (m->ld)
+        weigh(f->of_slope.slopes, f->of_ramp.slopes, (double *const[]){w[0].slopes, w[1].slopes, w[2].slopes}, h,
+              i0.slopes, (size_t)(m->n * m->n * m->ld));
 }
 
 static StepTable *table_of(Run *r, double h)
 {
     Exponential *k = r->exponential;
-    const int n = r->n, rows = k->rows;
-    const size_t size = (size_t)(n * rows);
     const double near = h * larger(1e-3 * r->rtol, 1e-13);
     for (int i = 0; i < k->n_tables; i++)
         if (fabs(k->table[i].h - h) <= near) return &k->table[i];
@@ -122,13 +146,14 @@ static StepTable *table_of(Run *r, double h)
     StepTable *t = &k->table[k->n_tables++];
     t->h = h;
     t->n_inside = 0;
-    double *third = t->between.transition;
-    phi_flow(t->node[0].transition, k->a, h, point[0], k->work, n, rows);
-    phi_follow(third, point[0], t->node[0].transition, t->node[0].transition, n, rows);
-    phi_follow(t->node[1].transition, 1.0 / 3.0, third, third, n, rows);
-    phi_follow(t->node[2].transition, 1.0 / 3.0, third, t->node[1].transition, n, rows);
-    for (int j = 0; j < NODES_X; j++) weigh_flow(&t->node[j], h, size);
-    weigh_flow(&t->between, h, size);
+    const Linear *m = &k->system;
+    const Matrix third = t->between.transition;
+    phi_flow(m, t->node[0].transition, h, point_of[0]);
+    phi_follow(m, third, point_of[0], t->node[0].transition, t->node[0].transition);
+    phi_follow(m, t->node[1].transition, 1.0 / 3.0, third, third);
+    phi_follow(m, t->node[2].transition, 1.0 / 3.0, third, t->node[1].transition);
+    for (int j = 0; j < NODES_X; j++) weigh_flow(m, &t->node[j], h);
+    weigh_flow(m, &t->between, h);
     return t;
 }
 
@@ -141,13 +166,14 @@ static Flow *flow_inside(Run *r, StepTable *t, double theta)
     if (t->n_inside == MOST_INSIDE) t->n_inside = 0;
     Flow *f = &t->inside[t->n_inside++];
     f->theta = theta;
-    phi_flow(f->transition, k->a, t->h, theta, k->work, r->n, k->rows);
-    weigh_flow(f, t->h, (size_t)(r->n * k->rows));
+    phi_flow(&k->system, f->transition, t->h, theta);
+    weigh_flow(&k->system, f, t->h);
     return f;
 }
 
-/* A and, where inputs may slope, df/du anew at (r->t, r->x), with r->f there. */
-static int renew_jacobian(Run *r)
+/* A and, where inputs may slope, df/du anew at (r->t, r->x), with r->f there, for steps by h. Its derivatives too, where
+ * sensitivities are stiff or have many steps of it. */
+static int renew_jacobian(Run *r, double h)
 {
     Exponential *k = r->exponential;
     const int n = r->n, rows = k->rows;
@@ -159,12 +185,14 @@ static int renew_jacobian(Run *r)
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++) {
             if (!isfinite(r->jac[i * n + j])) return FMI_DISCARD;
-            k->a[j * rows + i] = r->jac[i * n + j];
+            k->system.a.value[j * rows + i] = r->jac[i * n + j];
         }
+    const int worth = r->sensitive && (k->age >= LASTED || h * phi_norm(&k->system) > STIFF);
+    k->system.ld = worth ? r->ld : 0;
     k->known = 1;
-    k->age = k->n_tables = k->linear_model = k->stale = 0;
+    k->age = k->n_tables = k->linear_model = k->linear_columns = k->stale = 0;
     k->contraction = -1.0;
-    return status;
+    return worth ? columns_renew(r) : status;
 }
 
 /* What sloping inputs add to the slope of the states over the step. */
@@ -185,19 +213,19 @@ static int find_ramp(Run *r, double h)
 }
 
 /* The model's linearisation at a fraction of the step. */
-static void linear_at(const Run *r, const Flow *f, double *to)
+void linear_at(const Run *r, const Flow *f, double *to)
 {
     const Exponential *k = r->exponential;
     memcpy(to, k->x0, sizeof *to * (size_t)k->rows);
-    kernels->apply(to, f->of_slope, k->f0, r->n, k->rows);
-    if (k->ramps) kernels->apply(to, f->of_ramp, k->ramp, r->n, k->rows);
+    kernels->apply(to, f->of_slope.value, k->f0, r->n, k->rows);
+    if (k->ramps) kernels->apply(to, f->of_ramp.value, k->ramp, r->n, k->rows);
 }
 
 /* to += what the remainders add there */
 static void add_remainders(const Run *r, const Flow *f, double *to)
 {
     const Exponential *k = r->exponential;
-    for (int j = 0; j < NODES_X; j++) kernels->apply(to, f->of_node[j], k->d[j], r->n, k->rows);
+    for (int j = 0; j < NODES_X; j++) kernels->apply(to, f->of_node[j].value, k->d[j], r->n, k->rows);
 }
 
 /* What the slope at x at a fraction of the step leaves of the linearisation, to d. */
@@ -209,18 +237,18 @@ static int remainder_at(Run *r, double h, double theta, const double *x, double 
     if (is_error(status)) return status;
     for (int i = 0; i < k->rows; i++) v[i] = k->x0[i] - x[i];
     for (int i = 0; i < r->n; i++) d[i] -= k->f0[i] + theta * k->ramp[i];
-    kernels->apply(d, k->a, v, r->n, k->rows);
+    kernels->apply(d, k->system.a.value, v, r->n, k->rows);
     return status;
 }
 
-static int find_remainder(Run *r, double h, int j) { return remainder_at(r, h, point[j], r->exponential->x[j], r->exponential->d[j]); }
+static int find_remainder(Run *r, double h, int j) { return remainder_at(r, h, point_of[j], r->exponential->x[j], r->exponential->d[j]); }
 
 /* Size at the step's end, in units of the tolerance, of a slope that acts all the step long. */
 static double effect(Run *r, const StepTable *t, const double *slope)
 {
     Exponential *k = r->exponential;
     memset(k->v, 0, sizeof *k->v * (size_t)k->rows);
-    kernels->apply(k->v, t->node[2].of_slope, slope, r->n, k->rows);
+    kernels->apply(k->v, t->node[2].of_slope.value, slope, r->n, k->rows);
     return scaled_norm(r, k->v, r->x, k->end);
 }
 
@@ -328,7 +356,7 @@ static int meets_event(Run *r, const StepTable *t)
             linear_at(r, &t->node[j], x);
             add_remainders(r, &t->node[j], x);
         }
-        r->status = indicators(r, r->t + point[j] * t->h, x, r->z1);
+        r->status = indicators(r, r->t + point_of[j] * t->h, x, r->z1);
         if (is_error(r->status) || crossed(r->z0, r->z1, r->nz)) return 1;
     }
     return 0;
@@ -343,6 +371,7 @@ int exponential_may(Run *r, double end)
     if (last < e->n && e->time[last] < end - r->resolution) return 0;
     if (!exponential_open(r)) return 0;
     Exponential *k = r->exponential;
+    if (r->sensitive && !k->columns) return 0;
     if (k->pause > 0) {
         k->pause--;
         return 0;
@@ -357,10 +386,11 @@ static int try_step(Run *r, double h, int renew, int code)
 {
     Exponential *k = r->exponential;
     double error = NAN;
-    r->status = renew ? renew_jacobian(r) : FMI_OK;
+    r->status = renew ? renew_jacobian(r, h) : FMI_OK;
     if (!is_error(r->status)) {
         k->now = table_of(r, h);
         error = attempt(r, k->now, code);
+        if (r->sensitive && error <= 1.0 && !is_error(r->status)) error = larger(error, columns_step(r));
     }
     const int good = !is_error(r->status) && (code ? error < INFINITY : error <= 1.0);
     if (r->status == FMI_DISCARD) r->status = FMI_OK;
@@ -413,15 +443,18 @@ int exponential_emit(Run *r, double limit)
     Exponential *k = r->exponential;
     const int n = r->n;
     memset(r->dense, 0, sizeof *r->dense * (size_t)(5 * n));
+    if (r->sensitive) memset(r->sdense, 0, sizeof *r->sdense * (size_t)(5 * n * r->ld));
     while (r->sample < e->n && e->time[r->sample] < limit) {
         const double time = e->time[r->sample], theta = (time - r->t) / k->now->h;
-        if (time - r->t <= r->resolution)
+        if (time - r->t <= r->resolution) {
             memcpy(r->dense, k->x0, sizeof *r->dense * (size_t)n);
-        else {
+            if (r->sensitive) memcpy(r->sdense, r->s, sizeof *r->s * (size_t)(n * r->ld));
+        } else {
             const Flow *f = flow_inside(r, k->now, theta);
             linear_at(r, f, k->v);
             add_remainders(r, f, k->v);
             memcpy(r->dense, k->v, sizeof *r->dense * (size_t)n);
+            if (r->sensitive) columns_at(r, f, r->sdense);
         }
         const int status = emit_until(r, 0.0, time, 1);
         if (is_error(status)) return status;

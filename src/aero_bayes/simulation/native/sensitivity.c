@@ -139,17 +139,10 @@ static int needs_signal(const Run *r, int signal)
     return 0;
 }
 
-/* A and B at one of the four points; the FMU stands at (t, x) already. jac is a known A, or NULL. */
-int sensitivity_node(Run *r, int index, double t, const double *x, const double *jac)
+/* B where the FMU stands, at time t. */
+int sensitivity_slopes(Run *r, double t, double *b)
 {
     const int n = r->n, ld = r->ld;
-    double *a = r->a_node + index * n * n, *b = r->b_node + index * n * ld;
-    if (jac)
-        memcpy(a, jac, sizeof *a * (size_t)(n * n));
-    else {
-        const int status = jacobian(r, t, x, NULL, a);
-        if (is_error(status)) return status;
-    }
     memset(b, 0, sizeof *b * (size_t)(n * ld));
     for (int k = 0; k < r->acting; k++)
         if (r->column_target[k].kind == TARGET_PARAMETER) {
@@ -175,12 +168,26 @@ int sensitivity_node(Run *r, int index, double t, const double *x, const double 
     return FMI_OK;
 }
 
+/* A and B at one of the four points; the FMU stands at (t, x) already. jac is a known A, or NULL. */
+int sensitivity_node(Run *r, int index, double t, const double *x, const double *jac)
+{
+    const int n = r->n;
+    double *a = r->a_node + index * n * n;
+    if (jac)
+        memcpy(a, jac, sizeof *a * (size_t)(n * n));
+    else {
+        const int status = jacobian(r, t, x, NULL, a);
+        if (is_error(status)) return status;
+    }
+    return sensitivity_slopes(r, t, r->b_node + index * n * r->ld);
+}
+
 /* Share of the largest that a column has been so far which it counts for at least: what it has died away to, where an
  * input rests, is rounding, and no step is small enough for that. */
 #define LEAST_SHARE 0.1
 
-/* Error of the worst column, each in units of its own size. */
-static double column_error(Run *r, const double *v)
+/* Error of the worst column from r->s to r->s1, each in units of its own size. */
+double sensitivity_error(Run *r, const double *v)
 {
     const int n = r->n, ld = r->ld;
     const double rtol = 100.0 * r->rtol;
@@ -322,7 +329,7 @@ double sensitivity_step(Run *r, double h, double root)
     }
     const double *end = r->sv + (m->stages - 1) * size;
     for (int64_t i = 0; i < size; i++) r->s1[i] = r->su[i] + end[i];
-    const double error = column_error(r, end);
+    const double error = sensitivity_error(r, end);
     if (!(error <= 1.0)) return error;
     continuous_extension(r, root < 1.0);
     for (int64_t i = 0; i < size && root < 1.0; i++)

@@ -101,7 +101,7 @@ static int complete_step(Run *r, Segment *g)
 static int exponential_segment(Run *r, Segment *g)
 {
     int status, outcome = AB_OK;
-    if (!r->replay && (r->sensitive || !exponential_may(r, g->end))) return AB_OK;
+    if (!r->replay && !exponential_may(r, g->end)) return AB_OK;
     while (!outcome && !g->event && g->end - r->t > r->resolution) {
         double recorded = -1.0, left = g->end - r->t;
         if (r->replay) {
@@ -124,6 +124,7 @@ static int exponential_segment(Run *r, Segment *g)
         r->taken++;
         r->t = last ? g->end : r->t + h;
         swap(&r->x, &r->x1);
+        if (r->sensitive) swap(&r->s, &r->s1);
         note_sizes(r);
         outcome = complete_step(r, g);
     }
