@@ -37,7 +37,10 @@ def typed(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_tutorials_commands_find_the_friction(cart: Path):
-    """Every command of the tutorial runs, also where it was walked before, and prints every line that it promises."""
+    """Every command of the tutorial runs, also where it was walked before, and prints every line that it promises.
+
+    After it, the commands of the page on results, which begins with the tutorial's loop.
+    """
     for left in ("my.toml", "other.toml"):
         (cart / left).write_text("# of the first walk", encoding="utf-8")
     printed = ""
@@ -50,6 +53,13 @@ def test_the_tutorials_commands_find_the_friction(cart: Path):
     for line in "".join(promised).splitlines():
         name = re.sub(r"\d[\d.,]*", "#", line.strip())  # last digits depend on the processor
         assert name in re.sub(r"\d[\d.,]*", "#", printed), line
+    loop, *others = blocks("docs/howto/use_the_result.md", "bash")
+    first, shown = loop.splitlines()
+    assert first in "".join(blocks("docs/tutorial.md", "bash")).splitlines()
+    assert others
+    for command in (shown, *others):
+        done = typed(command, cart)
+        assert done.returncode == 0, f"{command}\n{done.stderr}"
 
 
 @pytest.mark.parametrize(
@@ -59,7 +69,6 @@ def test_the_tutorials_commands_find_the_friction(cart: Path):
         "docs/howto/data.md",
         "docs/howto/fmu.md",
         "docs/howto/recordings.md",
-        "docs/howto/use_the_result.md",
     ],
 )
 def test_commands_of_the_how_to_pages_run(page: str, cart: Path):

@@ -6,8 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_bipartite_matching
+import scipy  # imports its parts when they are first used
 
 from aero_bayes.errors import InputError
 from aero_bayes.export.equation_system import translate
@@ -41,8 +40,9 @@ def explain_imbalance(name: str, flat: FlatModel) -> InputError | None:
         for u in row:
             columns[u].append(k)
     ends = np.cumsum([0, *map(len, rows)])
-    graph = csr_array((np.ones(ends[-1]), [u for row in rows for u in row], ends), shape=(len(rows), len(unknowns)))
-    unknown_of = maximum_bipartite_matching(graph, perm_type="column").tolist()
+    entries = (np.ones(ends[-1]), [u for row in rows for u in row], ends)
+    graph = scipy.sparse.csr_array(entries, shape=(len(rows), len(unknowns)))
+    unknown_of = scipy.sparse.csgraph.maximum_bipartite_matching(graph, perm_type="column").tolist()
     equation_of = {u: k for k, u in enumerate(unknown_of) if u >= 0}
     few = _reached([u for u in range(len(unknowns)) if u not in equation_of], columns, unknown_of)
     many = [unknown_of[k] for k in _reached([k for k, u in enumerate(unknown_of) if u < 0], rows, equation_of)]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
-from scipy.stats import norm, t
 
 from aero_bayes.search.structure import Structure
 
@@ -75,7 +75,9 @@ class Comparison:
     def _needed(self) -> float:
         """Standard errors that count as clear: with few blocks more of them (Student's t)."""
         blocks = self._draws.shape[1]
-        return float(t.ppf(norm.cdf(MIN_STANDARD_ERRORS), blocks - 1)) if blocks > 1 else math.inf
+        if blocks < 2:
+            return math.inf
+        return float(scipy.special.stdtrit(blocks - 1, scipy.special.ndtr(MIN_STANDARD_ERRORS)))
 
     @cached_property
     def scores(self) -> dict[Structure, float]:

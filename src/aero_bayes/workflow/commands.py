@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -24,8 +24,6 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
 from aero_bayes.files import whole_file
 from aero_bayes.report import write_run_page
-from aero_bayes.sample.posterior import Posterior
-from aero_bayes.sample.sample import sample
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import ModelicaSource
 from aero_bayes.workflow.context import context_part
@@ -56,6 +54,9 @@ from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import merge, write_result, write_series
 from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings, sample_settings
+
+if TYPE_CHECKING:  # the sampler takes a second to import
+    from aero_bayes.sample import Posterior
 
 Json = dict[str, Any]
 
@@ -177,6 +178,8 @@ def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = Non
 
 
 def _sample(job: Job, found: Fit, progress: ProgressBar, checkpoint: Checkpoint) -> Posterior:
+    from aero_bayes.sample import sample
+
     posterior = sample(
         found,
         settings=sample_settings(job),
@@ -269,7 +272,7 @@ def _page(job: Job, result: Json, series: Series) -> Path:
 
 def write_page(found: Fit | Posterior, path: Path) -> Path:
     """Write the page of a fit or a posterior that no command made."""
-    fit = found.fit if isinstance(found, Posterior) else found
+    fit = found if isinstance(found, Fit) else found.fit
     calibration, model = fit.calibration, fit.calibration.model
     source = model.source or ModelicaSource(model.name)
     with ScratchFolder() as scratch:
@@ -279,7 +282,7 @@ def write_page(found: Fit | Posterior, path: Path) -> Path:
             calibration.parameters, dict(calibration.fixed),
         )  # fmt: skip
         result, series = fit_part(job, fit)
-        if isinstance(found, Posterior):
+        if not isinstance(found, Fit):
             sampled, bands = _posterior_part(found)
             result, series = merge(result, sampled, {"command": "posterior"}), series | bands
             found.save(scratch / "posterior.nc")

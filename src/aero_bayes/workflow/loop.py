@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,13 +12,15 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
-from aero_bayes.sample import Posterior
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.workflow.curves import Series, state_series
 from aero_bayes.workflow.job import Job, later_of
 from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.settings import fit_settings
+
+if TYPE_CHECKING:  # the sampler takes a second to import
+    from aero_bayes.sample import Posterior
 
 Json = dict[str, Any]
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered_scores
 from aero_bayes.config import PredictionSection
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.result import Fit
@@ -39,6 +38,9 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     section = prediction_settings(job)
     if section is None:
         return {}
+    # with the sampler, which takes a second to import
+    from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered_scores
+
     opener = partial(open_simulator, engine=job.engine, workers=job.options.workers)
     rng = np.random.default_rng([job.options.seed, 7])
     entry: Json = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import CalibrationSettings
@@ -10,10 +11,12 @@ from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.sample.settings import SampleSettings
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.unknown_names import known_names_hint
 from aero_bayes.workflow.job import Job
+
+if TYPE_CHECKING:  # the sampler takes a second to import
+    from aero_bayes.sample.settings import SampleSettings
 
 
 def fit_settings(job: Job) -> FitSettings:
@@ -56,6 +59,8 @@ def _noise(job: Job) -> NoiseModel:
 
 def sample_settings(job: Job) -> SampleSettings:
     """How long the job wants its posterior sampled."""
+    from aero_bayes.sample.settings import SampleSettings
+
     section = job.config.posterior
     return SampleSettings(
         ensembles=section.ensembles,
