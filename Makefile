@@ -30,8 +30,9 @@ SIMULATED := reports/simulated
 .DEFAULT_GOAL := all
 .PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation coverage coverage-wrong docs dist lock clean
 
-all: setup ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
-	$(RUN) all $(foreach f,$(DATA),--data $(f)) $(foreach f,$(TEST),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
+all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
+	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
+	  $(foreach f,$(or $(TEST),$(if $(DATA),,$(SIMULATED)/test_1.csv)),--test $(f)) --out $(or $(OUT),reports) $(OPTIONS)
 
 help: ## what each target does
 	@grep -hE '^[a-z -]+:.*##' $(MAKEFILE_LIST) | sort | sed -E 's/:.*## /\t/' | expand -t 16
@@ -53,7 +54,7 @@ fmu: setup ## build the FMU of MODEL (default Aero.Systems.OneDof) into OUT (def
 	$(RUN) fmu $(if $(MODEL),--model $(MODEL)) --out $(or $(OUT),reports/$(lastword $(subst ., ,$(or $(MODEL),OneDof))).fmu)
 
 $(SIMULATED)/simulated.json: | setup
-	$(RUN) bench --out $(SIMULATED) --seed $(SEED)
+	$(BIN)/python studies/simulate_aero.py --out $(SIMULATED) --seed $(SEED)
 
 fit posterior: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## fit, or fit and sample, DATA (default: simulated) into OUT
 	$(RUN) $@ $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) --out $(or $(OUT),reports/$@) $(OPTIONS)

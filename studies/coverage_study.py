@@ -33,7 +33,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.stats import kstest
 
-from aero_bayes import bench
+import simulated_aero as bench
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.estimate import (
     CalibrationSettings,

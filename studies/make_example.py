@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.bench import random_levels, random_multi_sine
 from aero_bayes.data import Recording, write_csv
+from simulated_aero import random_levels, random_multi_sine
 from simulated_rigs import LawPlace, LawTruth, simulate_rig
 from simulated_rigs.kinds import KINDS
 

@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.bench.truth import EffectTruth
 from aero_bayes.data import Recording
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
 from aero_bayes.estimate.global_search import GlobalSearch
@@ -25,6 +24,7 @@ from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Problem, Simulator, SolverSettings
 from aero_trial.draw import TrialSpec
+from simulated_aero.truth import EffectTruth
 
 OUTPUTS = ("i_m", "omega_m", "theta")
 

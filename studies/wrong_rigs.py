@@ -17,15 +17,15 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from aero_bayes import bench
-from aero_bayes.bench.effects import EffectKind
-from aero_bayes.bench.sensors import SensorNoise
+import simulated_aero as bench
 from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.estimate import CalibrationSettings, ParameterSet, declared_overrides, parameters_from_model
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.simulation import Model
 from aero_trial import ALL_KINDS
+from simulated_aero.effects import EffectKind
+from simulated_aero.sensors import SensorNoise
 from simulated_rigs import MODELS
 from simulated_rigs.kinds import KINDS, RigKind
 from simulated_rigs.truth import LawPlace, LawTruth, law_kind

@@ -224,7 +224,7 @@ def design_command(data: tuple[Path, ...], separate: tuple[str, str] | None, rep
 
 
 @main.command("all")
-@click.option("--data", type=FILE, multiple=True, help="Recording to learn from.  [default: simulated]")
+@click.option("--data", type=FILE, multiple=True, required=True, help="Recording to learn from.")
 @click.option("--test", type=FILE, multiple=True, help="Recording to test on.")
 @run_options
 def all_command(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
@@ -286,16 +286,6 @@ def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
     from aero_bayes.workflow import run_check
 
     run_check(recordings, config)
-
-
-@main.command("bench")
-@click.option("--out", type=FOLDER, required=True)
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-def bench_command(out: Path, seed: int) -> None:
-    """Write recordings of the simulated AERO (they are not measurements)."""
-    from aero_bayes.workflow import run_bench
-
-    run_bench(out, seed)
 
 
 @main.command("fleet")

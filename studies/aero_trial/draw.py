@@ -10,15 +10,15 @@ from typing import Literal
 import numpy as np
 from numpy.random import Generator
 
-from aero_bayes.bench import EffectKind, effects
-from aero_bayes.bench.defaults import SimulatedSet, write_truth
-from aero_bayes.bench.inputs import InputDesign, random_levels
-from aero_bayes.bench.rig import simulate_recording
-from aero_bayes.bench.sensors import Sensors, clean, real, white
-from aero_bayes.bench.truth import EffectTruth, Parameters, Truth
 from aero_bayes.data import Recording, write_csv
 from aero_bayes.errors import InputError
 from aero_trial import outside
+from simulated_aero import EffectKind, effects
+from simulated_aero.defaults import SimulatedSet, write_truth
+from simulated_aero.inputs import InputDesign, random_levels
+from simulated_aero.rig import simulate_recording
+from simulated_aero.sensors import Sensors, clean, real, white
+from simulated_aero.truth import EffectTruth, Parameters, Truth
 
 Kind = Literal["single", "none", "pair", "outside"]
 NoiseKind = Literal["white", "real"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import copysign, exp, pi, sin, tanh
 
-from aero_bayes.bench import EffectKind
-from aero_bayes.bench.equations import RigEquations
+from simulated_aero import EffectKind
+from simulated_aero.equations import RigEquations
 
 
 def _battery_sag(equations: RigEquations, p: Mapping[str, float]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from aero_bayes.bench.sensors import SensorNoise
+from simulated_aero.sensors import SensorNoise
 from simulated_rigs.kinds import RigKind
 from simulated_rigs.truth import LawTruth, simulate_rig
 

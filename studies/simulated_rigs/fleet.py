@@ -14,9 +14,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from aero_bayes.bench.sensors import SensorNoise
 from aero_bayes.data import write_csv
 from aero_bayes.errors import InputError
+from simulated_aero.sensors import SensorNoise
 from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
 from simulated_rigs.trial import MODELS, CleanRun, RigTrial, law_at_distance, make_trial

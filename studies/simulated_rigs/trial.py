@@ -14,10 +14,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from aero_bayes.bench.inputs import Chirp, InputDesign, prbs, random_levels, random_multi_sine
-from aero_bayes.bench.sensors import SensorNoise
 from aero_bayes.data import Recording, write_csv
 from aero_bayes.errors import InputError
+from simulated_aero.inputs import Chirp, InputDesign, prbs, random_levels, random_multi_sine
+from simulated_aero.sensors import SensorNoise
 from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
 from simulated_rigs.truth import LawPlace, LawTruth, law_kind, law_places, outside_places, scale_at, simulate_rig

@@ -10,10 +10,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from aero_bayes.bench import HALF_QUAD, KINDS, Levels, Parameters, Truth, effect, even_times, paper_step, simulate_truth
-from aero_bayes.bench.exponential import block
-from aero_bayes.bench.integrate import AeroIntegrator
-from aero_bayes.bench.rig import equations_of
+from simulated_aero import HALF_QUAD, KINDS, Levels, Parameters, Truth, effect, even_times, paper_step, simulate_truth
+from simulated_aero.exponential import block
+from simulated_aero.integrate import AeroIntegrator
+from simulated_aero.rig import equations_of
 
 P = Parameters()
 DESIGN = Levels((0.0, 1.0, 2.5, 4.0, 5.2, 6.0), (14.0, -9.0, 18.0, 18.0, -17.0, 4.0))

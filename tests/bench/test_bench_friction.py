@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from aero_bayes.bench import Levels, Parameters, Truth, effect, even_times, simulate_truth
 from aero_trial import ALL_KINDS
+from simulated_aero import Levels, Parameters, Truth, effect, even_times, simulate_truth
 
 P = Parameters()
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aero_bayes.bench import (
+from aero_bayes.errors import InputError
+from simulated_aero import (
     Chirp,
     SensorNoise,
     Truth,
@@ -24,8 +25,7 @@ from aero_bayes.bench import (
     simulate_truth,
     white,
 )
-from aero_bayes.bench.sensors import ornstein_uhlenbeck, quantise
-from aero_bayes.errors import InputError
+from simulated_aero.sensors import ornstein_uhlenbeck, quantise
 
 TIME = even_times(30.0, 200.0)
 RUN = simulate_truth(Truth(), equal_steps([8.0, -12.0, 16.0], 9.0), TIME)
@@ -112,7 +112,7 @@ def test_noise_without_a_generator_is_refused() -> None:
 
 
 def test_unknown_effects_are_refused() -> None:
-    from aero_bayes.bench import EffectTruth, effect
+    from simulated_aero import EffectTruth, effect
 
     with pytest.raises(InputError, match="no effect magic"):
         effect("magic", size=1.0)

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 import aero_bayes
-from aero_bayes.bench import KINDS, default_recordings
 from aero_bayes.data import read_recording
+from simulated_aero import KINDS, default_recordings
 
+STUDIES = Path(__file__).parents[2] / "studies"
 CATALOGUE = {
     "electrical": ("supply_resistance brush_drop winding_heating amplifier_deadzone amplifier_saturation"),
     "rotor": "rotor_coulomb_friction rotor_viscous_friction",
@@ -42,27 +43,16 @@ def test_default_recordings(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "simulated.json").read_text())["simulated"] is True
 
 
-def test_nothing_that_fits_imports_the_bench_and_it_imports_nothing_of_theirs() -> None:
-    root = Path(aero_bayes.__file__).parent
-    rooms = "export simulation data estimate sample check sensors language ports laws search judge loop"
-    for stage in rooms.split():
-        paths = list((root / stage).rglob("*.py"))
-        assert paths, stage
-        for path in paths:
-            assert not any(name.startswith("aero_bayes.bench") for name in imports(path)), path
-    for path in (root / "bench").rglob("*.py"):
+def test_the_simulated_aero_uses_nothing_of_the_package_but_recordings() -> None:
+    for path in (STUDIES / "simulated_aero").glob("*.py"):
         for name in imports(path):
-            assert name.split(".")[:2] in (
-                ["aero_bayes", "bench"],
-                ["aero_bayes", "data"],
-                ["aero_bayes", "errors"],
-                ["aero_bayes", "files"],
-            ) or (not name.startswith("aero_bayes")), path
+            used = name.split(".")[:2]
+            assert used[0] != "aero_bayes" or used[1] in ("data", "errors", "files"), path
 
 
 def test_the_package_imports_no_study() -> None:
-    studies = {path.stem for path in (Path(__file__).parents[2] / "studies").iterdir()}
-    assert {"paper_replay", "simulated_rigs", "aero_trial"} <= studies
+    studies = {path.stem for path in STUDIES.iterdir()}
+    assert {"paper_replay", "simulated_aero", "simulated_rigs", "aero_trial"} <= studies
     for path in Path(aero_bayes.__file__).parent.rglob("*.py"):
         assert not studies & {name.split(".")[0] for name in imports(path)}, path
 

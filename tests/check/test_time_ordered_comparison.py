@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes import bench
+import simulated_aero as bench
 from aero_bayes.check import (
     block_edges,
     block_log_likelihood,

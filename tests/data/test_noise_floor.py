@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from aero_bayes.bench import Truth, even_times, random_levels, simulate_truth
 from aero_bayes.data import noise_floor, quantisation_step
+from simulated_aero import Truth, even_times, random_levels, simulate_truth
 
 TIME = even_times(60.0, 100.0)
 RUN = simulate_truth(Truth(), random_levels(np.random.default_rng(11), 20.0, 60.0), TIME)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from facts import facts
 
-from aero_bayes.bench import SensorNoise, Sensors, Truth, clean, equal_steps, real, simulate_recording
 from aero_bayes.data import Recording, ripple_amplitudes, summarise
+from simulated_aero import SensorNoise, Sensors, Truth, clean, equal_steps, real, simulate_recording
 
 STAIRS = equal_steps([6.0, 18.0, 12.0, -9.0, 0.0], 5.0)
 

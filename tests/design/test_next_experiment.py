@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from facts import facts
 
-from aero_bayes import bench
+import simulated_aero as bench
 from aero_bayes.design import FAMILIES, Limits, SearchSettings, check_gain, propose_experiment, separating_experiment
 from aero_bayes.design.information import ExperimentPredictor, posterior_sd
 from aero_bayes.errors import InputError

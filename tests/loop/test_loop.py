@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from facts import facts
 
-from aero_bayes.bench import Parameters, Truth, effect, random_levels, real, simulate_recording, white
 from aero_bayes.errors import InputError
 from aero_bayes.judge import Recordings
 from aero_bayes.laws import ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, StructureSettings, close_loop, fit_base_model
 from aero_bayes.simulation import WorkerPool
+from simulated_aero import Parameters, Truth, effect, random_levels, real, simulate_recording, white
 
 SETTINGS = LoopSettings(structures=StructureSettings(max_effects=2))
 

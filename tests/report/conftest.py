@@ -13,9 +13,9 @@ import pytest
 from click.testing import CliRunner
 from headless_chromium import Browser, find_chromium
 
-from aero_bayes.bench import Parameters, Truth, effect, random_levels, simulate_recording, white
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
+from simulated_aero import Parameters, Truth, effect, random_levels, simulate_recording, white
 
 #: Few parameters, few steps: pages want a run of every shape, not a good one.
 CONFIG = """

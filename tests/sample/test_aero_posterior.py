@@ -10,12 +10,12 @@ import h5py
 import numpy as np
 import pytest
 
-from aero_bayes.bench import HALF_QUAD, Parameters, Sensors, Truth, effect, paper_step, simulate_recording, white
 from aero_bayes.data import Recording, read_recording
 from aero_bayes.estimate import Fit, FitSettings, Status, SwarmSettings, fit
 from aero_bayes.export import export_fmu
 from aero_bayes.sample import Posterior, SampleSettings, sample
 from aero_bayes.simulation import Model
+from simulated_aero import HALF_QUAD, Parameters, Sensors, Truth, effect, paper_step, simulate_recording, white
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
 FREE = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp")

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.bench import KINDS, Levels, Truth, even_times, simulate_truth
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
 from aero_trial import draw_aero_trial
 from aero_trial.outside import KINDS as OUTSIDE
+from simulated_aero import KINDS, Levels, Truth, even_times, simulate_truth
 
 
 def test_effects_outside_the_catalogue_are_others_at_every_port() -> None:

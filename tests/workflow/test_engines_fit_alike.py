@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from aero_bayes.bench import Parameters, Truth, paper_step, simulate_recording, white
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
+from simulated_aero import Parameters, Truth, paper_step, simulate_recording, white
 
 HELD = ("c_m", "J_r", "k_d", "D_p", "K_sp", "L_a")
 CONFIG = """

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from aero_bayes.bench import KINDS
 from aero_bayes.cli import main
+from simulated_aero import KINDS
 
 RIG = """model Pair "A vessel that is read, and one downstream that nothing reads"
   parameter Real k(unit = "1/s", min = 0.01, max = 10) = 0.5 "Outflow";

@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 from written_effects import write_effects
 
-from aero_bayes.bench import Parameters, Truth, pulse, random_levels, simulate_recording, white
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
 from aero_bayes.export import export_fmu
+from simulated_aero import Parameters, Truth, pulse, random_levels, simulate_recording, white
 
 QUICK = "[fit]\nmethod = 'local'\n"
 

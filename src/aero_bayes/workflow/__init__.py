@@ -8,7 +8,6 @@ from aero_bayes.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from aero_bayes.workflow.commands import run_all as run_all
-    from aero_bayes.workflow.commands import run_bench as run_bench
     from aero_bayes.workflow.commands import run_check as run_check
     from aero_bayes.workflow.commands import run_close_loop as run_close_loop
     from aero_bayes.workflow.commands import run_fit as run_fit
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__ = lazy_exports(
     __name__,
     {
-        "commands": "run_all run_bench run_check run_close_loop run_fit run_posterior write_page",
+        "commands": "run_all run_check run_close_loop run_fit run_posterior write_page",
         "curves": "band_series fitted_series measured_series only_measured ripple_series",
         "describe": "recording_row",
         "design": "DesignOptions run_design",

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from aero_bayes.bench import default_recordings
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data import read_recording, summarise
@@ -101,13 +100,8 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
-    """Run all stages on one page, as plain ``make`` does: fit, closed loop, posterior of the final model.
-
-    Without recordings it runs on those of the simulated bench, and the page says so.
-    """
+    """Run all stages on one page, as plain ``make`` does: fit, closed loop, posterior of the final model."""
     began = time.perf_counter()
-    if not files:
-        files, tests = write_simulated(options.out / "simulated", options.seed)
     job = open_job(files, options, tests=tests)
     if job.modelica:
         loop_settings(job)
@@ -132,18 +126,6 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         story_keys = {key: story[key] for key in ("loop", "words")}
         parts = [result, story_keys, averaged_part(loop, posterior), closing]
         _finish(final, "all", began, parts, series, _calibrated(final, found))
-
-
-def run_bench(out: Path, seed: int) -> None:
-    """``aero-bayes bench``: recordings of the simulated AERO."""
-    train, test = write_simulated(out, seed)
-    click.echo(f"simulated, not measured: {', '.join(str(path) for path in (*train, *test))}")
-
-
-def write_simulated(folder: Path, seed: int) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
-    """The bench's default recordings as CSV files: for fitting, and for judging."""
-    folder.mkdir(parents=True, exist_ok=True)
-    return default_recordings(seed).write(folder)
 
 
 def run_check(files: Sequence[Path], config_path: Path | None) -> None:

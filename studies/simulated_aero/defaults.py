@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.bench.inputs import equal_steps, random_levels
-from aero_bayes.bench.rig import effect, simulate_recording
-from aero_bayes.bench.sensors import Sensors, real, white
-from aero_bayes.bench.truth import Parameters, Truth
 from aero_bayes.data import Recording, write_csv
 from aero_bayes.files import whole_file
+from simulated_aero.inputs import equal_steps, random_levels
+from simulated_aero.rig import effect, simulate_recording
+from simulated_aero.sensors import Sensors, real, white
+from simulated_aero.truth import Parameters, Truth
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def default_truth() -> Truth:
 def default_recordings(seed: int = 0, *, noise: str = "white") -> SimulatedSet:
     """Simulate two training recordings and one test recording, 60 s at 100 Hz each, all three outputs.
 
-    ``noise`` is ``white`` (5 mA, 1 rad/s, 2 mrad) or ``real`` (see :func:`aero_bayes.bench.sensors.real`).
+    ``noise`` is ``white`` (5 mA, 1 rad/s, 2 mrad) or ``real`` (see :func:`simulated_aero.sensors.real`).
     """
     streams = np.random.default_rng([seed, 1]).spawn(5)
     truth, sensors = default_truth(), real() if noise == "real" else white()

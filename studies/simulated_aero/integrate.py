@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.bench.equations import RigEquations, StateFunction
-from aero_bayes.bench.exponential import Block, Matrix, block, phi
+from simulated_aero.equations import RigEquations, StateFunction
+from simulated_aero.exponential import Block, Matrix, block, phi
 
 FloatArray = NDArray[np.float64]
 State = tuple[float, ...]

@@ -54,7 +54,7 @@ class EffectTruth:
     Parameters
     ----------
     id : str
-        A name of the catalogue (:data:`aero_bayes.bench.effects.KINDS`), or one of the caller's own kinds.
+        A name of the catalogue (:data:`simulated_aero.effects.KINDS`), or one of the caller's own kinds.
     port : str
         ``electrical``, ``rotor``, ``thrust``, ``body`` or ``sensor``; ``moment`` for a disturbance tied to a time.
     parameters : mapping of str to float

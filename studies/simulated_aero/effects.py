@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import copysign, cos
 
-from aero_bayes.bench.equations import ExtraState, RigEquations
-from aero_bayes.bench.truth import EffectTruth
 from aero_bayes.errors import InputError
+from simulated_aero.equations import ExtraState, RigEquations
+from simulated_aero.truth import EffectTruth
 
 Install = Callable[[RigEquations, Mapping[str, float]], None]
 Range = tuple[float, float]
@@ -154,7 +154,7 @@ def _pitch_offset(equations: RigEquations, p: Mapping[str, float]) -> None:
     equations.pitch_offset += p["b_th"]
 
 
-#: Sizes from an information distance of about 4 (with the noise of :func:`aero_bayes.bench.sensors.white`) to plain.
+#: Sizes from an information distance of about 4 (with the noise of :func:`simulated_aero.sensors.white`) to plain.
 KINDS: dict[str, EffectKind] = {
     kind.id: kind
     for kind in (

@@ -1,8 +1,9 @@
 """A simulated AERO that makes labelled recordings; no code that fits them imports it."""
 
-from aero_bayes.bench.defaults import SimulatedSet, default_recordings, default_truth
-from aero_bayes.bench.effects import KINDS, EffectKind
-from aero_bayes.bench.inputs import (
+from aero_bayes.data import write_csv
+from simulated_aero.defaults import SimulatedSet, default_recordings, default_truth
+from simulated_aero.effects import KINDS, EffectKind
+from simulated_aero.inputs import (
     Chirp,
     InputDesign,
     Levels,
@@ -14,10 +15,9 @@ from aero_bayes.bench.inputs import (
     random_levels,
     random_multi_sine,
 )
-from aero_bayes.bench.rig import TrueRun, effect, even_times, measure, simulate_recording, simulate_truth
-from aero_bayes.bench.sensors import SensorNoise, Sensors, clean, real, white
-from aero_bayes.bench.truth import HALF_QUAD, EffectTruth, Parameters, Truth
-from aero_bayes.data import write_csv
+from simulated_aero.rig import TrueRun, effect, even_times, measure, simulate_recording, simulate_truth
+from simulated_aero.sensors import SensorNoise, Sensors, clean, real, white
+from simulated_aero.truth import HALF_QUAD, EffectTruth, Parameters, Truth
 
 __all__ = [
     "HALF_QUAD",

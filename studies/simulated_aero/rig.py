@@ -9,14 +9,14 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from aero_bayes.bench.effects import KINDS, EffectKind
-from aero_bayes.bench.equations import RigEquations
-from aero_bayes.bench.inputs import InputDesign
-from aero_bayes.bench.integrate import AeroIntegrator
-from aero_bayes.bench.sensors import SensorNoise, Sensors, clean, quantise
-from aero_bayes.bench.truth import EffectTruth, Truth
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
+from simulated_aero.effects import KINDS, EffectKind
+from simulated_aero.equations import RigEquations
+from simulated_aero.inputs import InputDesign
+from simulated_aero.integrate import AeroIntegrator
+from simulated_aero.sensors import SensorNoise, Sensors, clean, quantise
+from simulated_aero.truth import EffectTruth, Truth
 
 FloatArray = NDArray[np.float64]
 UNITS = {"time": "s", "V_m": "V", "i_m": "A", "omega_m": "rad/s", "theta": "rad"}

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from aero_bayes.bench.truth import Truth
+from simulated_aero.truth import Truth
 
 #: (t, i, w, theta, q, z) -> addition; q is dtheta/dt, z the extra states, z[0] the rotor's angle.
 StateFunction = Callable[[float, float, float, float, float, Sequence[float]], float]
