@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trial_runs import Row, cell, quantile, rate, rates_by_band
+from trial_runs import Row, answer, as_text, quantile, rate, rates_by_band
 
 FRICTION = {"coulomb_friction", "friction_by_direction", "stribeck_friction", "presliding_friction", "rounded_friction"}
 #: Limits of the wins between which their calibration is given.
@@ -88,7 +88,10 @@ def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[st
         "seeds": {"table": [base, "rig", "number", "what"], "development": [development, "rig", "number", "what"]},
         "table": list(rows),
     }  # fmt: skip
-    return summary, _text(summary, rows, seen)
+    missed = [f"  {r['key']} {r['noise']}: {r['ids'][0][0]} {answer(r)}" for r in seen if not right_law(r)]
+    failed = [f"  {row['key']}: {row['error']}" for row in rows if "error" in row]
+    notes = [*(["missed with d >= 8:", *missed] if missed else ()), *(["failed:", *failed] if failed else ())]
+    return summary, as_text(summary, notes)
 
 
 def calibration(rows: Sequence[Row]) -> dict[str, Any]:
@@ -123,48 +126,3 @@ def _by(rows: Sequence[Row], key: Any) -> dict[str, Any]:
         none = [row for row in of if row["what"] == "none"]
         found[name] = {"seen": len(seen), "right_law": rate(seen, right_law), "false_name": rate(none, names_a_law)}
     return found
-
-
-def _text(summary: dict[str, Any], rows: Sequence[Row], seen: Sequence[Row]) -> str:
-    counts, sure = summary["counts"], summary["wins"]["given_90"]
-    lines = [
-        f"{summary['trials']} trials ({counts['failed']} failed)",
-        f"right law, d >= 20          {cell(summary['right_law']['d>=20']):>8}  of {counts['d>=20']}",
-        f"right law, 8 <= d < 20      {cell(summary['right_law']['8<=d<20']):>8}  of {counts['8<=d<20']}",
-        f"  or a similar friction     {cell(summary['right_law_or_similar']['d>=20']):>8}  "
-        f"{cell(summary['right_law_or_similar']['8<=d<20'])}",
-        f"right place, d >= 8         {cell(summary['right_place']):>8}",
-        f"both of two, d >= 20 each   {cell(summary['right_pair']):>8}  of {counts['pair']}",
-        f"nothing missing: adequate   {cell(summary['nothing_missing']):>8}  of {counts['none']}",
-        f"nothing missing: false name {cell(summary['false_name']):>8}",
-        f"outside: no false name      {cell(summary['no_name_outside']):>8}  of {counts['outside']}",
-        f"right where wins >= 90 %    {cell(sure['right']):>8}  of {sure['answers']}",
-        f"unseen error over noise     {cell(summary['after_over_noise_median'], False):>8}  median, "
-        f"{cell(summary['after_over_noise_q95'], False)} at 95 %",
-        f"seconds a loop              {cell(summary['seconds_median'], False):>8}  median",
-        "",
-        "      d         trials   right law   right place   something found",
-    ]
-    for band in summary["curve"]:
-        low, high = band["d"]
-        label = f"{low:g} to {high:g}" if high is not None else f"{low:g} and more"
-        lines.append(
-            f"{label:>14} {band['trials']:7d} {cell(band['right_law']):>11} {cell(band['right_place']):>13} "
-            f"{cell(band['found_something']):>17}"
-        )
-    for title in ("rig", "law"):
-        lines += ["", f"{title:<24} d >= 8   right law   false name"]
-        lines += [
-            f"  {name:<22} {item['seen']:6d} {cell(item['right_law']):>11} {cell(item['false_name']):>12}"
-            for name, item in summary[f"by_{title}"].items()
-        ]
-    wrong = [row for row in seen if not right_law(row)]
-    if wrong:
-        lines += ["", "missed with d >= 8:"]
-        for row in wrong:
-            found = ", ".join(one["id"] for one in row["found"]) or row["outcome"]
-            lines.append(f"  {row['key']} {row['noise']}: {row['ids'][0][0]} (d = {row['d'][0]:.1f}) -> {found}")
-    failed = [row for row in rows if "error" in row]
-    if failed:
-        lines += ["", "failed:", *(f"  {row['key']}: {row['error']}" for row in failed)]
-    return "\n".join(lines)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 from tqdm import tqdm
 
 from aero_bayes.fleet import Row, Table, Task, run_tasks
@@ -72,6 +73,37 @@ def rates_by_band(rows: Sequence[Row], tests: Mapping[str, Callable[[Row], bool]
         }
         for low, high, inside in bands
     ]
+
+
+def answer(row: Row) -> str:
+    """Say how far a trial's first effect shows, and what was found in its place."""
+    return f"(d = {row['d'][0]:.1f}) -> {', '.join(one['id'] for one in row['found']) or row['outcome']}"
+
+
+def as_text(summary: Mapping[str, Any], notes: Sequence[str] = ()) -> str:
+    """Write a summary for the terminal: its numbers by name, its tables (lists and mappings of rows), then notes.
+
+    What stands under ``table`` are single trials, which nobody reads there.
+    """
+    lines: list[str] = []
+    tables: list[str] = []
+
+    def add(name: str, entry: Any) -> None:
+        rows = entry if isinstance(entry, list) else list(entry.values()) if isinstance(entry, Mapping) else []
+        if rows and all(isinstance(row, Mapping) for row in rows):
+            index = None if isinstance(entry, list) else list(entry)
+            frame = pandas.DataFrame(rows, index=index).round(3)
+            tables.extend(["", f"{name}:", frame.to_string(index=index is not None, na_rep="-")])
+        elif isinstance(entry, Mapping):
+            for key, value in entry.items():
+                add(f"{name}, {key}", value)
+        else:
+            lines.append(f"{name}: {'-' if entry is None else f'{entry:.3g}' if isinstance(entry, float) else entry}")
+
+    for name, entry in summary.items():
+        if name != "table":
+            add(name.replace("_", " "), entry)
+    return "\n".join([*lines, *tables, *(["", *notes] if notes else ())])
 
 
 def quantile(values: Sequence[float], q: float) -> float | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.export import declaration_of
-from trial_runs import Row, cell, quantile, rate, rates_by_band
+from trial_runs import Row, answer, as_text, quantile, rate, rates_by_band
 
 
 def right_effect(row: Row) -> bool:
@@ -110,7 +110,9 @@ def summarise(rows: Sequence[Row], root: int, development: int) -> tuple[dict[st
         "seeds": {"table": [root, "kind", "number"], "development": [development, "kind", "number"]},
         "table": list(rows),
     }  # fmt: skip
-    return summary, _text(summary, single, curves)
+    wrong = [row for row in single if row["d"][0] >= 8.0 and not right_effect(row)]
+    missed = [f"  {row['key']} {row['noise']}: {row['truth'][0]['id']} {answer(row)}" for row in wrong]
+    return summary, as_text(summary, ["missed with d >= 8:", *missed] if missed else [])
 
 
 def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
@@ -121,47 +123,3 @@ def _of_one(rows: Sequence[Row]) -> dict[str, Any]:
         "right_port": rate(rows, right_port),
         "unseen_over_noise_median": quantile([max(row["after_over_noise"].values()) for row in rows], 0.5),
     }
-
-
-def _text(summary: dict[str, Any], single: Sequence[Row], curves: Sequence[Row]) -> str:
-    counts, learnt = summary["counts"], summary["learned_outside"]
-    lines = [
-        f"{summary['trials']} trials ({counts['failed']} failed)",
-        f"right effect, d >= 20       {cell(summary['right_effect']['d>=20']):>8}  of {counts['d>=20']}",
-        f"right effect, 8 <= d < 20   {cell(summary['right_effect']['8<=d<20']):>8}  of {counts['8<=d<20']}",
-        f"right port, d >= 8          {cell(summary['right_port']):>8}",
-        f"both of two, d >= 20 each   {cell(summary['right_pair']):>8}  of {counts['pair']}",
-        f"nothing missing: adequate   {cell(summary['nothing_missing']):>8}  of {counts['none']}",
-        f"nothing missing: false name {cell(summary['false_discovery']):>8}",
-        f"outside: no false name      {cell(summary['abstained_outside']):>8}  of {counts['outside']}",
-        f"outside: right port, d >= 8 {cell(summary['right_port_outside']):>8}",
-        f"learned curves, d >= 8      {len(curves):>8}",
-        f"  at the right port         {cell(learnt['right_port']):>8}",
-        f"  unseen error over noise   {cell(learnt['unseen_over_noise_median'], False):>8}  median, "
-        f"{cell(learnt['unseen_within_1.3'])} within 1.3",
-        f"unseen error over noise     {cell(summary['after_over_noise_median'], False):>8}  median, "
-        f"{cell(summary['after_over_noise_q95'], False)} at 95 %, {cell(summary['after_within_1.05'])} within 1.05",
-        f"seconds a loop              {cell(summary['seconds_median'], False):>8}  median",
-        "",
-        "      d         trials   right effect   right port   something found",
-    ]
-    for band in summary["curve"]:
-        low, high = band["d"]
-        label = f"{low:g} to {high:g}" if high is not None else f"{low:g} and more"
-        lines.append(
-            f"{label:>14} {band['trials']:7d} {cell(band['right_effect']):>14} {cell(band['right_port']):>12} "
-            f"{cell(band['found_something']):>17}"
-        )
-    lines += ["", "outside the catalogue        trials   no false name   curves   right port   unseen/noise"]
-    lines += [
-        f"  {id_:<26} {item['trials']:6d} {cell(item['no_false_name']):>15} {item['learned']:8d} "
-        f"{cell(item['right_port']):>12} {cell(item['unseen_over_noise_median'], False):>14}"
-        for id_, item in summary["outside_by_effect"].items()
-    ]
-    wrong = [row for row in single if row["d"][0] >= 8.0 and not right_effect(row)]
-    if wrong:
-        lines += ["", "missed with d >= 8:"]
-        for row in wrong:
-            found = ", ".join(item["id"] for item in row["found"]) or row["outcome"]
-            lines.append(f"  {row['key']} {row['noise']}: {row['truth'][0]['id']} (d = {row['d'][0]:.1f}) -> {found}")
-    return "\n".join(lines)

@@ -23,11 +23,11 @@ A model of one's own is told what was recorded and what is free (run in ``exampl
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 from aero_bayes.diagnosis_backend import register_diagnosis
-from aero_bayes.lazy_exports import lazy_exports
 from aero_bayes.plot_backend import register_plot_backend
 
 if TYPE_CHECKING:
@@ -78,24 +78,32 @@ __all__ = [
 ]
 
 
-# Imported when first used, so that one command pays for one stage.
-__getattr__, __dir__ = lazy_exports(
-    __name__,
-    {
-        "data": "Recording read_recording summarise",
-        "design": "propose_experiment",
-        "errors": "CannotFinishError InputError",
-        "estimate": "Fit FitSettings RecordingPrediction fit",
-        "export": "export_fmu",
-        "fleet": "Rig fleet",
-        "library": "open_run write_report",
-        "loop": "LoopResult LoopSettings close_loop",
-        "report.run_directory": "RunDirectory",
-        "sample": "Posterior SampleSettings sample",
-        "simulation": "Model PythonModel",
-        "simulation.load_model": "load_model",
-    },
-)
+#: By file or room the names that are imported when first used (PEP 562), so that one command pays for one stage.
+_HOMES = {
+    "data": "Recording read_recording summarise",
+    "design": "propose_experiment",
+    "errors": "CannotFinishError InputError",
+    "estimate": "Fit FitSettings RecordingPrediction fit",
+    "export": "export_fmu",
+    "fleet": "Rig fleet",
+    "library": "open_run write_report",
+    "loop": "LoopResult LoopSettings close_loop",
+    "report.run_directory": "RunDirectory",
+    "sample": "Posterior SampleSettings sample",
+    "simulation": "Model PythonModel",
+    "simulation.load_model": "load_model",
+}
+
+
+def __getattr__(name: str) -> object:
+    for home, names in _HOMES.items():
+        if name in names.split():
+            return getattr(import_module(f"{__name__}.{home}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
 
 
 def _plots() -> PlotBackend:

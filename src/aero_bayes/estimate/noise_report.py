@@ -20,15 +20,21 @@ MAX_VARIANCE_RATIO = 2.0
 
 def noise_table(calibration: Calibration, noise: Mapping[str, OutputNoise]) -> dict[str, dict[str, object]]:
     """Noise by output as result.json has it: ``sd`` and lag-one ``rho`` at the sample interval, and their parts."""
-    interval = float(np.median(np.concatenate([np.diff(e.time) for e in calibration.experiments])))
-    table: dict[str, dict[str, object]] = {
-        name: {"sd": n.sd, "rho": n.rho(interval), "sd_white": n.sd_white, "sd_ou": n.sd_ou, "tau_s": n.tau}
-        for name, n in noise.items()
-    }
+    table = noise_at_interval(
+        noise, float(np.median(np.concatenate([np.diff(e.time) for e in calibration.experiments])))
+    )
     for name, spread in calibration.spreads.items():
         table[name] |= {"kind": spread.kind, "base": spread.base}
         table[name] |= {"freedom": spread.freedom} if spread.kind == "student" else {"per_unit": spread.per_unit}
     return table
+
+
+def noise_at_interval(noise: Mapping[str, OutputNoise], interval: float) -> dict[str, dict[str, object]]:
+    """Describe the noise by output, with its correlation ``rho`` over a sample interval in s."""
+    return {
+        name: {"sd": n.sd, "rho": n.rho(interval), "sd_white": n.sd_white, "sd_ou": n.sd_ou, "tau_s": n.tau}
+        for name, n in noise.items()
+    }
 
 
 def process_noise_table(process: ProcessNoise | None, parameters: Mapping[str, Estimate]) -> dict[str, object]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from aero_bayes.check.residual_tests import reports_by_recording, structured_residuals
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.noise_report import noise_at_interval
 from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
@@ -161,16 +162,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
             "interpolation": dict(loop.interpolation),
         },
         "residual": reports_by_recording(loop.residual_after),
-        "noise": {
-            output: {
-                "sd": noise.sd,
-                "rho": noise.rho(interval),
-                "sd_white": noise.sd_white,
-                "sd_ou": noise.sd_ou,
-                "tau_s": noise.tau,
-            }
-            for output, noise in loop.noise.items()
-        },
+        "noise": noise_at_interval(loop.noise, interval),
         "diagnosis": loop.diagnosis.to_list(),
         "loop": loop.to_dict(),
         "words": dict(loop.words),
