@@ -22,12 +22,12 @@ _MAX_TRAJECTORY_NUMBERS = 4_000_000
 
 
 def block_edges(joint: JointTarget, blocks: int) -> tuple[FloatArray, ...]:
-    """Times that split each recording into blocks of equal length, each shape (blocks + 1,)."""
+    """Return times that split each recording into blocks of equal length, each shape (blocks + 1,)."""
     return tuple(np.linspace(e.time[0], e.time[-1], blocks + 1) for e in joint.target.calibration.experiments)
 
 
 def block_log_likelihood(joint: JointTarget, points: FloatArray, edges: Sequence[FloatArray]) -> list[FloatArray]:
-    """Log-density of every block of every recording given the readings before it.
+    """Return log-density of every block of every recording given the readings before it.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ class ElpdDifference:
 
 
 def compare_elpd(first: ElpdEstimate, second: ElpdEstimate) -> ElpdDifference:
-    """How much better the first predicts than the second.
+    """Return how much better the first predicts than the second.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def waic(densities: FloatArray) -> ElpdEstimate:
 
 
 def leave_one_out(densities: FloatArray) -> ElpdEstimate:
-    """Each block predicted from all others, by importance sampling from the posterior draws (s, b).
+    """Return each block predicted from all others, by importance sampling from the posterior draws (s, b).
 
     What is left out is the factor of the block given what came before it.
     """
@@ -108,7 +108,7 @@ def leave_one_out(densities: FloatArray) -> ElpdEstimate:
 
 
 def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = None) -> ElpdEstimate:
-    """Each block from the ``first``-th on predicted from those before it only.
+    """Return each block from the ``first``-th on predicted from those before it only.
 
     From the last block backwards the draws are re-weighted so that they forget it; where the weights become
     unreliable, ``refit`` gives draws of the posterior that has seen only the blocks before.
@@ -142,7 +142,7 @@ def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = No
 
 
 def pooled_blocks(densities: Sequence[FloatArray]) -> FloatArray:
-    """Blocks of several recordings side by side, shape (s, total)."""
+    """Return blocks of several recordings side by side, shape (s, total)."""
     return np.concatenate(list(densities), axis=1)
 
 

@@ -76,7 +76,7 @@ def time_ordered_scores(
     refits: bool = True,
     progress: Progress | None = None,
 ) -> TimeOrderedScores:
-    """WAIC, leave-one-out and leave-future-out of a fit over blocks of its recordings.
+    """Return WAIC, leave-one-out and leave-future-out of a fit over blocks of its recordings.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def _densities(
 
 
 def _until(calibration: Calibration, share: float) -> Calibration:
-    """The same problem with only the first share of each recording's time."""
+    """Return the same problem with only the first share of each recording's time."""
     kept = []
     for e in calibration.experiments:
         end = int(np.searchsorted(e.time, e.time[0] + share * (e.time[-1] - e.time[0]), side="left"))
@@ -181,7 +181,7 @@ def _until(calibration: Calibration, share: float) -> Calibration:
 
 
 def _select(calibration: Calibration, chosen: list[int], values: FloatArray) -> Calibration:
-    """The problem of some of the recordings, with the parameters that act in them, started at ``values``."""
+    """Return the problem of some of the recordings, with the parameters that act in them, started at ``values``."""
     items = []
     for item, value in zip(calibration.parameters, values, strict=True):
         if item.recording is None:
@@ -200,7 +200,7 @@ def _select(calibration: Calibration, chosen: list[int], values: FloatArray) -> 
 def _predict(
     fit: Fit, rest: Fit, alone: Calibration, index: int, sample: FloatArray, open_simulator: OpenSimulator
 ) -> LeftOutPrediction:
-    """One recording under draws of the others' posterior (s, d)."""
+    """Return one recording under draws of the others' posterior (s, d)."""
     own = [j for j, p in enumerate(alone.parameters) if p.recording is not None]
     layout = NoiseLayout.of(rest.calibration, rest.noise)
     split = rest.laplace.parameters

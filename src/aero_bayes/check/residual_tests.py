@@ -106,12 +106,12 @@ def exact_level(calibration: Calibration, series: Series) -> float:
 
 
 def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
-    """The reports of structured residuals."""
+    """Return the reports of structured residuals."""
     return [report for report in reports if report.verdict == "structured"]
 
 
 def reports_by_recording(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict[str, object]]]:
-    """Reports by recording and output, as result.json holds them."""
+    """Return reports by recording and output, as result.json holds them."""
     table: dict[str, dict[str, dict[str, object]]] = {}
     for report in reports:
         table.setdefault(report.recording, {})[report.output] = report.to_dict()
@@ -257,7 +257,7 @@ def _states(
 
 
 def _until(time: FloatArray, there: FloatArray, values: FloatArray) -> FloatArray:
-    """The last of some values before each time."""
+    """Return the last of some values before each time."""
     return values[np.clip(np.searchsorted(there, time, side="left") - 1, 0, there.size - 1)]
 
 

@@ -38,7 +38,7 @@ def expected_outputs(
     engine: Engine = "native",
     workers: int | None = None,
 ) -> ExpectedOutputs:
-    """The outputs that a fitted model expects of a proposed experiment.
+    """Return the outputs that a fitted model expects of a proposed experiment.
 
     Raises
     ------

@@ -112,7 +112,7 @@ def check_gain(
 
 
 def _repetition(predictor: ExperimentPredictor, design: Design, rng: np.random.Generator) -> FloatArray | None:
-    """Errors of the shared parameters in search coordinates, or None."""
+    """Return errors of the shared parameters in search coordinates, or None."""
     truth = predictor.draws(1, rng)[0]
     delay = predictor.delay
     late = float(rng.uniform(delay.lower, delay.upper)) if delay is not None else predictor.delay_value

@@ -155,7 +155,7 @@ class ExperimentPredictor:
         return self.shared.from_search(np.clip(point, low, high))
 
     def experiment(self, values: FloatArray, time: FloatArray | None = None) -> Experiment:
-        """The run that an input signal (n,) on the full times makes, from rest."""
+        """Return the run that an input signal (n,) on the full times makes, from rest."""
         changes = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
         start = self.full_time[0]
         signal = InputSignal(
@@ -175,7 +175,7 @@ class ExperimentPredictor:
         )  # fmt: skip
 
     def open(self, problem: Problem) -> Simulator:
-        """A simulator on this forecaster's workers."""
+        """Return a simulator on this forecaster's workers."""
         return open_simulator(problem, self._engine, self._workers, self._pool)
 
     def predict(

@@ -135,7 +135,7 @@ def propose_experiment(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Design:
-    """The input signal within given limits that reduces the uncertainty of weakly identified parameters most.
+    """Return the input signal within given limits that reduces the uncertainty of weakly identified parameters most.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def propose_experiment(
 
 
 def default_limits(fit: GaussianFit) -> Limits:
-    """What the model's package allows, for those outputs that it has; else inputs as large as those recorded."""
+    """Return what the model's package allows, for those outputs that it has; else inputs as large as those recorded."""
     model, declared = fit.calibration.model, fit.calibration.model.declared.limits
     known = {v.name for v in model.outputs}
     largest = max((float(np.abs(s.values).max()) for e in fit.calibration.experiments for s in e.inputs), default=0.0)
@@ -265,7 +265,7 @@ def _score(
 
 
 def _present(fit: Fit, predictor: ExperimentPredictor, time: FloatArray) -> list[FloatArray]:
-    """The first recording's input, repeated over the new times."""
+    """Return the first recording's input, repeated over the new times."""
     signal = fit.calibration.experiments[0].inputs[0]
     span = fit.calibration.experiments[0].time
     within = span[0] + np.mod(time, span[-1] - span[0])

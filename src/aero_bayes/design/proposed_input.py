@@ -28,7 +28,7 @@ class ProposedInput:
     family: str
 
     def table(self) -> tuple[FloatArray, FloatArray]:
-        """Times (k,) and values (k,) at which the input changes."""
+        """Return times (k,) and values (k,) at which the input changes."""
         changes = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
         return self.time[changes], self.values[changes]
 

@@ -72,7 +72,7 @@ def separating_experiment(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Separation:
-    """The input signal within given limits that separates two models of one rig best.
+    """Return the input signal within given limits that separates two models of one rig best.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ def check_separation(
 def _repetition(
     separation: Separation, truth: ExperimentPredictor, rival: ExperimentPredictor, rng: np.random.Generator
 ) -> float | None:
-    """Log-evidence of the true model less that of the other one, under the noise of the other one."""
+    """Return log-evidence of the true model less that of the other one, under the noise of the other one."""
     outputs = truth.fit.calibration.outputs
     experiment = replace(truth.experiment(separation.values, separation.time), outputs=outputs)
     with truth.open(truth.problem([experiment])) as simulator:

@@ -38,7 +38,7 @@ def staircase_signal(u: FloatArray, time: FloatArray) -> FloatArray:
 
 
 def binary_signal(u: FloatArray, time: FloatArray) -> FloatArray:
-    """A pseudo-random binary signal: height, offset, clock, and which one."""
+    """Return a pseudo-random binary signal: height, offset, clock, and which one."""
     clock = _between(u[2], 0.05, 4.0)
     tick = ((time - time[0]) / clock + 1e-9).astype(np.int64)
     bits = np.random.default_rng(int(1e6 * u[3])).integers(0, 2, int(tick[-1]) + 1)
@@ -46,13 +46,13 @@ def binary_signal(u: FloatArray, time: FloatArray) -> FloatArray:
 
 
 def square_signal(u: FloatArray, time: FloatArray) -> FloatArray:
-    """A square wave: height, offset, period."""
+    """Return a square wave: height, offset, period."""
     period = _between(u[2], 0.2, 20.0)
     return np.clip(_swing(u, np.where(np.mod(time - time[0], period) < 0.5 * period, 1.0, -1.0)), -1.0, 1.0)
 
 
 def release_signal(u: FloatArray, time: FloatArray) -> FloatArray:
-    """One level, then zero: the body swings freely to rest."""
+    """Return one level, then zero: the body swings freely to rest."""
     held = (0.1 + 0.8 * u[1]) * (time[-1] - time[0])
     return np.where(time - time[0] < held, 2.0 * u[0] - 1.0, 0.0)
 
@@ -67,7 +67,7 @@ def multi_sine_signal(u: FloatArray, time: FloatArray) -> FloatArray:
 
 
 def chirp_signal(u: FloatArray, time: FloatArray) -> FloatArray:
-    """A sine of rising frequency: height, offset, first and last frequency."""
+    """Return a sine of rising frequency: height, offset, first and last frequency."""
     low, high = _between(u[2], 0.02, 0.5), _between(u[3], 0.3, 5.0)
     t = _updates(time)
     phase = 2.0 * np.pi * (low * t + 0.5 * (high - low) * t**2 / max(float(t[-1]), 1e-9))

@@ -51,7 +51,7 @@ def best_signals(
     settings: SearchSettings,
     progress: Progress | None = None,
 ) -> list[BestSignal]:
-    """The best signal of each family, best first; the best families are refined.
+    """Return the best signal of each family, best first; the best families are refined.
 
     A step's spread shrinks by half every other round; a family's best only ever improves.
     """
@@ -83,6 +83,6 @@ def _best(score: Score, family: SignalFamily, cube: FloatArray, time: FloatArray
 
 
 def _latin(count: int, size: int, rng: np.random.Generator) -> FloatArray:
-    """A Latin hypercube, shape (count, size)."""
+    """Return a Latin hypercube, shape (count, size)."""
     cells = np.stack([rng.permutation(count) for _ in range(size)], axis=1)
     return np.asarray((cells + rng.random((count, size))) / count)

@@ -184,7 +184,7 @@ def _range(values: FloatArray) -> RangeJson:
 
 
 def _verdict(result: FleetJson) -> VerdictJson:
-    """The fleet in a few sentences."""
+    """Return the fleet in a few sentences."""
     done = result.rigs - result.failed
     text = f"{done} of {result.rigs} rigs were fitted" if result.failed else f"All {result.rigs} rigs were fitted"
     spreads = {name: p.spread.q50 for name, p in result.parameters.items() if p.log and p.spread.q50}

@@ -50,7 +50,7 @@ def inline_base_classes(known: Sources, file: SourceFile, cls: ClassText) -> tup
 
 
 def standalone_text(known: Sources, file: SourceFile, cls: ClassText) -> str:
-    """The text of a class outside its package, moved to the margin, with names that still mean the same."""
+    """Return the text of a class outside its package, moved to the margin, with names that still mean the same."""
     own = {c.name for c in cls.components()} | set(cls.class_names)
     meanings = {k: v for k, v in known.meanings(cls).items() if k not in own}
     begin = file.text.rfind("\n", 0, cls.start) + 1
@@ -67,21 +67,21 @@ def standalone_text(known: Sources, file: SourceFile, cls: ClassText) -> str:
 
 
 def _clause(clause: SourceStatement) -> tuple[str, Sequence[Token]]:
-    """Name and modifiers of an extends clause."""
+    """Return name and modifiers of an extends clause."""
     at = find_outside(clause.core, frozenset({"("}), 1)
     name = "".join(t.word for t in clause.core[1:at])
     return name, clause.core[at + 1 : skip_group(clause.core, at) - 1] if at < len(clause.core) else ()
 
 
 def _whole(cls: ClassText) -> dict[str, list[SourceStatement]]:
-    """Equations by their section."""
+    """Return equations by their section."""
     if any(s.inside or s.section.endswith("algorithm") for s in cls.statements):
         raise InputError(f"{cls.name}: a base class with branches or algorithms cannot be written out")
     return {name: [s for s in cls.statements if s.section == name] for name in ("equation", "initial equation")}
 
 
 def _declarations(text: str, cls: ClassText, arguments: Sequence[Token]) -> list[str]:
-    """The declarations of a base class with the modifiers of the clause that extends it."""
+    """Return the declarations of a base class with the modifiers of the clause that extends it."""
     modifiers: dict[str, Sequence[Token]] = {}
     for part in split_outside(arguments):
         while part[0].word in ("each", "final"):
@@ -103,7 +103,7 @@ def _declarations(text: str, cls: ClassText, arguments: Sequence[Token]) -> list
 
 
 def _modified(c: ComponentDeclaration, modifier: Sequence[Token]) -> list[TextEdit]:
-    """Edits of a declaration by what follows its name in a modifier: ``(start = 1) = 2``."""
+    """Return edits of a declaration by what follows its name in a modifier: ``(start = 1) = 2``."""
     edits: list[TextEdit] = []
     at = 0
     after = (c.arguments[-1] if c.arguments else c.name_token).end

@@ -15,7 +15,7 @@ _COMPOUND = frozenset({"if", "for", "when", "while"})
 
 
 def read_classes(text: str) -> tuple[ClassText, ...]:
-    """The classes of one file, outermost ones. Raises InputError, with the line, for what is not Modelica."""
+    """Return the classes of one file, outermost ones. Raises InputError, with the line, for what is not Modelica."""
     reader = _ClassReader(tokenize(text), text)
     return tuple(reader.file())
 
@@ -55,7 +55,7 @@ class _ClassReader:
         return end
 
     def class_head(self) -> int | None:
-        """Index of the class's name where a class begins here."""
+        """Return index of the class's name where a class begins here."""
         at = self.at
         while at < len(self.tokens) and self.tokens[at].word in _CLASS_PREFIXES:
             at += 1
@@ -68,7 +68,7 @@ class _ClassReader:
         return at if at < len(self.tokens) and self.tokens[at].kind == "name" else None
 
     def class_(self, within: str) -> ClassText | None:
-        """A class with a body; a short one is passed over."""
+        """Return a class with a body; a short one is passed over."""
         first = self.tokens[self.at]
         at = self.class_head()
         assert at is not None

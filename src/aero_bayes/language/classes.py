@@ -119,20 +119,20 @@ class ClassText:
         return [c for s in self.declarations for c in _components(s)]
 
     def declared_in(self, statement: SourceStatement) -> list[ComponentDeclaration]:
-        """What one of its statements declares."""
+        """Return what one of its statements declares."""
         return _components(statement) if statement.section in ("public", "protected") else []
 
     def bases(self) -> list[str]:
-        """Names of the classes that it extends, as written."""
+        """Return names of the classes that it extends, as written."""
         return [name for name, _ in self.extended()]
 
     def extended(self) -> list[tuple[str, Modifiers]]:
-        """The classes that it extends, with modifiers."""
+        """Return the classes that it extends, with modifiers."""
         clauses = [s.core[1:] for s in self.declarations if s.first == "extends"]
         return [(name, _modifiers(c[at + 1 : -1])) for c in clauses for name, at in [dotted_name(c)]]
 
     def derived(self) -> set[str]:
-        """Names whose derivative its equations take."""
+        """Return names whose derivative its equations take."""
         triples = (t for s in self.equations for t in zip(*(s.tokens[k:] for k in range(3)), strict=False))
         return {c.word for a, b, c in triples if (a.word, b.word) == ("der", "(")}
 
@@ -157,13 +157,13 @@ def snake_case(name: str) -> str:
 
 
 def innermost(classes: Sequence[ClassText], at: int) -> ClassText | None:
-    """The smallest class around a position."""
+    """Return the smallest class around a position."""
     around = [c for top in classes for c in top.walk() if c.start <= at < c.end]
     return min(around, key=lambda c: c.end - c.start, default=None)
 
 
 def dotted_name(tokens: Sequence[Token]) -> tuple[str, int]:
-    """A dotted name at the beginning and how many tokens it takes."""
+    """Return a dotted name at the beginning and how many tokens it takes."""
     at = 1 if tokens and tokens[0].word == "." else 0
     words = []
     while at < len(tokens) and tokens[at].kind == "name":
@@ -176,7 +176,7 @@ def dotted_name(tokens: Sequence[Token]) -> tuple[str, int]:
 
 
 def _without_comment(tokens: Sequence[Token]) -> Sequence[Token]:
-    """The tokens before a description or an annotation."""
+    """Return the tokens before a description or an annotation."""
     at = rest = find_outside(tokens, _ANNOTATION)
     while rest > 0 and (tokens[rest - 1].kind == "text" or tokens[rest - 1].word == "+"):
         rest -= 1

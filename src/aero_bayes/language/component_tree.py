@@ -49,7 +49,7 @@ class ComponentTree:
     aliases: dict[str, str] = field(default_factory=dict)
 
     def same_as(self, other: ComponentTree | None) -> bool:
-        """Whether both are made of the same components of the same classes."""
+        """Return whether both are made of the same components of the same classes."""
         return (
             other is not None
             and self.name == other.name
@@ -59,7 +59,7 @@ class ComponentTree:
 
 
 def read_library(files: Iterable[Path]) -> ClassLibrary:
-    """All classes with a body of Modelica files; a file that cannot be read has none."""
+    """Return all classes with a body of Modelica files; a file that cannot be read has none."""
     library: dict[str, ClassText] = {}
     for path in files:
         with suppress(InputError):
@@ -71,7 +71,7 @@ def read_library(files: Iterable[Path]) -> ClassLibrary:
 def build_tree(
     library: ClassLibrary, name: str, given: Mapping[str, str] | None = None, depth: int = 0
 ) -> ComponentTree:
-    """The tree of a class; ``given`` are the full names of redeclared classes.
+    """Return the tree of a class; ``given`` are the full names of redeclared classes.
 
     Raises
     ------

@@ -22,7 +22,7 @@ Dimension = Mapping[str, float]
 
 
 def dimension(tree: Expression, of: Callable[[str], Dimension | None]) -> Dimension | None:
-    """Exponents of the base units, or None where they are not known. A number alone says nothing."""
+    """Return exponents of the base units, or None where they are not known. A number alone says nothing."""
     match tree:
         case Name():
             return of(short_text(tree))
@@ -62,7 +62,7 @@ def _scaled(own: Dimension | None, by: float) -> Dimension | None:
 
 
 def has_number(tree: Expression) -> bool:
-    """Whether a number is a factor in a term; what is added to one is a number itself."""
+    """Return whether a number is a factor in a term; what is added to one is a number itself."""
     is_product = isinstance(tree, Call) and tree.function in ("*", "/", ".*", "./")
     return is_product and any(isinstance(f, Number) and f.value != -1.0 for _, f in factors(tree))
 
@@ -72,7 +72,7 @@ def _clean(total: Mapping[str, float]) -> Dimension:
 
 
 def dimension_of_unit(unit: str) -> Dimension | None:
-    """Exponents of the base units of a unit expression; None where it is empty or not understood.
+    """Return exponents of the base units of a unit expression; None where it is empty or not understood.
 
     A temperature in degC is one.
     """
@@ -93,7 +93,7 @@ def unit_factors(unit: str) -> Dimension | None:
 
 
 def in_base_units_if_scaled(factors: Dimension | None) -> Dimension | None:
-    """Symbols whose scales cancel, in base units: ``kg.l/(s.m3.g)`` is ``1/s``. Others stay."""
+    """Return symbols whose scales cancel, in base units: ``kg.l/(s.m3.g)`` is ``1/s``. Others stay."""
     known = {symbol: base_units(symbol) for symbol in factors or {}}
     scales = {symbol: found[0] for symbol, found in known.items() if found is not None}
     if factors is None or len(scales) < len(known) or all(scale == 1.0 for scale in scales.values()):
@@ -108,7 +108,7 @@ def in_base_units_if_scaled(factors: Dimension | None) -> Dimension | None:
 
 
 def unit_text(factors: Dimension | None) -> str:
-    """A unit expression of such exponents; empty where they are unknown or not whole."""
+    """Return a unit expression of such exponents; empty where they are unknown or not whole."""
     if factors is None or any(abs(v - round(v)) > 1e-9 for v in factors.values()):
         return ""
     for suffix in ("", "/s", "/s2"):

@@ -19,12 +19,12 @@ class TextEdit:
     text: str
 
     def moved(self, by: int) -> TextEdit:
-        """The same edit in a text that begins `by` characters earlier or, if negative, later."""
+        """Return the same edit in a text that begins `by` characters earlier or, if negative, later."""
         return TextEdit(self.start + by, self.end + by, self.text)
 
 
 def apply_edits(text: str, edits: Iterable[TextEdit]) -> str:
-    """The text with all edits made. Edits at one place keep their order. Raises ValueError where two overlap."""
+    """Return the text with all edits made. Edits at one place keep their order. Raises ValueError where two overlap."""
     pieces: list[str] = []
     at = 0
     for e in sorted(edits, key=lambda e: (e.start, e.end)):
@@ -36,7 +36,7 @@ def apply_edits(text: str, edits: Iterable[TextEdit]) -> str:
 
 
 def unified_diff(before: str, after: str, name_before: str, name_after: str) -> str:
-    """A diff as ``diff -u`` writes it."""
+    """Return a diff as ``diff -u`` writes it."""
     lines = difflib.unified_diff(
         before.splitlines(keepends=True), after.splitlines(keepends=True), name_before, name_after
     )
@@ -44,7 +44,7 @@ def unified_diff(before: str, after: str, name_before: str, name_after: str) -> 
 
 
 def indentation(text: str, at: int) -> str:
-    """The white space with which the line of a position begins."""
+    """Return the white space with which the line of a position begins."""
     line = text[text.rfind("\n", 0, at) + 1 : at]
     return line[: len(line) - len(line.lstrip())]
 
@@ -110,7 +110,7 @@ def insert_before_connector(
 
 
 def rename_class(cls: ClassText, name: str) -> list[TextEdit]:
-    """A new name at the head and the end of a class."""
+    """Return a new name at the head and the end of a class."""
     edits = [TextEdit(cls.name_token.start, cls.name_token.end, name)]
     if cls.end_name is not None and cls.end_name.word == cls.name:
         edits.append(TextEdit(cls.end_name.start, cls.end_name.end, name))
@@ -147,7 +147,7 @@ def _in_parentheses(tokens: Sequence[Token], at: int) -> bool:
 
 
 def text_of(text: str, tokens: Sequence[Token]) -> str:
-    """The source text from the first to the last of some tokens."""
+    """Return the source text from the first to the last of some tokens."""
     return text[tokens[0].start : tokens[-1].end] if tokens else ""
 
 
@@ -156,7 +156,7 @@ def _section_of(cls: ClassText, at: int) -> str:
 
 
 def _first_of_line(text: str, at: int) -> int:
-    """Position of the first character that is no white space on the line of ``at``."""
+    """Return position of the first character that is no white space on the line of ``at``."""
     begin = text.rfind("\n", 0, at) + 1
     while begin < at and text[begin] in " \t":
         begin += 1

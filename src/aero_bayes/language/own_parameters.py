@@ -41,7 +41,7 @@ class OwnClasses:
         return declared or any(_sets(c.arguments, name) for c in around) or self._set_by_extends(cls, name)
 
     def _lines(self, cls: ClassText | None) -> list[ClassText]:
-        """A class and its base classes, those that are the user's."""
+        """Return a class and its base classes, those that are the user's."""
         if cls is None:
             return []
         bases = (self.by_name.get(b.rpartition(".")[2]) for b in cls.bases())

@@ -33,7 +33,7 @@ _RELATION, _SUM, _POWER = 2, 3, 5
 
 
 def parse_expression(tokens: Sequence[Token], numbers: Mapping[str, int] | None = None) -> Expression:
-    """The tree of an expression; in it, ``numbers`` stand in the place of names.
+    """Return the tree of an expression; in it, ``numbers`` stand in the place of names.
 
     Raises
     ------
@@ -48,12 +48,12 @@ def parse_expression(tokens: Sequence[Token], numbers: Mapping[str, int] | None 
 
 
 def parse_text(text: str) -> Expression:
-    """The tree of an expression that a text holds and nothing else."""
+    """Return the tree of an expression that a text holds and nothing else."""
     return parse_expression(tokenize(text))
 
 
 def sides_of(tokens: Sequence[Token], numbers: Mapping[str, int] | None = None) -> tuple[Expression, Expression] | None:
-    """Both sides of an equation without description, annotation and semicolon; None where it is none."""
+    """Return both sides of an equation without description, annotation and semicolon; None where it is none."""
     at = find_outside(tokens, frozenset({"="}))
     try:
         return parse_expression(tokens[:at], numbers), parse_expression(tokens[at + 1 :], numbers)
@@ -82,7 +82,7 @@ class _ExpressionParser:
         return self.tokens[self.at - 1]
 
     def take(self, words: Iterable[str]) -> str:
-        """The next token where it is one of these."""
+        """Return the next token where it is one of these."""
         return self.next().word if self.word and self.word in words else ""
 
     def need(self, word: str) -> None:
@@ -114,7 +114,7 @@ class _ExpressionParser:
         return RangeExpression(parts[0], parts[1] if len(parts) == 3 else None, parts[-1], span=self.span(begin))
 
     def binary(self, level: int) -> Expression:
-        """Operands of one level and those above it, taken together from the left."""
+        """Return operands of one level and those above it, taken together from the left."""
         if level > _POWER:
             return self.primary()
         begin = self.at
@@ -168,7 +168,7 @@ class _ExpressionParser:
         return tree
 
     def name(self) -> Expression:
-        """A component reference, or the call of a function."""
+        """Return a component reference, or the call of a function."""
         begin = self.at
         path = self.take(".")
         while True:
@@ -187,7 +187,7 @@ class _ExpressionParser:
         return Name(whole, subscripts, span=self.span(begin))
 
     def items(self, closing: str) -> tuple[Expression, ...]:
-        """The items between commas up to the closing bracket: arguments, subscripts, elements."""
+        """Return the items between commas up to the closing bracket: arguments, subscripts, elements."""
         found: list[Expression] = []
         while not self.take(closing):
             if found:
@@ -221,7 +221,7 @@ class _ExpressionParser:
 
 
 def _folded(subscript: Expression) -> Expression:
-    """A subscript such as ``2 + 1`` as the number that it is."""
+    """Return a subscript such as ``2 + 1`` as the number that it is."""
     try:
         return Number(evaluate_expression(subscript, {}), span=subscript.span)
     except InputError:

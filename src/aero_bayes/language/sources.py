@@ -31,7 +31,7 @@ class SourceFile:
         return f"{within}.{Path(self.file).stem}"
 
     def character(self, byte: int) -> int:
-        """Position in characters of a position in bytes."""
+        """Return position in characters of a position in bytes."""
         return len(self.text.encode()[:byte].decode(errors="ignore"))
 
 
@@ -42,13 +42,13 @@ class Sources:
     files: Mapping[str, SourceFile]
 
     def find(self, model: str) -> tuple[SourceFile, ClassText]:
-        """The class of that full name. Raises InputError where there is none with a body of its own."""
+        """Return the class of that full name. Raises InputError where there is none with a body of its own."""
         if model not in self.by_name:
             raise InputError(f"{model}: the class was not found in the sources")
         return self.by_name[model]
 
     def lineage(self, file: SourceFile, cls: ClassText) -> list[tuple[SourceFile, ClassText]]:
-        """A class and all that it extends, as far as their sources are there."""
+        """Return a class and all that it extends, as far as their sources are there."""
         found = [(file, cls)]
         for base in cls.bases():
             try:
@@ -124,7 +124,7 @@ def _imported(cls: ClassText) -> dict[str, str]:
 
 
 def _opened_packages(cls: ClassText) -> list[str]:
-    """Packages all of whose names a class imports: ``import P.*``."""
+    """Return packages all of whose names a class imports: ``import P.*``."""
     return ["".join(words[:-1]) for words in _imports(cls) if words[-1] == ".*"]
 
 
@@ -134,7 +134,7 @@ def sources_in(files: Iterable[Path]) -> Sources:
 
 
 def modelica_files(sources: Iterable[Path]) -> Iterator[Path]:
-    """The ``.mo`` files of files and package folders, in the order of ``package.order`` where there is one."""
+    """Yield the ``.mo`` files of files and package folders, in the order of ``package.order`` where there is one."""
     for source in sources:
         if source.is_file():
             yield source
@@ -175,7 +175,7 @@ def read_file(path: Path, name: str) -> SourceFile:
 
 
 def read_classes_of(source: Path) -> tuple[ClassText, ...]:
-    """All classes with a body in a Modelica file or in the folder of a package.
+    """Return all classes with a body in a Modelica file or in the folder of a package.
 
     Raises
     ------

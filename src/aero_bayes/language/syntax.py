@@ -198,7 +198,7 @@ Statement = (
 
 
 def short_text(tree: Expression) -> str:
-    """A short text for messages."""
+    """Return a short text for messages."""
     match tree:
         case Name(name, subscripts):
             return name + (f"[{','.join(map(short_text, subscripts))}]" if subscripts else "")
@@ -212,7 +212,7 @@ def short_text(tree: Expression) -> str:
 
 
 def children(tree: Expression) -> tuple[Expression, ...]:
-    """The expressions directly below one."""
+    """Return the expressions directly below one."""
     match tree:
         case Name(_, inner) | Call(_, inner) | Array(inner):
             return inner
@@ -230,7 +230,7 @@ def children(tree: Expression) -> tuple[Expression, ...]:
 
 
 def arguments_of(tree: Expression) -> dict[str, Expression]:
-    """The arguments of a call that are given by name, calls among them by the names of their functions."""
+    """Return the arguments of a call that are given by name, calls among them by the names of their functions."""
     found: dict[str, Expression] = {}
     for a in children(tree):
         if isinstance(a, NamedArgument):
@@ -241,14 +241,14 @@ def arguments_of(tree: Expression) -> dict[str, Expression]:
 
 
 def walk(tree: Expression) -> Iterator[Expression]:
-    """An expression and all that it is made of."""
+    """Yield an expression and all that it is made of."""
     yield tree
     for inner in children(tree):
         yield from walk(inner)
 
 
 def summands(tree: Expression) -> list[tuple[int, Expression]]:
-    """The terms that an expression adds up, each with its sign; itself where it is no sum."""
+    """Return the terms that an expression adds up, each with its sign; itself where it is no sum."""
     match tree:
         case Call("+" | ".+", (one, two)):
             return [*summands(one), *summands(two)]
@@ -265,7 +265,7 @@ _INVERSE = {"*": "/", "/": "*", ".*": "./", "./": ".*"}
 
 
 def factors(tree: Expression) -> list[tuple[str, Expression]]:
-    """The factors of an expression, each with the operator before it; itself where it is no product."""
+    """Return the factors of an expression, each with the operator before it; itself where it is no product."""
     match tree:
         case Call("*" | ".*" | "/" | "./" as operator, (one, two)):
             first, *others = factors(two)
@@ -277,7 +277,7 @@ def factors(tree: Expression) -> list[tuple[str, Expression]]:
 
 
 def parse_reference(name: str) -> Name:
-    """A variable by its name; ``x[1]`` is an element of ``x``."""
+    """Return a variable by its name; ``x[1]`` is an element of ``x``."""
     base, bracket, inside = name.partition("[")
     if not bracket or not name.endswith("]") or "." in inside:
         return Name(name)
@@ -285,7 +285,7 @@ def parse_reference(name: str) -> Name:
 
 
 def names_in(tree: Expression) -> set[str]:
-    """The names that an expression refers to."""
+    """Return the names that an expression refers to."""
     found: set[str] = set()
     stack = [tree]
     while stack:
@@ -297,7 +297,7 @@ def names_in(tree: Expression) -> set[str]:
 
 
 def map_children(tree: Expression, change: Callable[[Expression], Expression]) -> Expression:
-    """A copy in which each expression directly below is what ``change`` makes of it."""
+    """Return a copy in which each expression directly below is what ``change`` makes of it."""
     match tree:
         case Name(name, inner):
             return Name(name, tuple(map(change, inner)))
@@ -321,7 +321,7 @@ def map_children(tree: Expression, change: Callable[[Expression], Expression]) -
 
 
 def map_names(tree: Expression, change: Callable[[Name], Expression]) -> Expression:
-    """A copy in which each name (its subscripts already rebuilt) is what ``change`` makes of it."""
+    """Return a copy in which each name (its subscripts already rebuilt) is what ``change`` makes of it."""
     if isinstance(tree, Comprehension):
         # the loop variable hides a variable of that name
         inner = map_names(tree.item, lambda n: n if n.name == tree.variable else change(n))
@@ -333,7 +333,7 @@ def map_names(tree: Expression, change: Callable[[Name], Expression]) -> Express
 def map_names_in_statement(
     s: Statement, change: Callable[[Name], Expression], target: Callable[[Name], Name]
 ) -> Statement:
-    """A copy of a statement: expressions by ``change``, what is assigned by ``target``."""
+    """Return a copy of a statement: expressions by ``change``, what is assigned by ``target``."""
 
     def body(inner: tuple[Statement, ...]) -> tuple[Statement, ...]:
         return tuple(map_names_in_statement(i, change, target) for i in inner)

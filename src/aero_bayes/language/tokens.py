@@ -47,7 +47,7 @@ class SourceLocation:
 
 @lru_cache(maxsize=4096)  # the same text is read at several stages; the result is immutable
 def tokenize(text: str, offset: int = 0, *, strict: bool = True) -> tuple[Token, ...]:
-    """Tokens without comments and white space; ``offset`` is added to their positions.
+    """Return tokens without comments and white space; ``offset`` is added to their positions.
 
     Raises
     ------
@@ -70,22 +70,22 @@ def tokenize(text: str, offset: int = 0, *, strict: bool = True) -> tuple[Token,
 
 
 def line_of(text: str, at: int) -> int:
-    """Number of the line that a position is on."""
+    """Return number of the line that a position is on."""
     return text.count("\n", 0, at) + 1
 
 
 def words_of(tokens: Sequence[Token]) -> list[str]:
-    """The tokens as they are written."""
+    """Return the tokens as they are written."""
     return [t.word for t in tokens]
 
 
 def without_comments(text: str) -> str:
-    """The text without comments and strings, on as many lines; faster than tokens where a library is large."""
+    """Return the text without comments and strings, on as many lines; faster than tokens where a library is large."""
     return _HIDDEN.sub(lambda m: "\n" * m[0].count("\n"), text)
 
 
 def one_line(text: str) -> str:
-    """The text without comments, each stretch of white space one blank; strings stay as they are."""
+    """Return the text without comments, each stretch of white space one blank; strings stay as they are."""
     pieces: list[str] = []
     at = 0
     while (match := _TOKEN.match(text, at)) is not None:
@@ -96,7 +96,7 @@ def one_line(text: str) -> str:
 
 
 def skip_group(tokens: Sequence[Token], at: int, *, strict: bool = True) -> int:
-    """Index after the bracket that closes the one at ``at``.
+    """Return index after the bracket that closes the one at ``at``.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def skip_group(tokens: Sequence[Token], at: int, *, strict: bool = True) -> int:
 
 
 def find_outside(tokens: Sequence[Token], words: frozenset[str], at: int = 0) -> int:
-    """Index of the first of ``words`` outside all brackets, or the number of tokens."""
+    """Return index of the first of ``words`` outside all brackets, or the number of tokens."""
     while at < len(tokens):
         token = tokens[at]
         if token.kind != "text" and token.word in words:
@@ -126,7 +126,7 @@ def find_outside(tokens: Sequence[Token], words: frozenset[str], at: int = 0) ->
 
 
 def split_outside(tokens: Sequence[Token], word: str = ",") -> list[Sequence[Token]]:
-    """The parts between the ``word`` tokens that stand outside all brackets; none for no tokens."""
+    """Return the parts between the ``word`` tokens that stand outside all brackets; none for no tokens."""
     parts: list[Sequence[Token]] = []
     begin = 0
     while begin < len(tokens):

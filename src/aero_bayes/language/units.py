@@ -97,7 +97,7 @@ def _symbol(name: str) -> tuple[float, dict[str, int]] | None:
 
 
 def to_modelica_unit(unit: str) -> str:
-    """A unit as the Modelica grammar spells it: ``kg*m^2`` is ``kg.m2``, ``m3/s/V`` is ``m3/(s.V)``.
+    """Return a unit as the Modelica grammar spells it: ``kg*m^2`` is ``kg.m2``, ``m3/s/V`` is ``m3/(s.V)``.
 
     Empty where that cannot be done. A symbol that is not known stays.
     """

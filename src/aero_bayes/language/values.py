@@ -60,7 +60,7 @@ OPERATORS = {
 
 
 def evaluate_expression(tree: Expression, values: Mapping[str, float]) -> float:
-    """The number of an expression. Raises InputError for a name without a value, or what has no number."""
+    """Return the number of an expression. Raises InputError for a name without a value, or what has no number."""
     match tree:
         case Number(value):
             return value

@@ -71,7 +71,7 @@ class BalanceWriter:
             self._term(placed.neighbour, f"{placed.instance}.q_2" if placed.law.kind == "overflow" else text, -1)
 
     def _read(self, given: str) -> str:
-        """A variable, or a difference of two, as it is called beside laws at outputs."""
+        """Return a variable, or a difference of two, as it is called beside laws at outputs."""
         parts = [self.target.replacements.get(name, name) for name in given.split(DIFFERENCE)]
         return f"({DIFFERENCE.join(parts)})" if len(parts) > 1 else parts[0]
 
@@ -100,7 +100,7 @@ class BalanceWriter:
             path = parent
 
     def _count(self, path: str) -> int:
-        """How many components an array of them has."""
+        """Return how many components an array of them has."""
         known = (without_indices(v.name.rpartition(".")[0])[1].get(path, 0) for v in self.flat.variables)
         return max(known, default=0)
 
@@ -144,7 +144,7 @@ class BalanceWriter:
         return [(s.head[1].word, k) for k in range(most + 2)]
 
     def _words(self, port: Port) -> list[str]:
-        """The balance as it stands in the user's source."""
+        """Return the balance as it stands in the user's source."""
         equation = equation_of(self.flat, port)
         if equation.place is None:
             return []
@@ -164,12 +164,12 @@ class BalanceWriter:
 
 
 def equation_of(flat: FlatModel, port: Port) -> FlatEquation:
-    """The balance equation of a port. Raises InputError if it has none."""
+    """Return the balance equation of a port. Raises InputError if it has none."""
     if port.balance is None:
         raise InputError(f"the port {port.id!r} has no balance")
     return flat.equations[port.balance.equation]
 
 
 def class_of(known: Sources, equation: FlatEquation) -> ClassText | None:
-    """The class in which an equation is written; None if its place is unknown."""
+    """Return the class in which an equation is written; None if its place is unknown."""
     return None if equation.place is None else known.at(equation.place)[1]

@@ -37,7 +37,7 @@ class CandidateFilter:
     require: tuple[str, ...] = ()
 
     def accepts(self, id_: str, law: str, port: str) -> bool:
-        """Whether an effect is accepted."""
+        """Return whether an effect is accepted."""
         return id_ in self.require or (
             not {id_, law, port} & set(self.exclude)
             and (self.effects is None or bool({id_, law} & set(self.effects)))

@@ -16,7 +16,7 @@ def refinements(placed: Mapping[str, PlacedLaw]) -> dict[str, str]:
 
 
 def candidate_groups(placed: Mapping[str, PlacedLaw]) -> tuple[tuple[str, ...], ...]:
-    """Groups of ids. The candidates of one group are built into one model.
+    """Return groups of ids. The candidates of one group are built into one model.
 
     The groups are, in this order: all laws in replaceable models that can be combined; all laws without states; laws
     with states, port by port, because states slow a simulation down; each law in a replaceable model that takes only

@@ -15,7 +15,7 @@ from aero_bayes.unknown_names import closest_name
 
 
 def ports_with_laws(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
-    """All ports of a model: inputs, outputs, then balances in the order of their states.
+    """Return all ports of a model: inputs, outputs, then balances in the order of their states.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def ports_with_laws(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ..
 
 
 def with_applicable_laws(ports: Iterable[Port], laws: Sequence[Law]) -> tuple[Port, ...]:
-    """The ports with the ids of the laws that are applicable there."""
+    """Return the ports with the ids of the laws that are applicable there."""
     return tuple(replace(p, laws=tuple(law.id for law in laws if is_applicable(law, p))) for p in ports)
 
 
@@ -46,12 +46,12 @@ MIN_SHARE_VISITED_TWICE = 0.5
 
 
 def has_reaction(law: Law, port: Port) -> bool:
-    """Whether a law at a port acts on the neighbour of the port as well."""
+    """Return whether a law at a port acts on the neighbour of the port as well."""
     return law.kind in ("overflow", "exchange") or port.kind == "motion"
 
 
 def is_applicable(law: Law, port: Port) -> bool:
-    """Whether a law can act at a port, by its kind, the signals that it reads and the units that it needs."""
+    """Return whether a law can act at a port, by its kind, the signals that it reads and the units that it needs."""
     if port.replaceable is not None:
         return law.kind == "replaceable" and law.constraint == port.replaceable.constraint
     excluded = law.excluded_units.split()
@@ -76,13 +76,13 @@ def is_applicable(law: Law, port: Port) -> bool:
 
 
 def _is_no_amount(port: Port, law: Law) -> bool:
-    """Whether the level at a port cannot be stored, so that no law of a storage depends on it."""
+    """Return whether the level at a port cannot be stored, so that no law of a storage depends on it."""
     reads_level = bool(law.used_inputs - SIGNAL_DEFAULTS.keys()) and not law.curve_input
     return reads_level and dimension_of_unit(port.units.get("h", "")) in NO_AMOUNTS
 
 
 def is_possible(law: Law, nominals: Mapping[str, float]) -> bool:
-    """Whether a law can be, and be seen, in the range that the signals of a port visit.
+    """Return whether a law can be, and be seen, in the range that the signals of a port visit.
 
     Parameters
     ----------
@@ -104,12 +104,12 @@ def is_possible(law: Law, nominals: Mapping[str, float]) -> bool:
 
 
 def _is_against_input(port: Port) -> bool:
-    """Whether a motion is relative to an input, such as the wind, on which no reaction acts."""
+    """Return whether a motion is relative to an input, such as the wind, on which no reaction acts."""
     return not port.neighbours and any(DIFFERENCE in given for given in port.signals.values())
 
 
 def _matches_unit(unit: str, asked: str) -> bool:
-    """Whether a unit is the required one. ``K`` stands for any unit of temperature."""
+    """Return whether a unit is the required one. ``K`` stands for any unit of temperature."""
     return unit == asked or (asked == "K" and unit in KELVIN)
 
 
@@ -133,7 +133,7 @@ class Candidate:
 
 
 def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
-    """Every applicable law at every port, port by port.
+    """Return every applicable law at every port, port by port.
 
     An exchange between two storages is listed once. It and an overflow go to the first neighbour.
     """
@@ -154,7 +154,7 @@ def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candida
 
 
 def declared_candidates(found: Sequence[Candidate], declared: PackageDeclaration) -> tuple[Candidate, ...]:
-    """The effects that a package declares, under their names, and learned curves in its replaceable models.
+    """Return the effects that a package declares, under their names, and learned curves in its replaceable models.
 
     Raises
     ------

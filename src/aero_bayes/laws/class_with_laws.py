@@ -75,7 +75,7 @@ class ClassWithLaws:
         self.copies: dict[str, ComponentCopy] = {}
 
     def original(self) -> str:
-        """The class of the user as a file of its own, for a comparison."""
+        """Return the class of the user as a file of its own, for a comparison."""
         return self._plain_text(*self.user)
 
     def _plain_text(self, file: SourceFile, cls: ClassText) -> str:
@@ -83,7 +83,7 @@ class ClassWithLaws:
         return file.text if whole else "within ;\n" + standalone_text(self.known, file, cls)
 
     def _own_text(self, inherits: bool) -> tuple[SourceFile, ClassText]:
-        """The class of the user as a file of its own, with base classes written out if they are edited."""
+        """Return the class of the user as a file of its own, with base classes written out if they are edited."""
         file, cls = self.user
         if inherits:
             file, _ = inline_base_classes(self.known, file, cls)
@@ -146,7 +146,7 @@ class ClassWithLaws:
     # the text
 
     def written(self) -> str:
-        """The whole file."""
+        """Return the whole file."""
         return self._extension() if self.extends else self._copy()
 
     def _declarations(self) -> list[str]:
@@ -157,7 +157,7 @@ class ClassWithLaws:
         return [*lines, *self._copied_classes("")]
 
     def _copied_classes(self, parent: str) -> list[str]:
-        """The lines of the copies of classes of components inside ``parent``."""
+        """Return the lines of the copies of classes of components inside ``parent``."""
         lines: list[str] = []
         for path, copy in self.copies.items():
             if path.rpartition(".")[0] == parent:
@@ -172,7 +172,7 @@ class ClassWithLaws:
         return lines
 
     def _component_types(self, parent: str, cls: ClassText, text: str) -> list[TextEdit]:
-        """Edits that declare the components of a class by the copies of their classes."""
+        """Return edits that declare the components of a class by the copies of their classes."""
         own = {path.rpartition(".")[2]: c for path, c in self.copies.items() if path.rpartition(".")[0] == parent}
         return declare_as_copies(cls, own, text)
 

@@ -42,7 +42,7 @@ class ComponentCopy:
 
 
 def without_indices(path: str) -> tuple[str, dict[str, int]]:
-    """The path of a component without array indices, and the indices by the paths of the arrays."""
+    """Return the path of a component without array indices, and the indices by the paths of the arrays."""
     plain, numbers = "", dict[str, int]()
     for part in path.split("."):
         name, _, number = part.partition("[")
@@ -53,7 +53,7 @@ def without_indices(path: str) -> tuple[str, dict[str, int]]:
 
 
 def declare_as_copies(cls: ClassText, copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
-    """Edits that declare components by the copies of their classes, and bind the new inputs of these."""
+    """Return edits that declare components by the copies of their classes, and bind the new inputs of these."""
     edits: list[TextEdit] = []
     for statement in cls.declarations:
         together = cls.declared_in(statement)
@@ -64,7 +64,7 @@ def declare_as_copies(cls: ClassText, copies: Mapping[str, ComponentCopy], text:
 
 
 def _types(together: Sequence[ComponentDeclaration], copies: Mapping[str, ComponentCopy], text: str) -> list[TextEdit]:
-    """Edits of the types in one declaration. Where it declares several components, it is split."""
+    """Return edits of the types in one declaration. Where it declares several components, it is split."""
     first, *others = together
     own = {c.name: copies[c.name].name if c.name in copies else text_of(text, c.type_tokens) for c in together}
     tokens = first.statement.tokens

@@ -34,7 +34,7 @@ _COMPOSING_ORDER: Mapping[Attachment, int] = {"input": 1, "output": 2}
 
 
 def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> LawModels:
-    """Each law as a flat model of its own, by kind and id. One run of the compiler flattens all of them.
+    """Return each law as a flat model of its own, by kind and id. One run of the compiler flattens all of them.
 
     ``sources`` are the packages of the laws, for laws that use functions or types of their package.
     """
@@ -90,7 +90,7 @@ def _flat_law(flat: FlatModel, instance: str, law: Law) -> FlatModel:
 
 
 def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatModel:
-    """A model with one law at one port. The parameters of the law become parameters of the model.
+    """Return a model with one law at one port. The parameters of the law become parameters of the model.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def _with_start_moved(flat: FlatModel, old: str, new: str) -> FlatModel:
 
 
 def compose_laws(flat: FlatModel, placed_laws: Sequence[PlacedLaw], models: LawModels) -> FlatModel:
-    """A model with several laws. At one input or output, the last one is the outermost.
+    """Return a model with several laws. At one input or output, the last one is the outermost.
 
     Laws at inputs come late, so that a law in a balance reads the input that acts there. Laws at outputs come last, so
     that a law in a balance reads the quantity and not its reading.
@@ -194,7 +194,7 @@ def compose_laws(flat: FlatModel, placed_laws: Sequence[PlacedLaw], models: LawM
 def with_candidates(
     flat: FlatModel, found: Sequence[Candidate], nominals: Mapping[str, Mapping[str, float]], models: LawModels
 ) -> tuple[FlatModel, tuple[PlacedLaw, ...]]:
-    """One model with many candidates, all switched off, and the placed laws in the given order.
+    """Return one model with many candidates, all switched off, and the placed laws in the given order.
 
     ``nominals`` are the nominal values by the id of the port. Laws that need the derivative of a reading are the
     innermost ones there.
@@ -205,7 +205,7 @@ def with_candidates(
 
 
 def with_probes(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, str]]:
-    """The model with a probe input at every port, zero by default, and the name of each by the id of its port.
+    """Return the model with a probe input at every port, zero by default, and the name of each by the id of its port.
 
     A probe is added to an input or an output. In a balance it drives, where a law would oppose.
     """

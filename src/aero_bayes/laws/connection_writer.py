@@ -46,7 +46,7 @@ class ConnectionWriter:
         self.target.equations += [f"connect({placed.instance}.{end}, {outer});" for end, outer in ends.items()]
 
     def _inside(self, port: Port) -> dict[str, str]:
-        """What a law's class can take from its own connector: the potential, or its rate."""
+        """Return what a law's class can take from its own connector: the potential, or its rate."""
         potential = f"port.{port.potential}"
         if port.kind == "storage":
             return {"h": potential}
@@ -56,7 +56,7 @@ class ConnectionWriter:
         return {"v": potential}
 
     def _connectors(self, port: Port, *names: str) -> list[str]:
-        """Declarations of connectors of the port's kind in a law's class."""
+        """Return declarations of connectors of the port's kind in a law's class."""
         place = self.structure.variables[f"{port.connectors[0]}.{port.flow}"].place
         if place is None:
             raise InputError(f"{port.id}: the class of its connector is not known")

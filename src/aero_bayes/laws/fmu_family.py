@@ -77,7 +77,7 @@ class FmuFamily(ModelicaFamily):
         return self.boundary.ports
 
     def base_model(self) -> Model:
-        """The FMU itself."""
+        """Return the FMU itself."""
         return self.inner
 
     def check(self) -> None:
@@ -98,7 +98,7 @@ class FmuFamily(ModelicaFamily):
         return {v.name for v in every} | set(self.boundary.names.values())
 
     def _candidates(self, calibration: Calibration) -> Sequence[Candidate]:
-        """All candidates. At an input that no recording has, only an offset."""
+        """Return all candidates. At an input that no recording has, only an offset."""
         driven = {s.name for e in calibration.experiments for s in e.inputs}
         return [
             c
@@ -178,7 +178,7 @@ class FmuFamily(ModelicaFamily):
         )
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
-        """The calibration with a coupled model, where states that are outputs may have other names."""
+        """Return the calibration with a coupled model, where states that are outputs may have other names."""
         there = {s.name for s in model.states}
         names = {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}
         return calibration_on(calibration, model, names)

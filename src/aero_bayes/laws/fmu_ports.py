@@ -93,7 +93,7 @@ class FmuBoundary:
         return Port(id_, "reading", "output", v.unit, units, None, (), {"u": name})
 
     def _motions(self) -> Iterator[Port]:
-        """Ports for forces. They read states, so that no algebraic loop arises."""
+        """Yield ports for forces. They read states, so that no algebraic loop arises."""
         driving = [(k, v) for k, v in enumerate(self.fmu_model.inputs) if v.unit in _MOTIONS]
         for k, force in driving:
             speed_unit, position_units = _MOTIONS[force.unit]
@@ -115,14 +115,14 @@ class FmuBoundary:
         return f"{self.names[state.name]}_inside"
 
     def _outside(self, state: Variable) -> str:
-        """Name of the output that equals a state, else the name of the state."""
+        """Return name of the output that equals a state, else the name of the state."""
         index = self.fmu_model.states.index(state)
         return next(
             (v.name for v in self.fmu_model.outputs if self.fmu_model.copied_state(v.name) == index), state.name
         )
 
     def coupling(self, placed_laws: Sequence[PlacedLaw], models: LawModels) -> LawCoupling:
-        """The flat model of laws at ports of this FMU, with only those signals of the FMU that they need."""
+        """Return the flat model of laws at ports of this FMU, with only those signals of the FMU that they need."""
         read = {name for placed in placed_laws for name in placed.port.signals.values()}
         flat = FlatModel(f"{self.fmu_model.name} laws")
         inputs, outputs, states = [], [], []

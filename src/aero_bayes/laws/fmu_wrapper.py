@@ -24,14 +24,14 @@ _NAMESPACES = {
 
 
 def imported_class(inner: Model) -> str:
-    """The name under which the Modelica model expects the imported FMU."""
+    """Return the name under which the Modelica model expects the imported FMU."""
     return f"{_class_name(inner.path.stem)}_fmu"
 
 
 def wrapper_text(
     inner: Model, coupling: LawCoupling, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], name: str
 ) -> str:
-    """The Modelica model of an imported FMU with laws around it.
+    """Return the Modelica model of an imported FMU with laws around it.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _class_name(stem: str) -> str:
 
 
 def _reference(name: str) -> str:
-    """The name of a variable in Modelica, in quotes if it is no identifier."""
+    """Return the name of a variable in Modelica, in quotes if it is no identifier."""
     return name if re.fullmatch(r"[A-Za-z_]\w*(\[\d+\])?(\.[A-Za-z_]\w*(\[\d+\])?)*", name) else f"'{name}'"
 
 

@@ -77,7 +77,7 @@ class LawParameter:
     declared_unit: str = ""
 
     def value(self, of: ParameterAttribute, nominals: Mapping[str, float]) -> float:
-        """The number of one attribute. A bound that is not declared is infinite."""
+        """Return the number of one attribute. A bound that is not declared is infinite."""
         term = getattr(self, of)
         if term is None:
             return float("-inf") if of == "minimum" else float("inf")
@@ -180,7 +180,7 @@ class Law:
 
 @cache
 def shipped_laws() -> tuple[Law, ...]:
-    """The laws of the shipped package ``Laws``."""
+    """Return the laws of the shipped package ``Laws``."""
     return read_laws([modelica_root() / "Laws"])
 
 
@@ -220,7 +220,7 @@ def read_laws(sources: Sequence[Path]) -> tuple[Law, ...]:
 
 
 def _partial_model(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
-    """Name of the partial model that a class extends, directly or through others."""
+    """Return name of the partial model that a class extends, directly or through others."""
     waiting, seen = list(cls.bases()), set[str]()
     while waiting:
         name = waiting.pop().rpartition(".")[2]
@@ -269,7 +269,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
 
 
 def is_fitted_parameter(c: ComponentDeclaration) -> bool:
-    """Whether a declaration is a fitted parameter: one with the attribute ``nominal``."""
+    """Return whether a declaration is a fitted parameter: one with the attribute ``nominal``."""
     return "parameter" in c.prefixes and not c.prefixes & {"final", "protected"} and any(
         name == "nominal" for name, _ in c.modifiers
     )  # fmt: skip
@@ -280,7 +280,7 @@ def _is_nominal(c: ComponentDeclaration) -> bool:
 
 
 def law_parameter(c: ComponentDeclaration) -> LawParameter:
-    """The fitted parameter of a declaration. Raises InputError if it has no default."""
+    """Return the fitted parameter of a declaration. Raises InputError if it has no default."""
     terms = {name: parse_expression(tokens) for name, tokens in c.modifiers}
     if not c.binding:
         raise InputError(f"the parameter {c.name!r} needs a default")
@@ -291,7 +291,7 @@ def law_parameter(c: ComponentDeclaration) -> LawParameter:
 
 
 def annotation_text(annotation: Sequence[Token], word: str) -> str:
-    """The text of an entry in ``__aero_bayes`` of an annotation, such as ``refines``. Empty if there is none."""
+    """Return the text of an entry in ``__aero_bayes`` of an annotation, such as ``refines``. Empty if there is none."""
     return _text(annotation_arguments(annotation, "__aero_bayes").get(word))
 
 

@@ -25,7 +25,7 @@ def class_text(
     declarations: Sequence[str] = (),
     equations: Sequence[str] = (),
 ) -> list[str]:
-    """The lines of a model ``name`` that is the law.
+    """Return the lines of a model ``name`` that is the law.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def class_text(
 
 
 def formula(law: Law, *, nominals: Mapping[str, float], names: Mapping[str, str]) -> str | None:
-    """The output of a law as one expression, if its class has a single explicit equation.
+    """Return the output of a law as one expression, if its class has a single explicit equation.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def _edits(
     nominals: Mapping[str, float],
     signals: Mapping[str, str],
 ) -> list[TextEdit]:
-    """Edits that set nominal values and inputs in a declaration."""
+    """Return edits that set nominal values and inputs in a declaration."""
     edits: list[TextEdit] = []
     # nominal values, and final parameters that follow from them, are not to be tuned
     if any(c.name in nominals or "final" in c.prefixes for c in components):

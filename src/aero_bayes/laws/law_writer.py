@@ -23,7 +23,7 @@ _WRITING_ORDER: Mapping[Attachment, int] = {"output": 0, "input": 1}
 def with_laws_written(
     known: Sources, user: tuple[SourceFile, ClassText], flat: FlatModel, placed_laws: Sequence[PlacedLaw], title: str
 ) -> ClassWithLaws:
-    """The user's class with laws.
+    """Return the user's class with laws.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def with_laws_written(
 
 
 def _edits_base_class(known: Sources, cls: ClassText, flat: FlatModel, placed_laws: Sequence[PlacedLaw]) -> bool:
-    """Whether something that is to be edited stands in a base class of the user's class."""
+    """Return whether something that is to be edited stands in a base class of the user's class."""
     own = {c.name for c in cls.components()}
     for placed in placed_laws:
         for port in (placed.port, *([placed.neighbour] if placed.neighbour else ())):

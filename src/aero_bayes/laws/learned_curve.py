@@ -24,7 +24,7 @@ CURVE_POINTS = 61
 
 
 def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:
-    """The basis functions of a learned curve, over its nominal input range to both sides."""
+    """Return the basis functions of a learned curve, over its nominal input range to both sides."""
     law, nominals = placed.law, placed.all_nominals
     model = causalise(translate(models[law.kind, law.id]))
     b, acts = model.system.builder, model.solved[law.interface.output]
@@ -44,7 +44,7 @@ def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:
 
 
 def curve_variable(placed: PlacedLaw) -> str:
-    """The variable over which a curve is learned, for a reader."""
+    """Return the variable over which a curve is learned, for a reader."""
     if placed.port.replaceable is None:
         return placed.port.signals.get(placed.law.curve_input, placed.port.id)
     about = next((c.description for c in placed.law.cls.components() if c.name == placed.law.curve_input), "")
@@ -90,7 +90,7 @@ def isolated_curve(flat: FlatModel, placed: PlacedLaw) -> tuple[PlacedLaw, LawMo
 
 
 def with_curve_inputs(flat: FlatModel, placed_laws: Sequence[PlacedLaw]) -> tuple[FlatModel, dict[str, str]]:
-    """A model with further outputs, the inputs of curves in its replaceable models, and their names by id."""
+    """Return a model with further outputs, the inputs of curves in its replaceable models, and their names by id."""
     names = {placed.id: f"learned_over_{k}" for k, placed in enumerate(placed_laws)}
     for placed in placed_laws:
         signal = Name(f"{component_path(placed, placed_laws)}.{placed.law.curve_input}")

@@ -119,11 +119,11 @@ class ModelFamily(Protocol):
     def title(self) -> str: ...
 
     def base_model(self) -> Model:
-        """The model without any law added."""
+        """Return the model without any law added."""
         ...
 
     def overrides(self, model: Model) -> Mapping[str, Override]:
-        """Priors and bounds that are known beside those that the model declares, by parameter."""
+        """Return priors and bounds that are known beside those that the model declares, by parameter."""
         ...
 
     @property
@@ -136,7 +136,7 @@ class ModelFamily(Protocol):
         ...
 
     def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
-        """Ids of candidates that are best tried on one model together."""
+        """Return ids of candidates that are best tried on one model together."""
         ...
 
     def refinements(self) -> Mapping[str, str]:
@@ -148,11 +148,11 @@ class ModelFamily(Protocol):
         ...
 
     def basis(self, id_: str) -> CurveBasis:
-        """The basis functions of a learned curve."""
+        """Return the basis functions of a learned curve."""
         ...
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
-        """The model with some candidates built in, switched off."""
+        """Return the model with some candidates built in, switched off."""
         ...
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> ExtendedModel:
@@ -164,12 +164,12 @@ class ModelFamily(Protocol):
         ...
 
     def describe(self, id_: str) -> str:
-        """A sentence about a candidate."""
+        """Return a sentence about a candidate."""
         ...
 
 
 def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, str]) -> Calibration:
-    """A calibration with another model. ``names`` gives the names there of states that are named otherwise."""
+    """Return a calibration with another model. ``names`` gives the names there of states that are named otherwise."""
 
     def renamed(by_state: Mapping[str, float]) -> dict[str, float]:
         return {names.get(state, state): value for state, value in by_state.items()}
@@ -204,5 +204,5 @@ def effect_parameter(
 
 
 def to_significant_digits(value: float, digits: int = 4) -> float:
-    """A number rounded to significant digits, for the text of a model."""
+    """Return a number rounded to significant digits, for the text of a model."""
     return float(f"{value:.{digits}g}")

@@ -154,12 +154,12 @@ class ModelicaFamily:
         return law_models(self.laws)
 
     def base_model(self) -> Model:
-        """The model without any law added."""
+        """Return the model without any law added."""
         source = ModelicaSource(self.base, self.sources, self.libraries)
         return replace(self._export(self.flat, "plain"), source=source)
 
     def overrides(self, model: Model) -> Mapping[str, Override]:
-        """The declared priors."""
+        """Return the declared priors."""
         return declared_overrides(model)
 
     @property
@@ -184,7 +184,7 @@ class ModelicaFamily:
         return kept
 
     def port_name(self, port: Port) -> str:
-        """The declared name of a port, which several ports may share; else its id."""
+        """Return the declared name of a port, which several ports may share; else its id."""
         return self.declared.ports.get(port.id, port.id)
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
@@ -207,7 +207,7 @@ class ModelicaFamily:
         return self.writable_candidates()
 
     def writable_candidates(self) -> tuple[Candidate, ...]:
-        """The candidates that can be written into the source."""
+        """Return the candidates that can be written into the source."""
         every = self.candidates
         edited = {c.port.id: c for c in every if c.port.attachment in ("equation", "signal")}.values()
         laws = [place_law(c.law, c.port, self._taken(), nominals={}, neighbour=c.neighbour) for c in edited]
@@ -218,11 +218,11 @@ class ModelicaFamily:
         return port_nominals(self.flat, self.ports, calibration, fit, open_simulator)
 
     def _taken(self) -> set[str]:
-        """Names that the model uses already."""
+        """Return names that the model uses already."""
         return reserved_names(self.flat, self.sources)
 
     def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
-        """Ids of candidates that are best tried on one model together."""
+        """Return ids of candidates that are best tried on one model together."""
         return candidate_groups(self._placed)
 
     def refinements(self) -> Mapping[str, str]:
@@ -234,14 +234,14 @@ class ModelicaFamily:
         return {id_: curve_variable(placed) for id_, placed in self._placed.items() if placed.law.curve_input}
 
     def basis(self, id_: str) -> CurveBasis:
-        """The basis functions of a learned curve."""
+        """Return the basis functions of a learned curve."""
         (placed,) = self._sized([id_])
         if placed.port.replaceable is None:
             return curve_basis(placed, self.law_models)
         return curve_basis(*isolated_curve(self._redeclared([placed]), placed))
 
     def parameters(self, id_: str) -> tuple[Parameter, ...]:
-        """The parameters of a candidate, by their names in a model with candidates."""
+        """Return the parameters of a candidate, by their names in a model with candidates."""
         return tuple(fitted_parameters(self._placed[id_]))
 
     def starts(self, id_: str) -> tuple[tuple[float, ...], ...]:
@@ -249,7 +249,7 @@ class ModelicaFamily:
         return self._starts[id_]
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
-        """The model with some laws switched off, and with all that can be combined in its replaceable models."""
+        """Return the model with some laws switched off, and with all that can be combined in its replaceable models."""
         curves = self.curves()
         inside = any(self._placed[id_].port.replaceable is not None for id_ in ids)
         also = {id_ for id_, placed in self._placed.items() if can_be_combined(placed) and id_ not in curves}
@@ -270,7 +270,7 @@ class ModelicaFamily:
         return self._export(flat, "candidates")
 
     def _redeclared(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
-        """The model with laws in its replaceable models."""
+        """Return the model with laws in its replaceable models."""
         if not placed_laws:
             return self.flat
         return load_with_redeclarations(
@@ -316,7 +316,7 @@ class ModelicaFamily:
         return [*inside, *sorted(others, key=lambda u: not u.law.needs_derivative)]
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> ExtendedModel:
-        """The model with chosen laws, written as Modelica and exported."""
+        """Return the model with chosen laws, written as Modelica and exported."""
         taken = self._taken()
         placed_laws: list[PlacedLaw] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
@@ -337,13 +337,13 @@ class ModelicaFamily:
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
-        """The written model and its FMU. ``values`` of the fit go by the names of the model with candidates."""
+        """Return the written model and its FMU. ``values`` of the fit go by the names of the model with candidates."""
         written = write_laws(self.sources, self.base, self.flat, placed_laws, folder)
         flat = load_flat(written.name, (*self.sources, written.path), self.libraries)
         return written, self._export(flat, written.name)
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
-        """The calibration of the base model, for a member of the family. States get their names there."""
+        """Return the calibration of the base model, for a member of the family. States get their names there."""
         there = states_by_base_name(model, alias_structure(self.flat), self._aliases, self._read)
         return calibration_on(calibration, model, state_names(calibration.model, alias_structure(self.flat), there))
 
@@ -352,11 +352,11 @@ class ModelicaFamily:
         return state_aliases(self.base_model())
 
     def describe(self, id_: str) -> str:
-        """A sentence about a law and its port."""
+        """Return a sentence about a law and its port."""
         return describe_law(self._placed[id_].law, self._placed[id_].port)
 
     def _export(self, flat: FlatModel, what: str) -> Model:
-        """The FMU of a flat model. The hash of the flat model is part of the file name."""
+        """Return the FMU of a flat model. The hash of the flat model is part of the file name."""
         key = hashlib.sha256(repr(flat).encode()).hexdigest()[:16]
         out = self.folder / f"{self.title}-{what}-{key}.fmu"
         if not out.exists():
@@ -366,5 +366,5 @@ class ModelicaFamily:
 
 
 def _read_by(placed: PlacedLaw) -> dict[str, str]:
-    """The output on which a law acts, by the name of the variable that the law reads instead."""
+    """Return the output on which a law acts, by the name of the variable that the law reads instead."""
     return {f"{placed.instance}.u": placed.port.signals["u"]} if placed.port.attachment == "output" else {}

@@ -63,14 +63,14 @@ class PlacedLaw:
         return {signal: self.all_nominals[nominal] for signal, nominal in own.items()}
 
     def parameters(self) -> Iterator[LawParameter]:
-        """The fitted parameters. The share of a neighbour is one of them only if there is a neighbour."""
+        """Return the fitted parameters. The share of a neighbour is one of them only if there is a neighbour."""
         return (p for p in self.law.parameters if p.name in self.names)
 
     def value(self, p: LawParameter) -> float:
         return float(self.values.get(p.name, p.value("default", self.all_nominals)))
 
     def limits(self, p: LawParameter) -> dict[str, float]:
-        """The attributes ``min``, ``max`` and ``nominal``, as far as they are declared."""
+        """Return the attributes ``min``, ``max`` and ``nominal``, as far as they are declared."""
         found = {attribute: p.value(of, self.all_nominals) for attribute, of in _LIMITS}
         return {k: v for k, v in found.items() if math.isfinite(v)}
 
@@ -148,7 +148,7 @@ def place_laws(
 
 
 def at_same_ports(placed_laws: Sequence[PlacedLaw], ports: Sequence[Port]) -> list[PlacedLaw]:
-    """The same laws at the ports of another model, found by their ids.
+    """Return the same laws at the ports of another model, found by their ids.
 
     Raises
     ------
@@ -165,12 +165,12 @@ def at_same_ports(placed_laws: Sequence[PlacedLaw], ports: Sequence[Port]) -> li
 
 
 def identifier(path: str) -> str:
-    """A path as an identifier: ``rotor.a`` becomes ``rotor_a``."""
+    """Return a path as an identifier: ``rotor.a`` becomes ``rotor_a``."""
     return re.sub(r"\W+", "_", path).strip("_")
 
 
 def describe_law(law: Law, port: Port) -> str:
-    """A phrase about a law and its port."""
+    """Return a phrase about a law and its port."""
     about, place = f"{law.description[:1].lower()}{law.description[1:]}", port.replaceable
     if place is None or not place.description:
         return f"{about} at {port.id}"

@@ -14,20 +14,20 @@ from aero_bayes.scratch import ScratchFolder
 
 
 def split_by_replaceable(placed_laws: Iterable[PlacedLaw]) -> tuple[list[PlacedLaw], list[PlacedLaw]]:
-    """The laws in replaceable models, and the others."""
+    """Return the laws in replaceable models, and the others."""
     every = list(placed_laws)
     return [u for u in every if u.port.replaceable is not None], [u for u in every if u.port.replaceable is None]
 
 
 def can_be_combined(placed: PlacedLaw) -> bool:
-    """Whether a law is in a replaceable model that can hold several laws."""
+    """Return whether a law is in a replaceable model that can hold several laws."""
     return placed.port.replaceable is not None and placed.port.replaceable.combination is not None
 
 
 def load_with_redeclarations(
     base: str, name: str, placed_laws: Sequence[PlacedLaw], sources: Sequence[Path], libraries: Sequence[Path]
 ) -> FlatModel:
-    """The flat model of ``base`` with laws in its replaceable models."""
+    """Return the flat model of ``base`` with laws in its replaceable models."""
     with ScratchFolder() as folder:
         path = Path(folder) / f"{name}.mo"
         path.write_text("\n".join(["within ;", *redeclaring_class(base, name, placed_laws), ""]), encoding="utf-8")
@@ -35,7 +35,7 @@ def load_with_redeclarations(
 
 
 def redeclaring_class(base: str, name: str, placed_laws: Sequence[PlacedLaw]) -> list[str]:
-    """The lines of a model ``name`` that extends ``base`` and redeclares its replaceable models.
+    """Return the lines of a model ``name`` that extends ``base`` and redeclares its replaceable models.
 
     Modifiers stand at the components (``bodyEffect(tau_c = tau_c)``) and not in the redeclaration, where rumoca drops
     them.
@@ -117,7 +117,7 @@ def _parameters(placed: PlacedLaw) -> list[str]:
 
 
 def _together(place: ReplaceableModel, name: str, placed_laws: Sequence[PlacedLaw]) -> list[str]:
-    """A local model with several laws: in series if a flow or a signal passes through, else in parallel."""
+    """Return a local model with several laws: in series if a flow or a signal passes through, else in parallel."""
     join = place.combination
     if join is None:
         raise CannotFinishError(

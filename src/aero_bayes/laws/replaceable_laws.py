@@ -18,7 +18,7 @@ REPLACEABLE_INTERFACE = LawInterface("replaceable", "y", ("x",), {"x_n": "x"})
 
 
 def laws_for_constraint(known: Sources, constraint: str) -> tuple[Law, ...]:
-    """The laws for replaceable models with a constraining class, in the order of files and classes.
+    """Return the laws for replaceable models with a constraining class, in the order of files and classes.
 
     A law is a class that extends the constraining class, and whose first own parameter with a nominal value is zero by
     default.

@@ -65,7 +65,7 @@ class SignalWriter:
             self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {placed.instance}.y;"))
 
     def _apart(self, c: ComponentDeclaration, suffix: str) -> str:
-        """An array that stands, element by element, for an array of inputs or outputs in the class."""
+        """Return an array that stands, element by element, for an array of inputs or outputs in the class."""
         sizes = self.structure.variables[c.name].sizes
         inner = f"{c.name}{suffix}"
         if c.binding:

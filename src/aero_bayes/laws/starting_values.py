@@ -22,7 +22,7 @@ START_LEVELS, NARROW_BOUND_RATIO = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
 
 
 def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
-    """The parameters of a placed law with their priors, the magnitude first."""
+    """Return the parameters of a placed law with their priors, the magnitude first."""
     found = []
     for p in placed.parameters():
         limits = placed.limits(p)

@@ -12,7 +12,7 @@ from aero_bayes.simulation.model import Model
 
 
 def state_aliases(model: Model) -> dict[str, str]:
-    """The state that each variable of an FMU 2.0 is an alias of: both have one value reference."""
+    """Return the state that each variable of an FMU 2.0 is an alias of: both have one value reference."""
     with zipfile.ZipFile(model.path) as archive:
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     states = {str(s.value_reference): s.name for s in model.states}
@@ -23,7 +23,7 @@ def state_aliases(model: Model) -> dict[str, str]:
 def states_by_base_name(
     model: Model, structure: AliasStructure, aliases: Mapping[str, str], outputs: Mapping[str, str]
 ) -> dict[str, str]:
-    """The states of a model with laws, by names of the base model.
+    """Return the states of a model with laws, by names of the base model.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def states_by_base_name(
 
 
 def state_names(base_model: Model, structure: AliasStructure, states: Mapping[str, str]) -> dict[str, str]:
-    """The name in a model with laws of each state of the base model.
+    """Return the name in a model with laws of each state of the base model.
 
     ``states`` comes from :func:`states_by_base_name`. A state that is not found there keeps its name.
     """

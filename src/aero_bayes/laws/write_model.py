@@ -75,7 +75,7 @@ def write_law(
 
 
 def can_be_written(sources: Sequence[Path], model: str, flat: FlatModel, placed: PlacedLaw) -> bool:
-    """Whether the source of a model has a place for a law, see :func:`write_law`."""
+    """Return whether the source of a model has a place for a law, see :func:`write_law`."""
     try:
         with ScratchFolder() as folder:
             write_law(sources, model, flat, [placed], folder)

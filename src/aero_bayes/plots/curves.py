@@ -22,28 +22,28 @@ TIME = "time (s)"
 
 
 def recording_figure(recording: Recording, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
-    """Inputs and outputs of a recording."""
+    """Return inputs and outputs of a recording."""
     return run_figure(view([(recording, "train")], {}), recording.name, figure=figure, dark=dark)
 
 
 def fit_figure(
     fit: Fit, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
-    """A recording, what the fit makes of it, and what is left."""
+    """Return a recording, what the fit makes of it, and what is left."""
     return run_figure(fit_view(fit), recording, figure=figure, dark=dark)
 
 
 def bands_figure(
     posterior: Posterior, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
-    """A recording within the posterior's 90 % band of new readings."""
+    """Return a recording within the posterior's 90 % band of new readings."""
     return run_figure(posterior_view(posterior), recording, figure=figure, dark=dark)
 
 
 def prediction_figure(
     prediction: RecordingPrediction, *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
-    """A prediction with its 90 % band, over what was read if anything was."""
+    """Return a prediction with its 90 % band, over what was read if anything was."""
     name, part = prediction.recording.name, prediction.predictive
     series = band_series([name], prediction.outputs, [part.lower], [part.upper])
     series |= {f"fitted/{name}/{o}": part.median[:, k] for k, o in enumerate(prediction.outputs)}
@@ -56,12 +56,12 @@ def prediction_figure(
 
 
 def loop_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
-    """The output that most was left of, before and after, on data that was not fitted."""
+    """Return the output that most was left of, before and after, on data that was not fitted."""
     return scene_figure(loop_view(loop), figure=figure, dark=dark)
 
 
 def scene_figure(run: RunDirectory, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
-    """The picture that a run's page opens with."""
+    """Return the picture that a run's page opens with."""
     scene = opening_scene(run)
     if scene is None:
         raise InputError(f"{run.path}: the run has no curves to draw")
@@ -72,7 +72,7 @@ def scene_figure(run: RunDirectory, *, figure: Figure | Axes | None = None, dark
 def run_figure(
     run: RunDirectory, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
-    """Inputs and outputs of one recording of a run, with what the run says of them; the first by default."""
+    """Return inputs and outputs of one recording of a run, with what the run says of them; the first by default."""
     names = run.recordings()
     chosen = recording if recording is not None else next(iter(names), "")
     if chosen not in names:

@@ -12,7 +12,7 @@ from typing import Any
 
 @cache
 def palette(dark: bool = False) -> Mapping[str, str]:
-    """Colours by the names that figures draw with, as the page has them on a light or a dark ground.
+    """Return colours by the names that figures draw with, as the page has them on a light or a dark ground.
 
     Parameters
     ----------

@@ -54,22 +54,22 @@ class AliasStructure:
     units: dict[str, str] = field(default_factory=dict)
 
     def of(self, name: str) -> str:
-        """Class of a variable; its own name if it has no alias."""
+        """Return class of a variable; its own name if it has no alias."""
         return self.same.get(name, (name, 1))[0]
 
     def members(self, cls: str) -> list[str]:
-        """Variables of a class that are equal to its representative with the same sign."""
+        """Return variables of a class that are equal to its representative with the same sign."""
         own = self.same.get(cls, (cls, 1))[1]
         return [n for n, (c, sign) in self.same.items() if c == cls and sign == own] or [cls]
 
     def states_in(self, tree: Expression) -> Iterator[str]:
-        """The states of an expression, each once."""
+        """Yield the states of an expression, each once."""
         seen = {self.of(n) for n in names_in(tree)}
         yield from (s for s in self.states if s in seen)
 
 
 def is_derivative(tree: Expression) -> str | None:
-    """The variable, if an expression is its derivative ``der(variable)``; else None."""
+    """Return the variable, if an expression is its derivative ``der(variable)``; else None."""
     match tree:
         case Call("der", (Name(name, ()),)):
             return name
@@ -132,7 +132,7 @@ def alias_structure(flat: FlatModel) -> AliasStructure:
 def _combined(
     e: FlatEquation, variables: Mapping[str, FlatVariable], same: SignedRepresentatives, states: Set[str]
 ) -> str | None:
-    """A variable that an equation defines as a function of two or more states, so that it is no state itself."""
+    """Return a variable that an equation defines as a function of two or more states, so that it is no state itself."""
     for one, whole in ((e.left, e.right), (e.right, e.left)):
         if isinstance(one, Name) and one.name in same and "." not in one.name and same[one.name][0] in states:
             given = same[one.name][0]
@@ -144,7 +144,7 @@ def _combined(
 
 
 def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
-    """Units of variables from the terms to which they are added, if all declared units there agree."""
+    """Return units of variables from the terms to which they are added, if all declared units there agree."""
     group = SignedUnionFind()
     for e in flat.equations:
         for tree in walk(Call("-", (e.left, e.right))):
@@ -172,12 +172,12 @@ def _without_one(tree: Expression, flat: FlatModel, variables: Mapping[str, Flat
 
 
 def derived_in(e: FlatEquation) -> list[str]:
-    """Names whose time derivative occurs in an equation."""
+    """Return names whose time derivative occurs in an equation."""
     return [*derived_names(e.left), *derived_names(e.right)]
 
 
 def derived_names(tree: Expression) -> Iterator[str]:
-    """Names whose time derivative occurs in an expression."""
+    """Return names whose time derivative occurs in an expression."""
     return (name for t in walk(tree) if (name := is_derivative(t)) is not None)
 
 

@@ -13,7 +13,7 @@ from aero_bayes.ports.relative_motion import all_differences, differences_in
 
 
 def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
-    """Ports at differences of a state and an input.
+    """Yield ports at differences of a state and an input.
 
     There is a port where the difference occurs in an equation, and for each storage of heat with each temperature that
     is an input. An input that is the ambient level of one storage is so for all storages of the same unit. A difference
@@ -45,7 +45,7 @@ def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator
 
 
 def _input_classes(s: AliasStructure) -> dict[str, str]:
-    """Variables that depend on inputs alone: by alias class, the name with the fewest dots."""
+    """Return variables that depend on inputs alone: by alias class, the name with the fewest dots."""
     seen = {n for n, v in s.variables.items() if n in s.same and "[" not in n and not (v.protected and "." in n)}
     found = {s.of(n): n for n, v in s.variables.items() if v.causality == "input" and "." not in n and n in seen}
     grown = True
@@ -65,6 +65,6 @@ def _input_classes(s: AliasStructure) -> dict[str, str]:
 
 
 def _inside(s: AliasStructure, tree: Expression) -> Iterator[frozenset[str]]:
-    """Pairs of variables whose difference is a proper part of an expression."""
+    """Yield pairs of variables whose difference is a proper part of an expression."""
     for inner in children(tree):
         yield from differences_in(s, inner)

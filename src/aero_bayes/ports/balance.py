@@ -62,7 +62,7 @@ class Balance:
     sign: int = 1
 
     def added(self, term: Expression) -> Expression:
-        """The increment of the residual."""
+        """Return the increment of the residual."""
         if self.row is None:
             return Call("*", (self.scale, term))
         return map_names(self.scale, lambda n: term if n == TERM else n)
@@ -76,7 +76,7 @@ def find_balance(
     units: Mapping[str, str],
     row: RowIndex | None = None,
 ) -> Balance | None:
-    """The balance that an equation is; None if the derivative does not occur in it, or not linearly.
+    """Return the balance that an equation is; None if the derivative does not occur in it, or not linearly.
 
     ``row`` is the row of a vector equation.
     """
@@ -123,7 +123,7 @@ def _unit_vector(row: RowIndex, item: Expression) -> Expression:
 
 
 def parameter_values(flat: FlatModel) -> dict[str, float]:
-    """Values of the parameters that can be evaluated."""
+    """Return values of the parameters that can be evaluated."""
     found = {}
     for v in flat.variables:
         if v.constant and not v.sizes and v.type == "Real":

@@ -18,7 +18,7 @@ class SignedUnionFind:
         self._above: dict[str, tuple[str, int]] = {}
 
     def find(self, name: str) -> tuple[str, int]:
-        """The representative of a name, and the sign of the name relative to it."""
+        """Return the representative of a name, and the sign of the name relative to it."""
         sign = 1
         while name in self._above:
             name, flip = self._above[name]
@@ -66,7 +66,7 @@ def distances(equations: Sequence[FlatEquation], moving: SignedRepresentatives) 
 
 
 def _sum(e: FlatEquation, free: Collection[str]) -> list[tuple[int, str]] | None:
-    """The variables of an equation with their signs, if it is a sum of variables and constants."""
+    """Return the variables of an equation with their signs, if it is a sum of variables and constants."""
     found: list[tuple[int, str]] = []
     for sign, tree in summands(Call("-", (e.left, e.right))):
         match tree:

@@ -14,7 +14,7 @@ from aero_bayes.ports.quantities import is_current, kind_of, owner_of, signals_o
 
 
 def _flow_sums(s: AliasStructure) -> Iterator[tuple[int, list[str]]]:
-    """Equations that sum the flows of a connection set in the model's own class, with the names of the flows."""
+    """Yield equations that sum the flows of a connection set in the model's own class, with the names of the flows."""
     flow = {v.name for v in s.flat.variables if v.flow}
     for i, e in enumerate(s.flat.equations):
         if e.origin == "flow" and s.origins[i][1] == 0:
@@ -65,7 +65,7 @@ def node_port(s: AliasStructure, state: str, position: str) -> Port | None:
 
 
 def connecting_components(s: AliasStructure, one: Port, other: Port) -> set[str]:
-    """Components with a connector at each of two nodes, and without a state at either."""
+    """Return components with a connector at each of two nodes, and without a state at either."""
     both: list[set[str]] = []
     for port in (one, other):
         motion = s.moving[f"{port.connectors[0]}.{port.potential}"][0]
@@ -80,7 +80,7 @@ def _motion_of(s: AliasStructure, connector: str, potential: str) -> str:
 
 
 def series_port(s: AliasStructure, state: str) -> Port | None:
-    """A port in series in a connection of two connectors whose flow is the state, a current."""
+    """Return a port in series in a connection of two connectors whose flow is the state, a current."""
     if not is_current(s, state):
         return None
     owner = owner_of(s, state) + "."
@@ -98,7 +98,7 @@ def series_port(s: AliasStructure, state: str) -> Port | None:
 
 
 def storage_pin_port(s: AliasStructure, state: str) -> Port | None:
-    """A port in series at a pin of a component whose state is a voltage, such as a capacitor."""
+    """Return a port in series at a pin of a component whose state is a voltage, such as a capacitor."""
     owner = owner_of(s, state) + "."
     if unit_in(s, state) != "V":
         return None
@@ -125,7 +125,7 @@ def branch_ports(s: AliasStructure, taken: Iterable[Port]) -> Iterator[Port]:
 
 
 def _series_port_before_pin(s: AliasStructure, state: str, pins: Iterable[tuple[str, list[str]]]) -> Port:
-    """A port in series at the pin that is declared first."""
+    """Return a port in series at the pin that is declared first."""
     order = list(s.variables)
     flow, flows = min(pins, key=lambda one: order.index(one[0]))
     pin, name = flow.rpartition(".")[::2]
@@ -134,7 +134,7 @@ def _series_port_before_pin(s: AliasStructure, state: str, pins: Iterable[tuple[
 
 
 def _series_port_at(s: AliasStructure, state: str, own: str, connectors: tuple[str, str], flow: str) -> Port:
-    """A port in series before the second of two connectors. Laws read the current into that connector."""
+    """Return a port in series before the second of two connectors. Laws read the current into that connector."""
     potential = _potential(s, own)
     end = f"{connectors[1]}.{potential}"
     at = next(i for i, e in enumerate(s.flat.equations) if _connects_to(e, end))

@@ -37,7 +37,7 @@ from aero_bayes.ports.replaceable import ReplaceableModel
 
 
 def find_ports(flat: FlatModel) -> list[Port]:
-    """All ports of a model: inputs, outputs, then balances in the order of their states.
+    """Return all ports of a model: inputs, outputs, then balances in the order of their states.
 
     The port of a state is at a balance or a connection in the model's own class. If there is none, it is at the balance
     inside a component. An output that is a force and depends on a speed is a balance as well.
@@ -80,7 +80,7 @@ def _outputs(s: AliasStructure, rated: Collection[str]) -> Iterator[Port]:
 
 
 def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
-    """Outputs whose derivative can be computed. It cannot for an output with direct feedthrough of an input."""
+    """Return outputs whose derivative can be computed. It cannot for an output with direct feedthrough of an input."""
     wider = flat
     for n, name in enumerate(outputs):
         wider = add_output(wider, f"rate_of_output_{n}", Call("der", (parse_reference(name),)))
@@ -124,7 +124,7 @@ class _BalanceOption:
 
 
 def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, inside: bool) -> dict[str, _BalanceOption]:
-    """A balance for each state, by maximum bipartite matching of states and equations (augmenting paths).
+    """Return a balance for each state, by maximum bipartite matching of states and equations (augmenting paths).
 
     Equations are those of the model's own class, or with ``inside`` those of its components. With coupled masses, an
     equation contains several derivatives. It is preferred for a state whose derivative has a constant factor. Rows of a
@@ -181,13 +181,13 @@ def _rows_of(s: AliasStructure, states: Sequence[str]) -> dict[tuple[int, str], 
 
 
 def _driving(e: FlatEquation) -> set[str]:
-    """The names in an equation, and its derivatives as ``der(x)``."""
+    """Return the names in an equation, and its derivatives as ``der(x)``."""
     sides = e.left, e.right
     return {n for side in sides for n in (*names_in(side), *(f"der({x})" for x in derived_names(side)))}
 
 
 def _again(s: AliasStructure, state: str, positions: Collection[str]) -> bool:
-    """Whether a relative motion has a balance already, or is an earlier relative motion again."""
+    """Return whether a relative motion has a balance already, or is an earlier relative motion again."""
     if not is_relative_motion(s, state):
         return False
     if s.moving[state][0] in {s.moving[x][0] for x in positions}:
@@ -202,7 +202,7 @@ def _other_than_speeds(s: AliasStructure, names: set[str]) -> bool:
 
 
 def _kinematic(s: AliasStructure, state: str, names: set[str]) -> bool:
-    """Whether an equation only integrates a speed to an angle or a displacement."""
+    """Return whether an equation only integrates a speed to an angle or a displacement."""
     unit = unit_in(s, state)
     varying = {s.of(n) for n in names if n in s.variables and not s.variables[n].constant} - {state}
     speeds = all(dimension_of_unit(unit_in(s, n)) in SPEEDS for n in varying)
@@ -210,7 +210,7 @@ def _kinematic(s: AliasStructure, state: str, names: set[str]) -> bool:
 
 
 def _constant_factor(s: AliasStructure, e: FlatEquation, driver: str) -> bool:
-    """Whether all factors of a derivative in an equation are constants."""
+    """Return whether all factors of a derivative in an equation are constants."""
 
     def factors(tree: Expression) -> set[str]:
         if isinstance(tree, Call) and tree.function in ("+", "-", "neg"):
@@ -238,7 +238,7 @@ def _equation(s: AliasStructure, state: str, position: str, option: _BalanceOpti
 
 
 def driver_names(s: AliasStructure, state: str) -> list[str]:
-    """Names of the derivative of a state: ``der(x)``, and variables that equal it."""
+    """Return names of the derivative of a state: ``der(x)``, and variables that equal it."""
     rate = s.rates.get(s.of(state))
     names = [f"der({n})" for n in s.members(s.of(state))]
     return names + (s.members(rate) if rate is not None and rate not in s.states else [])
@@ -262,7 +262,7 @@ def is_driver(name: str, *, whole: bool = False) -> Driver:
 
 
 def _drivers(s: AliasStructure, state: str) -> Iterator[tuple[int, str]]:
-    """Equations that may be the balance of a state, with the name of its derivative there."""
+    """Yield equations that may be the balance of a state, with the name of its derivative there."""
     wanted = driver_names(s, state)
     late: list[tuple[int, str]] = []
     for i, e in enumerate(s.flat.equations):
@@ -277,7 +277,7 @@ def _drivers(s: AliasStructure, state: str) -> Iterator[tuple[int, str]]:
 
 
 def _gives(e: FlatEquation, name: str) -> bool:
-    """Whether an equation can determine a variable: it is a whole side, or a factor of a product."""
+    """Return whether an equation can determine a variable: it is a whole side, or a factor of a product."""
     return any(isinstance(t, Name) and t.name == name for t in (e.left, e.right)) or any(
         isinstance(t, Call) and t.function in ("*", "/") and name in names_in(t) for t in (e.left, e.right)
     )
@@ -288,12 +288,12 @@ def _holds(tree: Expression, driver: str) -> bool:
 
 
 def _own_name(s: AliasStructure, state: str) -> str:
-    """Name of a state in the model's own class, if it has one that is no output."""
+    """Return name of a state in the model's own class, if it has one that is no output."""
     return next((n for n in s.members(state) if "." not in n and s.variables[n].causality == "local"), state)
 
 
 def _alike(one: str, other: str) -> bool:
-    """Whether two units may be equal. An unknown unit may be any unit."""
+    """Return whether two units may be equal. An unknown unit may be any unit."""
     return not one or not other or one == other
 
 

@@ -22,7 +22,7 @@ _MOTIONS: tuple[tuple[Dimension, Dimension, Dimension], ...] = (
 
 
 def force_outputs(s: AliasStructure, taken: Collection[int]) -> Iterator[Port]:
-    """Ports at the equations of outputs that are forces or torques and depend on one speed.
+    """Yield ports at the equations of outputs that are forces or torques and depend on one speed.
 
     A law there is added to the force with the sign of what resists the speed.
 
@@ -57,7 +57,7 @@ def force_outputs(s: AliasStructure, taken: Collection[int]) -> Iterator[Port]:
 
 
 def _given_by(s: AliasStructure, v: FlatVariable, taken: Collection[int]) -> tuple[int, Expression] | None:
-    """The equation of the model's own class that gives an output explicitly, and what it gives."""
+    """Return the equation of the model's own class that gives an output explicitly, and what it gives."""
     for index, e in enumerate(s.flat.equations):
         equation, row, _ = s.origins[index]
         own = not e.component and e.origin in ("component", "binding") and not row

@@ -62,7 +62,7 @@ class InsertionPoint:
     loop: tuple[str, int] | None = None
 
     def insert(self, text: str, sign: int = 1) -> list[TextEdit]:
-        """Edits that append ``text`` so that it opposes a change, or drives it with ``sign`` -1."""
+        """Return edits that append ``text`` so that it opposes a change, or drives it with ``sign`` -1."""
         (start, end), wrap = self.group.span, _binds_less(self.group)
         operator = "+" if self.sign * sign > 0 else "-"
         opening = [TextEdit(start, start, "(")] if wrap else []
@@ -83,7 +83,7 @@ class InsertionPoint:
 
 
 def in_vector(text: str, row: RowIndex) -> str:
-    """A vector expression with a term in one row and zeros elsewhere."""
+    """Return a vector expression with a term in one row and zeros elsewhere."""
     k, of = row
     if of > MAX_WRITTEN_ROWS:
         return f"{{if row_k == {k} then {text} else 0 for row_k in 1:{of}}}"
@@ -143,12 +143,12 @@ def find_insertion_point(
 
 
 def _binds_less(tree: Expression) -> bool:
-    """Whether an expression needs parentheses in a sum."""
+    """Return whether an expression needs parentheses in a sum."""
     return isinstance(tree, If) or (isinstance(tree, Call) and OPERATORS.get(tree.function, tree.function) in BOOLEAN)
 
 
 def element_of_row(side: Expression, row: RowIndex) -> Expression:
-    """One element of a side that is an array constructor; any other side unchanged."""
+    """Return one element of a side that is an array constructor; any other side unchanged."""
     return side.items[row[0] - 1] if isinstance(side, Array) and len(side.items) == row[1] else side
 
 
@@ -192,7 +192,7 @@ def _product_sign(trees: Sequence[Expression], values: Mapping[str, float]) -> i
 
 
 def _numerator(tree: Expression, constants: frozenset[str]) -> tuple[Expression, Factors] | None:
-    """The only factor of a product that is not constant, if it is a sum, and the constant factors."""
+    """Return the only factor of a product that is not constant, if it is a sum, and the constant factors."""
     parts = factors(tree)
     changing = [k for k, (_, f) in enumerate(parts) if isinstance(f, If) or not names_in(f) <= constants]
     if len(parts) == 1 or len(changing) != 1:

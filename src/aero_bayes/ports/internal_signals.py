@@ -46,7 +46,7 @@ def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
 
 
 def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
-    """Ports at inputs of components that the model's own class connects to outputs of other components."""
+    """Yield ports at inputs of components that the model's own class connects to outputs of other components."""
     for index, e in enumerate(flat.equations):
         match e.left, e.right:
             case Name(one, ()), Name(two, ()) if e.origin == "connection" and not e.component:
@@ -95,7 +95,7 @@ def _reachable(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[st
 
 
 def _is_component_signal(s: AliasStructure, name: str, causality: str) -> bool:
-    """Whether a variable is a scalar input or output of a component."""
+    """Return whether a variable is a scalar input or output of a component."""
     v = s.variables.get(name)
     return v is not None and v.causality == causality and name.count(".") == 1 and v.type == "Real" and not v.sizes
 
@@ -110,7 +110,7 @@ def defining_equations(flat: FlatModel, port: Port) -> list[int]:
 
 
 def _acts(s: AliasStructure, e: FlatEquation, name: str) -> bool:
-    """Whether a signal acts in an equation: not if that only names a derivative, or defines an output."""
+    """Return whether a signal acts in an equation: not if that only names a derivative, or defines an output."""
     for one, other in ((e.left, e.right), (e.right, e.left)):
         if other == Name(name) and is_derivative(one):
             return False
@@ -139,7 +139,7 @@ def _explicit_variables(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
 
 
 def _read(s: AliasStructure) -> dict[int, set[str]]:
-    """The variables on the right-hand side of each equation of the model; elements of arrays."""
+    """Return the variables on the right-hand side of each equation of the model; elements of arrays."""
     found: dict[int, set[str]] = {}
     for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
         found.setdefault(index, set()).update(n for n in names_in(e.right) if n in s.same)
@@ -147,7 +147,7 @@ def _read(s: AliasStructure) -> dict[int, set[str]]:
 
 
 def _sources(s: AliasStructure, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
-    """Alias classes from which a signal is computed, directly or through other computed variables."""
+    """Return alias classes from which a signal is computed, directly or through other computed variables."""
     found: set[str] = set()
     waiting = [name]
     while waiting:

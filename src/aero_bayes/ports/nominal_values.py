@@ -80,14 +80,14 @@ def port_nominals(
 
 
 def _settled(end: FloatArray, over: Sequence[FloatArray]) -> bool:
-    """Whether a level without inputs has settled."""
+    """Return whether a level without inputs has settled."""
     return abs(float(end[-1] - end[-2])) < MAX_DRIFT_SHARE * float(np.ptp(np.concatenate(over)))
 
 
 def _near(
     calibration: Calibration, outputs: Mapping[str, list[FloatArray]], signals: Sequence[FloatArray]
 ) -> list[FloatArray]:
-    """Signals of each recording, at times when every simulated output is near the range of its readings."""
+    """Return signals of each recording, at times when every simulated output is near the range of its readings."""
     kept = []
     for e, (experiment, signal) in enumerate(zip(calibration.experiments, signals, strict=True)):
         near = np.ones(signal.size, dtype=np.bool_)
@@ -114,7 +114,7 @@ def _undriven(calibration: Calibration) -> Calibration:
 def _recorded_over(
     structure: AliasStructure, calibration: Calibration, expression: Expression, simulated: Sequence[FloatArray]
 ) -> list[FloatArray]:
-    """The readings of a signal that is an output; where there is none, the simulated values."""
+    """Return the readings of a signal that is an output; where there is none, the simulated values."""
     members = structure.members(structure.of(expression.name)) if isinstance(expression, Name) else ()
     found, recorded = list(simulated), set[int]()
     for k, e in enumerate(calibration.experiments):
@@ -156,7 +156,7 @@ class _AddedOutputs:
     def run(
         self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, undriven: bool
     ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
-        """Each expression over the recordings, by its name, and with ``undriven`` also without inputs.
+        """Return each expression over the recordings, by its name, and with ``undriven`` also without inputs.
 
         Expressions that cannot be exported are left out.
         """
@@ -215,7 +215,7 @@ def simulated_signals(
 
 
 def _terms(flat: FlatModel, port: Port) -> list[Expression]:
-    """The additive terms of the balance of a port, in the unit of a law's output there."""
+    """Return the additive terms of the balance of a port, in the unit of a law's output there."""
     if port.balance is None:
         return []
     if port.attachment == "series" and port.states and port.unit == flat.variable(port.states[0]).unit:
@@ -233,7 +233,7 @@ def _terms(flat: FlatModel, port: Port) -> list[Expression]:
 
 
 def signal_nominal(parts: Sequence[FloatArray]) -> float:
-    """The quantile :data:`NOMINAL_QUANTILE` of the absolute values of a signal; 0 without values."""
+    """Return the quantile :data:`NOMINAL_QUANTILE` of the absolute values of a signal; 0 without values."""
     return float(np.quantile(np.abs(np.concatenate(parts)), NOMINAL_QUANTILE)) if parts else 0.0
 
 
@@ -277,7 +277,7 @@ def _turning_points(signal: FloatArray, least: float) -> FloatArray:
 
 
 def _directions(places: Sequence[FloatArray], speed: Mapping[str, float]) -> dict[str, float]:
-    """The range of a speed, without a direction in which the place does not move.
+    """Return the range of a speed, without a direction in which the place does not move.
 
     A place may be recorded where its speed is only simulated, by a fit that lacks an effect.
     """
@@ -306,7 +306,7 @@ def relative_change(inputs: Sequence[InputSignal], time: float) -> float:
 
 
 def recorded_inputs(calibration: Calibration, name: str) -> list[InputSignal]:
-    """The signals of an input in the recordings that have it."""
+    """Return the signals of an input in the recordings that have it."""
     return [s for e in calibration.experiments for s in e.inputs if s.name == name]
 
 
@@ -364,7 +364,7 @@ def _nominals(
 
 
 def _simulated_inputs(calibration: Calibration, found: Mapping[str, list[FloatArray]], name: str) -> list[InputSignal]:
-    """A simulated signal inside a model, as an input signal."""
+    """Return a simulated signal inside a model, as an input signal."""
     return [InputSignal(name, e.time, y) for e, y in zip(calibration.experiments, found.get(name, ()), strict=False)]
 
 

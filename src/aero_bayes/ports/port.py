@@ -85,13 +85,13 @@ DIFFERENCE = " - "
 
 
 def signal_expression(given: str) -> Expression:
-    """The expression of a variable, or of the difference of two."""
+    """Return the expression of a variable, or of the difference of two."""
     one, minus, other = given.partition(DIFFERENCE)
     return Call("-", (parse_reference(one), parse_reference(other))) if minus else parse_reference(one)
 
 
 def port_table(ports: Sequence[Port]) -> list[dict[str, object]]:
-    """The ports as rows for a table or JSON: id, kind, unit, file, line, states, laws."""
+    """Return the ports as rows for a table or JSON: id, kind, unit, file, line, states, laws."""
     return [
         {
             "id": p.id,

@@ -44,21 +44,21 @@ def units_of(s: AliasStructure, kind: PortKind, signals: Mapping[str, str], unit
 
 
 def owner_of(s: AliasStructure, name: str) -> str:
-    """The component to which a variable, or its connector, belongs; empty for the model itself."""
+    """Return the component to which a variable, or its connector, belongs; empty for the model itself."""
     owner = name.rpartition(".")[0]
     of_connector = any(v.flow and n.rpartition(".")[0] == owner for n, v in s.variables.items())
     return owner.rpartition(".")[0] if owner and of_connector else owner
 
 
 def is_relative_motion(s: AliasStructure, state: str) -> bool:
-    """Whether a state is the distance of two ends of a component, whose derivative is no state."""
+    """Return whether a state is the distance of two ends of a component, whose derivative is no state."""
     rate = s.rates.get(state)
     inside = "." in state and unit_in(s, state) in ("m", "rad")
     return inside and rate is not None and rate not in s.states and dimension_of_unit(unit_in(s, rate)) in SPEEDS
 
 
 def is_prescribed(s: AliasStructure, state: str) -> bool:
-    """Whether a state is the prescribed potential of a source, which does not depend on the flow."""
+    """Return whether a state is the prescribed potential of a source, which does not depend on the flow."""
     held = {n for x, r in s.rates.items() for n in s.members(x) if state in (x, r)} | set(s.members(state))
     owner = owner_of(s, state)
     flows = {n for n, v in s.variables.items() if v.flow and n.startswith(f"{owner}.")} if owner else set()

@@ -15,7 +15,7 @@ from aero_bayes.ports.quantities import is_relative_motion, owner_of, unit_in
 
 
 def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
-    """Ports for two motions whose difference of positions or speeds occurs in the model's own class.
+    """Yield ports for two motions whose difference of positions or speeds occurs in the model's own class.
 
     At connections, these are two motions that a component connects, unless its distance is a port already.
     """
@@ -50,7 +50,7 @@ def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Po
 
 
 def _distance(s: AliasStructure, one: Port, other: Port) -> tuple[str, bool] | None:
-    """A state whose derivative is the difference of two speeds, and whether the first speed is subtracted."""
+    """Return a state whose derivative is the difference of two speeds, and whether the first speed is subtracted."""
     speeds = s.of(one.signals["v"]), s.of(other.signals["v"])
     for e in s.flat.equations:
         for rate, difference in ((e.left, e.right), (e.right, e.left)):
@@ -71,12 +71,12 @@ def _inside(s: AliasStructure, port: Port) -> bool:
 
 
 def all_differences(s: AliasStructure) -> set[frozenset[str]]:
-    """Pairs of variables whose difference occurs in the model."""
+    """Return pairs of variables whose difference occurs in the model."""
     return {pair for e in s.flat.equations for side in (e.left, e.right) for pair in differences_in(s, side)}
 
 
 def differences_in(s: AliasStructure, tree: Expression) -> Iterator[frozenset[str]]:
-    """Pairs of variables whose difference occurs in an expression."""
+    """Yield pairs of variables whose difference occurs in an expression."""
     for t in walk(tree):
         match t:
             case Call("-", (Name(a, ()), Name(b, ()))) if a in s.same and b in s.same:

@@ -111,7 +111,7 @@ def _passed(c: ComponentDeclaration, name: str) -> list[str]:
 
 
 def _join(known: Sources, constraint: str, default: str) -> CombinationRule | None:
-    """The rule that follows from the connectors and signals of the constraining class and the default class."""
+    """Return the rule that follows from the connectors and signals of the constraining class and the default class."""
     try:
         chain, there = (known.lineage(*known.find(name)) for name in (constraint, default))
     except InputError:
@@ -131,7 +131,7 @@ def _join(known: Sources, constraint: str, default: str) -> CombinationRule | No
 
 
 def _flow(known: Sources, cls: ClassText, c: ComponentDeclaration) -> str:
-    """Name of the flow variable of a connector; empty for any other component."""
+    """Return name of the flow variable of a connector; empty for any other component."""
     try:
         chain = known.lineage(*known.find(known.resolve(cls, c.type)))
     except InputError:

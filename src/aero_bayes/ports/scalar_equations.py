@@ -23,7 +23,7 @@ Origin = tuple[int, int, int]
 
 
 def scalarised(flat: FlatModel) -> tuple[FlatModel, tuple[Origin, ...]]:
-    """The model with scalar variables ``x[1]`` for the elements of arrays, and scalar equations.
+    """Return the model with scalar variables ``x[1]`` for the elements of arrays, and scalar equations.
 
     Returns
     -------
@@ -103,7 +103,7 @@ class _Rows:
         ]
 
     def _element(self, n: Name) -> Expression:
-        """An array element as a scalar variable, if its subscripts are numbers."""
+        """Return an array element as a scalar variable, if its subscripts are numbers."""
         v = self.known.get(n.name)
         if v is None or not n.subscripts or len(n.subscripts) != len(v.sizes):
             return Name(short_text(n)) if n.subscripts and all(isinstance(k, Number) for k in n.subscripts) else n
@@ -136,11 +136,11 @@ class _Rows:
 
 
 def _shaped(items: Iterable[Node], like: Value) -> Value:
-    """Nodes in the shape of an array."""
+    """Return nodes in the shape of an array."""
     rest = iter(items)
     return mapped(lambda _: next(rest), like)
 
 
 def substituted(tree: Expression, old: Expression, new: Expression) -> Expression:
-    """An expression in which one part, by identity, is substituted."""
+    """Return an expression in which one part, by identity, is substituted."""
     return new if tree is old else map_children(tree, lambda t: substituted(t, old, new))

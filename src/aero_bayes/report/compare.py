@@ -25,7 +25,7 @@ Runs = Mapping[str, RunDirectory]
 
 
 def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path:
-    """One page that sets runs side by side.
+    """Return one page that sets runs side by side.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def _names(directories: Sequence[Path]) -> list[str]:
 
 
 def _shared(runs: Runs) -> dict[str, dict[str, ParameterJson]]:
-    """Parameters that at least one run estimates, with every run's entry."""
+    """Return parameters that at least one run estimates, with every run's entry."""
     names = dict.fromkeys(
         name for run in runs.values() for name, entry in run.result.parameters.items() if entry.status != "fixed"
     )
@@ -160,7 +160,7 @@ def _apart(entries: Sequence[ParameterJson]) -> str:
 
 
 def residual_plates(runs: Runs) -> list[tuple[str, Plate]]:
-    """Residuals of all runs for each recording that at least two of them have."""
+    """Return residuals of all runs for each recording that at least two of them have."""
     names = dict.fromkeys(name for run in runs.values() for name in run.recordings())
     found = []
     for name in names:
@@ -195,7 +195,7 @@ def _of_run(source: Source, run: str) -> Source:
 
 
 def rms_by_run_table(runs: Runs) -> Markup | None:
-    """RMS of the residual, by recording and output."""
+    """Return RMS of the residual, by recording and output."""
     rows = []
     places = dict.fromkeys(
         (r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r)

@@ -21,12 +21,12 @@ Place = Callable[[float, float], tuple[float, float]]
 
 
 def is_all_equations(diagram: DiagramJson) -> bool:
-    """Whether it shows a model without components: a box with its states, inputs and outputs."""
+    """Return whether it shows a model without components: a box with its states, inputs and outputs."""
     return bool(diagram.components) and diagram.components[0].type == "model"
 
 
 def diagram_plate(diagram: DiagramJson) -> Plate | None:
-    """A diagram as a figure; None for an empty one."""
+    """Return a diagram as a figure; None for an empty one."""
     if not diagram.components:
         return None
     marked = [c for c in diagram.components if c.marked]
@@ -61,7 +61,7 @@ def _neighbours(diagram: DiagramJson, name: str) -> list[str]:
 
 
 def _paper(diagram: DiagramJson, alt: str) -> tuple[Canvas, Place, float]:
-    """A canvas that holds all components and lines, and where diagram coordinates go on it."""
+    """Return a canvas that holds all components and lines, and where diagram coordinates go on it."""
     corners = [(x, y) for c in diagram.components for x, y in (c.extent[:2], c.extent[2:])]
     corners += [point for line in diagram.connections for point in line.points]
     xs, ys = zip(*corners, strict=True)

@@ -18,7 +18,7 @@ _TIME_BITS = 22
 
 
 def embedded(series: Mapping[str, FloatArray]) -> Markup:
-    """JSON of all series, safe within a ``<script>`` element.
+    """Return JSON of all series, safe within a ``<script>`` element.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ class ExperimentSection:
 
 
 def experiment(run: RunDirectory) -> ExperimentSection | None:
-    """The proposal of a run of ``aero-bayes design``; None for other runs."""
+    """Return the proposal of a run of ``aero-bayes design``; None for other runs."""
     plan, words = run.result.design, run.result.effect_words()
     if plan is None:
         return None
@@ -95,7 +95,7 @@ def _signal(run: RunDirectory, plan: DesignJson) -> Plate | None:
 
 
 def _output(run: RunDirectory, plan: DesignJson, time: FloatArray, name: str, models: list[str]) -> Panel:
-    """An output as every model expects it; with its limit where the signal comes near."""
+    """Return an output as every model expects it; with its limit where the signal comes near."""
     keys = {m: [f"plan/{part}/{m}/{name}" for part in ("lower", "middle", "upper")] for m in models}
     most = largest(*(run.series[key] for triple in keys.values() for key in triple))
     limit = plan.limits.travel.get(name)
@@ -148,7 +148,7 @@ def _times(gain: float | None) -> str:
 
 
 def _models(plan: DesignJson, words: dict[str, str]) -> Markup | None:
-    """The two effects as they fit the present recordings."""
+    """Return the two effects as they fit the present recordings."""
     rows = []
     for entry in plan.models:
         for name, stated in entry.parameters.items():
@@ -176,7 +176,7 @@ def _gain_check(plan: DesignJson) -> Markup:
 
 
 def _already(plan: DesignJson, words: dict[str, str]) -> Markup:
-    """Which of the two effects the present recordings favour."""
+    """Return which of the two effects the present recordings favour."""
     first, second = [*plan.log_posterior_now, None, None][:2]
     if first is None or second is None:
         return Markup("")
@@ -205,7 +205,7 @@ def _separation_check(plan: DesignJson, words: dict[str, str]) -> Markup:
 
 
 def _families(plan: DesignJson) -> Markup | None:
-    """How well the best signal of each kind would do."""
+    """Return how well the best signal of each kind would do."""
     scores = {name: score for name, score in plan.families.items() if score is not None}
     if not scores:
         return None

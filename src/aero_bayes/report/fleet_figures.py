@@ -80,7 +80,7 @@ class _RankFrame:
 
 
 def ranked_drawing(shown: Ranked, width: float, alt: str) -> Markup:
-    """The drawing, in CSS pixels at its true size; taller for few rigs that each need a line."""
+    """Return the drawing, in CSS pixels at its true size; taller for few rigs that each need a line."""
     known = np.flatnonzero(np.isfinite(shown.values))
     order = known[np.argsort(shown.values[known], kind="stable")]
     count = len(order)
@@ -167,5 +167,5 @@ def _linked(canvas: Canvas, names: Sequence[str], rows: NDArray[np.intp], x: Flo
 
 
 def rig_page(name: str) -> str:
-    """Address of a rig's own page, from the fleet's."""
+    """Return address of a rig's own page, from the fleet's."""
     return f"rigs/{name}/report.html"

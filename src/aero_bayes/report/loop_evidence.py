@@ -12,7 +12,7 @@ from aero_bayes.schema import LoopJson, QuantilesJson
 
 
 def structures_words(loop: LoopJson) -> str:
-    """The structures that the data leave, with how often each is the best; empty where there is one."""
+    """Return the structures that the data leave, with how often each is the best; empty where there is one."""
     if loop.averaged is None:
         return ""
     found = [f"{join_names(s.terms)} (best in {100.0 * (s.wins or 0.0):.0f} %)" for s in loop.averaged.structures]
@@ -51,7 +51,7 @@ def averaged_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
 
 
 def process_noise_words(loop: LoopJson) -> str:
-    """What process noise explains, and its gain; empty where it gains nothing."""
+    """Return what process noise explains, and its gain; empty where it gains nothing."""
     found = loop.process_noise
     if found is None:
         return ""

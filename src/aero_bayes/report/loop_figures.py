@@ -98,7 +98,7 @@ def _rounds_drawing(steps: list[StepJson], ids: list[str], words: Mapping[str, s
 
 
 def short_label(id_: str, words: Mapping[str, str], letters: int = LABEL_LETTERS) -> str:
-    """What a candidate is, by its words or else its id, cut to a number of letters."""
+    """Return what a candidate is, by its words or else its id, cut to a number of letters."""
     text = words.get(id_) or id_
     return text if len(text) <= letters else f"{text[: letters - 1]}…"
 
@@ -147,7 +147,7 @@ def fall(found: CandidateJson | EffectJson) -> float:
 
 
 def fall_text(found: CandidateJson | EffectJson) -> str:
-    """The same in words, with its standard error."""
+    """Return the same in words, with its standard error."""
     if found.share is None:
         return NO_VALUE
     spread = "" if found.share_sd is None else f" ± {100.0 * found.share_sd:.0f}"
@@ -155,7 +155,7 @@ def fall_text(found: CandidateJson | EffectJson) -> str:
 
 
 def curve_plate(effect: EffectJson) -> Plate | None:
-    """A learned curve and its 90 % band over its signal."""
+    """Return a learned curve and its 90 % band over its signal."""
     found = effect.curve
     if found is None:
         return None

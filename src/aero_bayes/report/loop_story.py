@@ -30,7 +30,7 @@ class EffectSection:
 
 
 def effects(loop: LoopJson, stated: Collection[str]) -> list[EffectSection]:
-    """The effects that were added; with their parameters, but for those that the page states elsewhere."""
+    """Return the effects that were added; with their parameters, but for those that the page states elsewhere."""
     return [_effect(entry, stated) for entry in loop.effects]
 
 
@@ -53,7 +53,7 @@ def _effect(entry: EffectJson, elsewhere: Collection[str]) -> EffectSection:
 
 
 def smaller_table(loop: LoopJson) -> Markup | None:
-    """Effects that help beside the named ones and are not material; None if there are none."""
+    """Return effects that help beside the named ones and are not material; None if there are none."""
     rows = [
         (
             Markup("<code>{}</code><small>{}</small>").format(entry.id, entry.summary), entry.port, fall_text(entry),
@@ -71,7 +71,7 @@ def smaller_table(loop: LoopJson) -> Markup | None:
 
 
 def before_after_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
-    """RMS error before and after, on training and on unseen recordings, against the noise floor."""
+    """Return RMS error before and after, on training and on unseen recordings, against the noise floor."""
     rows = []
     for split in dict.fromkeys((*loop.before, *loop.after)):
         before, after = loop.before.get(split, {}), loop.after.get(split, {})
@@ -94,7 +94,7 @@ def before_after_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
 
 
 def shift_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
-    """How far the base parameters moved once the missing effect was in: the bias that it had caused."""
+    """Return how far the base parameters moved once the missing effect was in: the bias that it had caused."""
     rows = []
     for name, moved in loop.shifts.items():
         stated = run.result.parameters.get(name)
@@ -141,7 +141,7 @@ def changed_equations(loop: LoopJson) -> Markup | None:
 
 
 def _marked(old: str, new: str) -> Markup:
-    """A line with the differences to an older one marked."""
+    """Return a line with the differences to an older one marked."""
     before, after = (re.findall(r"[\w.]+|\s+|.", text) for text in (old, new))
     shown = Markup("")
     for kind, _, _, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes():
@@ -151,7 +151,7 @@ def _marked(old: str, new: str) -> Markup:
 
 
 def new_values(loop: LoopJson) -> Markup:
-    """Name, value and interval of each parameter that was added, in a line."""
+    """Return name, value and interval of each parameter that was added, in a line."""
     texts = []
     for name, stated in ((n, p) for effect in loop.effects for n, p in effect.parameters.items()):
         shown, sure = parameter_quantity(stated)
@@ -161,7 +161,7 @@ def new_values(loop: LoopJson) -> Markup:
 
 
 def diff_lines(loop: LoopJson) -> list[tuple[str, str]]:
-    """Lines of the Modelica diff with their kind: add, del, hunk or same."""
+    """Return lines of the Modelica diff with their kind: add, del, hunk or same."""
     return [(_diff_kind(entry), entry) for entry in loop.diff.splitlines()]
 
 
@@ -172,7 +172,7 @@ def _diff_kind(entry: str) -> str:
 
 
 def _spread(value: float | None, sd: float | None, unit: str) -> QuantilesJson:
-    """A value with its standard deviation as an interval, for rounding."""
+    """Return a value with its standard deviation as an interval, for rounding."""
     if value is None or sd is None:
         return QuantilesJson(value=value, unit=unit)
     return QuantilesJson(value=value, q05=value - sd, q95=value + sd, unit=unit)

@@ -26,7 +26,7 @@ class KeyFigure:
 
 
 def stated_verdict(result: RunJson) -> VerdictJson:
-    """The run's verdict; a plain one where the run states none."""
+    """Return the run's verdict; a plain one where the run states none."""
     return result.verdict or VerdictJson(level="warning", text="The run has finished without a verdict.")
 
 
@@ -51,7 +51,7 @@ def readings(result: RunJson) -> list[KeyFigure]:
 
 
 def provenance(result: RunJson) -> list[Markup]:
-    """Tables of provenance: data, model, software and computing effort."""
+    """Return tables of provenance: data, model, software and computing effort."""
     tables = []
     files = [
         (row.file, count(row.rows), tidy(row.rate_hz), _hash(row.sha256)) for row in result.data
@@ -81,7 +81,7 @@ def provenance(result: RunJson) -> list[Markup]:
 
 
 def warnings(result: RunJson) -> list[str]:
-    """Warnings of the run without those in the verdict, and one on parameters on a bound."""
+    """Return warnings of the run without those in the verdict, and one on parameters on a bound."""
     found = list(result.warnings)
     reason = result.mcmc.reason if result.mcmc is not None and not result.mcmc.converged else ""
     if reason and reason in stated_verdict(result).text:  # said already

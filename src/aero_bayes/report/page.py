@@ -87,7 +87,7 @@ def write_run_page(directory: Path | str) -> Path:
 
 
 def render(run: RunDirectory) -> str:
-    """The page's text. The same run always gives the same page."""
+    """Return the page's text. The same run always gives the same page."""
     context = _context(run)
     series = dict(run.series) | posterior_figures.drawn(run.posterior)
     return fill("page.html.jinja", context, series, [run.result])
@@ -100,7 +100,7 @@ def fill(
     results: Sequence[RunJson],
     scripts: Sequence[str] = SCRIPTS,
 ) -> str:
-    """A page from its template.
+    """Return a page from its template.
 
     Parameters
     ----------
@@ -140,14 +140,14 @@ def _environment() -> Environment:
 
 @cache
 def _script(names: tuple[str, ...]) -> str:
-    """A page's script: its parts in order, in one scope of their own."""
+    """Return a page's script: its parts in order, in one scope of their own."""
     folder = Path(__file__).with_name("script")
     parts = [folder.joinpath(f"{name}.js").read_text("utf-8") for name in names]
     return '"use strict";\n(() => {\n' + "\n".join(parts) + "})();"
 
 
 def _plates(values: Iterable[Any]) -> Iterable[Plate]:
-    """All figures in nested containers."""
+    """Yield all figures in nested containers."""
     for value in values:
         if isinstance(value, Plate):
             yield value

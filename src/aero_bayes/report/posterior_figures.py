@@ -23,7 +23,7 @@ _DRAWS = 1200
 
 
 def most_correlated(posterior: Mapping[str, FloatArray], most: int = 8) -> list[str]:
-    """Names of at most ``most`` parameters that vary, those in the strongest rank correlations first."""
+    """Return names of at most ``most`` parameters that vary, those in the strongest rank correlations first."""
     names = [name for name, draws in posterior.items() if np.isfinite(draws).all() and np.ptp(draws) > 0]
     if len(names) < 2:
         return names
@@ -136,7 +136,7 @@ def _strongest(names: Sequence[str], correlation: FloatArray) -> tuple[str, str,
 
 
 def span(draws: FloatArray) -> tuple[float, float]:
-    """The central 99.8 % of draws."""
+    """Return the central 99.8 % of draws."""
     low, high = (float(q) for q in np.quantile(draws, (0.001, 0.999)))
     return low, high if high > low else low + 1e-12
 
@@ -161,7 +161,7 @@ def regions(across: FloatArray, up: FloatArray, bins: int = 44) -> tuple[FloatAr
 
 
 def rim(bins: int = 44) -> FloatArray:
-    """Where the rows and columns of :func:`regions` lie, as shares of the range."""
+    """Return where the rows and columns of :func:`regions` lie, as shares of the range."""
     return np.clip((np.arange(-1, bins + 1) + 0.5) / bins, 0, 1)
 
 

@@ -19,7 +19,7 @@ _TOP = 5.0
 
 
 def profile_plates(run: RunDirectory) -> list[Plate]:
-    """A small figure for every profile of the run."""
+    """Return a small figure for every profile of the run."""
     found = run.result.identifiability
     plates = [_plate(name, entry, found.profile_drop_90) for name, entry in found.profiles.items()]
     return [drawn for drawn in plates if drawn is not None]
@@ -54,7 +54,7 @@ def _plate(name: str, entry: ProfileJson, level: float | None) -> Plate | None:
 
 
 def _interval_words(entry: ProfileJson) -> str:
-    """The interval at the threshold; a side on which the profile stays below it has no end."""
+    """Return the interval at the threshold; a side on which the profile stays below it has no end."""
     first, last = [*entry.interval, None, None][:2]
     unit = entry.unit
     if first is None and last is None:

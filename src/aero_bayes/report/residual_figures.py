@@ -16,7 +16,7 @@ _MIN_SAMPLES = 16
 
 
 def statistics(run: RunDirectory, recording: str) -> list[Plate]:
-    """The residual's autocorrelation with its whiteness band, output by output, then the histograms."""
+    """Return the residual's autocorrelation with its whiteness band, output by output, then the histograms."""
     time = run.time(recording)
     found = [(name, left_over(run, recording, name, FINAL_SERIES)) for name in run.signals("measured", recording)]
     shown = [(n, pair[0]) for n, pair in found if pair and np.count_nonzero(np.isfinite(pair[0])) >= _MIN_SAMPLES]

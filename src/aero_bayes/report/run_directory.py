@@ -128,7 +128,7 @@ class RunDirectory:
         return plot_backend().run_figure(self, recording, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
-        """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
+        """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
 
         Examples
         --------
@@ -155,7 +155,7 @@ class RunDirectory:
         return table_html(head, rows, repr(self).strip("<>"), self.result.warnings)
 
     def recordings(self) -> tuple[str, ...]:
-        """Names of the recordings that have series, training before test, else in file order."""
+        """Return names of the recordings that have series, training before test, else in file order."""
         drawn = [key.removeprefix("time/") for key in self.series if key.startswith("time/")]
         order = {row.name: rank for rank, row in enumerate(self.result.recordings)}
         return tuple(sorted(drawn, key=lambda name: order.get(name, len(order))))
@@ -170,7 +170,7 @@ class RunDirectory:
         return float(time[0]), float(time[-1])
 
     def unseen(self, recording: str) -> tuple[float, float] | None:
-        """The stretch of a recording that was not fitted but judged on, in s; None if there is none."""
+        """Return the stretch of a recording that was not fitted but judged on, in s; None if there is none."""
         if self.result.role(recording) == "test":
             return self.span(recording)
         section = self.result.settings.get("loop")
@@ -182,7 +182,7 @@ class RunDirectory:
         return first + (1.0 - held_out) * (last - first), last
 
     def signals(self, group: str, recording: str) -> dict[str, FloatArray]:
-        """Signals of a ``group`` (``measured``, ``fitted``, ...) of a ``recording`` by name, each of shape (n,).
+        """Return signals of a ``group`` (``measured``, ``fitted``, ...) of a ``recording`` by name, each of shape (n,).
 
         Raises
         ------
@@ -255,7 +255,7 @@ def _first_line(error: Exception) -> str:
 
 
 def _columns(name: str, values: xarray.DataArray) -> list[tuple[str, FloatArray]]:
-    """A variable as matrices (ensembles, draws): one for a scalar, one an element for a vector."""
+    """Return a variable as matrices (ensembles, draws): one for a scalar, one an element for a vector."""
     if not {"chain", "draw"} <= set(values.dims):
         return []
     draws = np.asarray(values.transpose("chain", "draw", ...).values, dtype=np.float64)

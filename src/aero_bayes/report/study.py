@@ -65,7 +65,7 @@ def study_table(study: StudyJson) -> Markup | None:
 
 
 def _smallest(study: StudyJson) -> list[int]:
-    """Rows whose number in the column ``smallest_in`` is the smallest."""
+    """Return rows whose number in the column ``smallest_in`` is the smallest."""
     if study.smallest_in is None:
         return []
     numbers = [row.values[study.smallest_in] for row in study.rows]

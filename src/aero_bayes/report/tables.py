@@ -45,7 +45,7 @@ class Column:
 def html_table(
     columns: Sequence[Column | str], rows: Sequence[Sequence[object]], caption: str = "", marked: Sequence[int] = ()
 ) -> Markup:
-    """A table that scrolls sideways on a narrow screen, every cell escaped unless it is Markup.
+    """Return a table that scrolls sideways on a narrow screen, every cell escaped unless it is Markup.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def parameter_table(parameters: Mapping[str, ParameterJson]) -> Markup:
 
 
 def parameter_quantity(stated: QuantilesJson) -> tuple[RoundedValue, bool]:
-    """A parameter's texts, and whether it may show an interval at all."""
+    """Return a parameter's texts, and whether it may show an interval at all."""
     low, high = stated.q05, stated.q95
     status = stated.status if isinstance(stated, ParameterJson) else None
     sure = status not in {"unidentified", "fixed", "at_bound"} and low is not None and high is not None
@@ -119,7 +119,7 @@ def parameter_quantity(stated: QuantilesJson) -> tuple[RoundedValue, bool]:
 
 
 def status_pill(status: str) -> Markup:
-    """A parameter's status or a residual's verdict as a small label with its meaning."""
+    """Return a parameter's status or a residual's verdict as a small label with its meaning."""
     if not status:
         return Markup(NO_VALUE)
     known = status if status in _STATUS_WORDS else "other"
@@ -127,13 +127,13 @@ def status_pill(status: str) -> Markup:
 
 
 def status_words(parameters: Mapping[str, ParameterJson]) -> list[tuple[str, str]]:
-    """The statuses that parameters have, and what each means."""
+    """Return the statuses that parameters have, and what each means."""
     found = {entry.status for entry in parameters.values()}
     return [(status, _STATUS_WORDS[status]) for status in _RANKS if status in found]
 
 
 def interval_glyph(stated: ParameterJson, name: str) -> Markup:
-    """The 90 % interval (bar) within the parameter's bounds (track); logarithmic where wide."""
+    """Return the 90 % interval (bar) within the parameter's bounds (track); logarithmic where wide."""
     low, high, middle, first, last = stated.q05, stated.q95, stated.value, stated.lower, stated.upper
     if low is None or high is None or middle is None or first is None or last is None or last <= first:
         return Markup("")
@@ -184,7 +184,7 @@ def ratio_glyph(before: float | None, after: float | None) -> Markup:
 
 
 def bar(share: float, words: str) -> Markup:
-    """A horizontal bar, ``share`` of 1 of its column wide."""
+    """Return a horizontal bar, ``share`` of 1 of its column wide."""
     return Markup(
         '<svg class="glyph" viewBox="0 0 140 12" role="img" aria-label="{}">'
         '<rect class="track" x="0" y="5" width="140" height="2"/>'

@@ -38,23 +38,23 @@ def tidy(value: float | None, digits: int = 4) -> str:
 
 
 def minus(text: str) -> str:
-    """A true minus sign in place of the hyphen."""
+    """Return a true minus sign in place of the hyphen."""
     return text.replace("-", "−")
 
 
 def signed(value: float, decimals: int) -> str:
-    """A change with its sign, none where it rounds to zero."""
+    """Return a change with its sign, none where it rounds to zero."""
     text = f"{value:+.{decimals}f}"
     return minus(text if float(text) else text[1:])
 
 
 def count(value: float | None) -> str:
-    """A whole number in groups of three digits, set apart by thin spaces."""
+    """Return a whole number in groups of three digits, set apart by thin spaces."""
     return NO_VALUE if value is None else minus(f"{round(value):,}".replace(",", "\u202f"))
 
 
 def duration(seconds: float | None) -> str:
-    """A time span in the unit a person would say."""
+    """Return a time span in the unit a person would say."""
     if seconds is None:
         return NO_VALUE
     if seconds < 1:
@@ -137,7 +137,7 @@ def scaled_unit(largest: float, unit: object) -> tuple[float, str]:
 
 
 def greek(name: str) -> str:
-    """The letter that a name spells; the name itself where it spells none."""
+    """Return the letter that a name spells; the name itself where it spells none."""
     try:
         return unicodedata.lookup(f"GREEK SMALL LETTER {'LAMDA' if name == 'lambda' else name.upper()}")
     except KeyError:
@@ -145,7 +145,7 @@ def greek(name: str) -> str:
 
 
 def greek_name(name: str) -> str:
-    """A name with its Greek letters, for use within a figure: ``omega_m`` becomes ω_m."""
+    """Return a name with its Greek letters, for use within a figure: ``omega_m`` becomes ω_m."""
     if name.endswith("_dot") and name.count("_") == 1:
         return f"{greek(name[:-4])}\u0307"
     head, separator, tail = name.partition("_")
@@ -153,7 +153,7 @@ def greek_name(name: str) -> str:
 
 
 def symbol(name: str) -> Markup:
-    """A name as mathematics where it is a symbol (R_a, theta), else as code; always safe to put in the page."""
+    """Return a name as mathematics where it is a symbol (R_a, theta), else as code; always safe to put in the page."""
     head, separator, tail = name.partition("_")
     letter = greek(head)
     if len(letter) > 2 or not letter.isalpha() or "_" in tail or not (tail.isalnum() or not separator):
@@ -163,7 +163,7 @@ def symbol(name: str) -> Markup:
 
 
 def key_label(key: object) -> Markup:
-    """A key of a run's result as a label: a symbol where it is one, else its words."""
+    """Return a key of a run's result as a label: a symbol where it is one, else its words."""
     text = str(key)
     head = text.partition("_")[0]
     known = greek(head) != head or (len(head) <= 2 and "_" in text)
@@ -171,7 +171,7 @@ def key_label(key: object) -> Markup:
 
 
 def role_words(role: str) -> str:
-    """A recording's role as a person says it."""
+    """Return a recording's role as a person says it."""
     return {"train": "training", "test": "unseen"}.get(role, role)
 
 

@@ -83,7 +83,7 @@ class RunJson(JsonTable):
         return next((row.noise_floor.get(output) for row in self.recordings if row.name == recording), None)
 
     def effect_words(self) -> dict[str, str]:
-        """Descriptions of all effects in the run, by id."""
+        """Return descriptions of all effects in the run, by id."""
         added = self.loop.effects if self.loop is not None else []
         return self.words | {effect.id: effect.summary for effect in added if effect.summary}
 

@@ -113,7 +113,7 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
 def _narrow(
     job: Job, base: Fit, limits: Limits, wanted: DesignOptions, progress: ProgressBar
 ) -> tuple[Json, Series, ProposedInput]:
-    """The experiment for parameters."""
+    """Return the experiment for parameters."""
     common: Any = {"seed": job.options.seed, "engine": job.engine, "workers": job.options.workers}
     design = propose_experiment(
         base, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, targets=wanted.aim or None,
@@ -135,7 +135,7 @@ def _effort(job: Job) -> SearchSettings:
 def _separate(
     job: Job, base: Fit, rivals: Rivals, limits: Limits, wanted: DesignOptions, progress: ProgressBar
 ) -> tuple[Json, Series, ProposedInput]:
-    """The experiment for two effects."""
+    """Return the experiment for two effects."""
     section, ids = job.config.model, (*rivals.common, rivals.first, rivals.second)
     folder, narrowed = job.options.out / "fmu", CandidateFilter(effects=ids)
     family = ModelicaFamily(job.name, section.sources, folder, section.libraries, narrowed)
@@ -165,7 +165,7 @@ def _separate(
 
 
 def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
-    """An effect as it was fitted to the recordings at hand."""
+    """Return an effect as it was fitted to the recordings at hand."""
     table = found.parameters
     parameters = {own: table[own].to_dict() for own in names if own in table}
     return {"id": name, "model": found.calibration.model.name, "parameters": parameters}
@@ -215,7 +215,7 @@ def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) ->
 
 
 def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
-    """Which effects to tell apart, if any.
+    """Return which effects to tell apart, if any.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
 
 
 def _rivals_of_loop(path: Path, known: Sequence[str]) -> Rivals:
-    """The first two equivalent effects of a finished loop."""
+    """Return the first two equivalent effects of a finished loop."""
     try:
         found = json.loads(path.read_text("utf-8"))["loop"]
         classes = [[str(id_) for id_ in group if id_ in known] for group in found["equivalent"]]

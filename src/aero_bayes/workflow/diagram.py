@@ -29,7 +29,7 @@ _Terminal = Literal["", "input", "output", "connector"]
 def model_diagrams(
     model: Model, name: str, files: Iterable[Path] = (), extended: str = "", ports: Sequence[str] = ()
 ) -> list[DiagramJson]:
-    """The model's diagram, then one for each component within which an effect was added.
+    """Return the model's diagram, then one for each component within which an effect was added.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports
 
 
 def _is_visible(part: ComponentDeclaration, known: bool) -> bool:
-    """Components, inputs and outputs; not parameters, and not variables of the equations."""
+    """Return components, inputs and outputs; not parameters, and not variables of the equations."""
     if part.prefixes & {"parameter", "constant"}:
         return False
     return known or bool(_terminal(part)) or (part.type not in _SCALARS and _placement(part) is not None)
@@ -151,7 +151,7 @@ def _head(reference: str) -> str:
 
 
 def _used(part: ComponentDeclaration) -> list[str]:
-    """Names that its modifiers and its value use."""
+    """Return names that its modifiers and its value use."""
     tokens = [*part.arguments, *part.binding]
     words = ["", *(t.word for t in tokens), ""]
     around = zip(words, tokens, words[2:], strict=False)
@@ -161,7 +161,7 @@ def _used(part: ComponentDeclaration) -> list[str]:
 def _layers(
     visible: Mapping[str, ComponentDeclaration], links: Sequence[_Link]
 ) -> dict[str, tuple[float, float, float, float]]:
-    """Columns by distance from the inputs, outputs last; each column centred."""
+    """Return columns by distance from the inputs, outputs last; each column centred."""
     near: dict[str, set[str]] = {name: set() for name in visible}
     for first, second, _, _ in links:
         near[first].add(second)
@@ -183,7 +183,7 @@ def _layers(
 
 
 def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, float, float]]:
-    """Extents of names in columns, each centred."""
+    """Return extents of names in columns, each centred."""
     left = -0.5 * _STEP_ACROSS * (len(columns) - 1)
     return {
         name: (x - _HALF, y - _HALF, x + _HALF, y + _HALF)
@@ -194,7 +194,7 @@ def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, flo
 
 
 def _of_variables(model: Model, name: str, ports: Sequence[str]) -> DiagramJson:
-    """A model that is all equations: a box with its states between inputs and outputs."""
+    """Return a model that is all equations: a box with its states between inputs and outputs."""
     groups: list[tuple[_Terminal, Sequence[Variable]]] = [
         ("input", model.inputs), ("", model.states), ("output", model.outputs)
     ]  # fmt: skip
@@ -218,7 +218,7 @@ def _of_variables(model: Model, name: str, ports: Sequence[str]) -> DiagramJson:
 
 
 def _shapes(graphics: Sequence[Expression]) -> list[ShapeJson]:
-    """Icons without their colours, text and gradients."""
+    """Return icons without their colours, text and gradients."""
     found = []
     for item in graphics:
         kind = item.function.lower() if isinstance(item, Call) else ""
@@ -233,7 +233,7 @@ def _shapes(graphics: Sequence[Expression]) -> list[ShapeJson]:
 
 
 def _points(given: Mapping[str, Expression], name: str = "extent") -> list[tuple[float, float]]:
-    """Pairs of numbers, moved by an origin."""
+    """Return pairs of numbers, moved by an origin."""
     pairs = given.get(name)
     x0, y0 = _numbers(given.get("origin")) or (0.0, 0.0)
     found = [_numbers(pair) for pair in (pairs.items if isinstance(pairs, Array) else ())]
@@ -241,7 +241,7 @@ def _points(given: Mapping[str, Expression], name: str = "extent") -> list[tuple
 
 
 def _numbers(tree: Expression | None) -> tuple[float, ...]:
-    """The numbers of a list, or the one that a tree is; none where one of them is not given by itself."""
+    """Return the numbers of a list, or the one that a tree is; none where one of them is not given by itself."""
     if tree is None:
         return ()
     try:

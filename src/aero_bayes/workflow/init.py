@@ -148,12 +148,12 @@ def match_columns(
 
 
 def _bare(name: str) -> str:
-    """A name without case and punctuation: ``i_load`` and ``ILoad`` are one."""
+    """Return a name without case and punctuation: ``i_load`` and ``ILoad`` are one."""
     return re.sub(r"[\W_]", "", name.casefold()) or name
 
 
 def split_unit(column: str) -> tuple[str, str]:
-    """A column's name without its unit, and the unit: ``U [mV]``, ``phi (deg)``, ``time/s``, ``t_ms``."""
+    """Return a column's name without its unit, and the unit: ``U [mV]``, ``phi (deg)``, ``time/s``, ``t_ms``."""
     if (brackets := re.fullmatch(r"(.*?)[\s_]*[\[(](.*)[\])]\s*", column)) is not None:
         return brackets[1], to_modelica_unit(brackets[2])
     for mark in ("/", "_", " "):
@@ -223,7 +223,7 @@ def _signal_lines(role: str, variables: Sequence[Variable], matched: ColumnMatch
 
 
 def _usual(v: Variable) -> float:
-    """A value for an input that was not recorded: the model's own, else that of a room."""
+    """Return a value for an input that was not recorded: the model's own, else that of a room."""
     return v.start or (ROOM_TEMPERATURE if v.unit == "K" else 0.0)
 
 

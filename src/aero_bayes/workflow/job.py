@@ -168,7 +168,7 @@ def _different(files: Sequence[Path]) -> None:
 
 
 def built_model(config: Config, name: str, fmu: Path | None) -> Model:
-    """The FMU, or one built from the class."""
+    """Return the FMU, or one built from the class."""
     section = config.model
     return (
         Model.load(fmu) if fmu is not None else load_model(name, sources=section.sources, libraries=section.libraries)
@@ -176,7 +176,7 @@ def built_model(config: Config, name: str, fmu: Path | None) -> Model:
 
 
 def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
-    """Name of the Modelica class, or path of the FMU; the command line wins over the file."""
+    """Return name of the Modelica class, or path of the FMU; the command line wins over the file."""
     if options.model is not None:
         if options.model.endswith(".fmu"):
             return Path(options.model).stem, Path(options.model)
@@ -189,7 +189,7 @@ def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
 
 
 def layout_of(config: Config, declared: PackageDeclaration, model: Model | None = None) -> Layout:
-    """The columns that the configuration names, else those that the package declares, else the model's own."""
+    """Return the columns that the configuration names, else those that the package declares, else the model's own."""
     known, constants = Layout.declared(declared), config.data.constants
     quantities = {q.name: q for q in (*known.inputs, *known.outputs)}
     units = {v.name: v.unit for v in (*model.inputs, *model.outputs)} if model is not None else {}
@@ -246,7 +246,7 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
 
 
 def _listed(model: Model, config: Config) -> dict[str, tuple[ListedValue, ...]]:
-    """Values of parameters that are listed in place of searched."""
+    """Return values of parameters that are listed in place of searched."""
     listed = {name: section.values for name, section in config.parameters.items() if section.values is not None}
     for name, values in listed.items():
         section = config.parameters[name]
@@ -262,7 +262,7 @@ def _listed(model: Model, config: Config) -> dict[str, tuple[ListedValue, ...]]:
 
 
 def later_of(job: Job) -> ParameterSet:
-    """Parameters that are fixed until the loop has found an effect with which the data determine them."""
+    """Return parameters that are fixed until the loop has found an effect with which the data determine them."""
     sections = {name: section for name, section in job.config.parameters.items() if section.free == "later"}
     overrides = {name: _override(name, section, Override()) for name, section in sections.items()}
     return parameters_from_model(job.model, overrides=overrides)
@@ -281,7 +281,7 @@ def _override(name: str, section: ParameterSection, default: Override) -> Overri
 
 
 def _prior(name: str, section: PriorSection) -> Prior:
-    """A prior from its kind and the numbers that this kind needs."""
+    """Return a prior from its kind and the numbers that this kind needs."""
     if section.kind == "normal" and section.mean is not None and section.sd is not None:
         return Normal(section.mean, section.sd)
     if section.kind == "lognormal" and section.median is not None and section.relative_sd is not None:
@@ -294,7 +294,7 @@ def _prior(name: str, section: PriorSection) -> Prior:
 
 
 def _fixed(model: Model, config: Config, parameters: ParameterSet) -> dict[str, float]:
-    """Values that the configuration gives to parameters that are not searched."""
+    """Return values that the configuration gives to parameters that are not searched."""
     return {
         name: section.value
         for name, section in config.parameters.items()

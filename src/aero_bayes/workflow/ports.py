@@ -92,7 +92,7 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
 
 
 def model_ports(family: ModelicaFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
-    """Rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, also ``response`` and ``visible``.
+    """Return rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, also ``response`` and ``visible``.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
     """
@@ -118,7 +118,7 @@ def visibility(response: float | None) -> str:
 
 
 def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str, float]:
-    """How many standard deviations of noise a probe of each port's own size moves the outputs by.
+    """Return how many standard deviations of noise a probe of each port's own size moves the outputs by.
 
     The noise is that of the fit or that of the readings alone, whichever shows the probe more: a model that lacks an
     effect leaves a residual that is larger and slower than what sensors add.
@@ -179,7 +179,7 @@ def _delay_responses(
     ports: Sequence[Port],
     sizes: Mapping[str, Mapping[str, float]],
 ) -> tuple[list[FloatArray], list[str]]:
-    """Responses to readings that come late, (q, n) a series, and the ports at which they do.
+    """Return responses to readings that come late, (q, n) a series, and the ports at which they do.
 
     A small delay takes its time's worth of the rate from an output, as a lag does; here as much as makes the largest
     change as large as the output.
@@ -198,7 +198,7 @@ def _delay_responses(
 def _with_probes(
     flat: FlatModel, ports: Sequence[Port], sizes: Mapping[str, Mapping[str, float]]
 ) -> tuple[FlatModel, dict[str, list[str]]]:
-    """The model with parameters at every port whose exact sensitivities are the responses to its probes."""
+    """Return the model with parameters at every port whose exact sensitivities are the responses to its probes."""
     probed, inputs = with_probes(flat, ports)
     names: dict[str, list[str]] = {}
     variables = tuple(replace(v, causality="local") if v.name in inputs.values() else v for v in probed.variables)
@@ -216,7 +216,7 @@ def _with_probes(
 
 
 def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Expression]:
-    """Shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
+    """Return shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
     found: list[Expression] = [Number(1.0)]
     for signal, variable in port.signals.items():
         if signal in SIGNAL_DEFAULTS:
@@ -242,14 +242,14 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Exp
 
 
 def _probe(name: str, port: Port, size: float) -> Parameter:
-    """A probe whose search coordinate runs in units of the port's size."""
+    """Return a probe whose search coordinate runs in units of the port's size."""
     half = 0.5 * size
     about, target = f"probe at {port.id}", ParameterTarget(name)
     return Parameter(name, port.unit, 0.0, -half, half, Uniform(-half, half), "linear", about, target)
 
 
 def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
-    """Rows (q, N) less their projection onto the span of rows (k, N)."""
+    """Return rows (q, N) less their projection onto the span of rows (k, N)."""
     if not nuisance.size:
         return rows
     _, values, basis = np.linalg.svd(nuisance, full_matrices=False)
@@ -259,7 +259,7 @@ def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
 
 
 def as_table(rows: Sequence[PortRow]) -> str:
-    """Rows as aligned columns with a header; file and line in one, lists with spaces."""
+    """Return rows as aligned columns with a header; file and line in one, lists with spaces."""
     shown = [_cells(row) for row in rows]
     if not shown:
         return "no ports"

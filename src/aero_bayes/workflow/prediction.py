@@ -25,7 +25,7 @@ MAX_REFIT_ROWS = 10_000
 
 
 def prediction_settings(job: Job) -> PredictionSection | None:
-    """The settings with ``refits`` decided; None for a single recording, or if switched off."""
+    """Return the settings with ``refits`` decided; None for a single recording, or if switched off."""
     section = job.config.prediction
     if len(job.recordings) < 2 or section.max_seconds == 0.0:
         return None
@@ -34,7 +34,7 @@ def prediction_settings(job: Job) -> PredictionSection | None:
 
 
 def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
-    """The ``prediction`` entry of result.json; nothing for a single recording, or where it is switched off."""
+    """Return the ``prediction`` entry of result.json; nothing for a single recording, or where it is switched off."""
     section = prediction_settings(job)
     if section is None:
         return {}

@@ -43,7 +43,7 @@ def parameters_to_profile(found: Fit) -> list[str]:
 
 
 def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
-    """The ``profiles`` of result.json's ``identifiability``: nothing where no parameter is doubtful."""
+    """Return the ``profiles`` of result.json's ``identifiability``: nothing where no parameter is doubtful."""
     names = parameters_to_profile(found)
     if not names:
         return {}

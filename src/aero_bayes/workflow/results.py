@@ -71,7 +71,7 @@ def plain(value: Any) -> Any:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that the numbers depend on."""
+    """Return versions of Python and of the packages that the numbers depend on."""
     found = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
@@ -82,7 +82,7 @@ def versions() -> dict[str, str]:
 
 
 def merge(*parts: Mapping[str, Any]) -> Json:
-    """One document from several; nested tables are merged, lists joined, later values win."""
+    """Return one document from several; nested tables are merged, lists joined, later values win."""
     merged: Json = {}
     for part in parts:
         for key, value in part.items():

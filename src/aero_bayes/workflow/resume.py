@@ -13,7 +13,7 @@ from aero_bayes.workflow.results import versions
 
 @contextmanager
 def resumable(job: Job, command: str) -> Iterator[Checkpoint]:
-    """The checkpoint of a command: read with ``--resume``, removed once the command is done.
+    """Yield the checkpoint of a command: read with ``--resume``, removed once the command is done.
 
     Raises
     ------

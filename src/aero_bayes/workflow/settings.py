@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # the sampler takes a second to import
 
 
 def fit_settings(job: Job) -> FitSettings:
-    """How the job wants its fits done."""
+    """Return how the job wants its fits done."""
     section = job.config.fit
     return FitSettings(
         method="chain" if section.method == "pso+local" else section.method,
@@ -58,7 +58,7 @@ def _noise(job: Job) -> NoiseModel:
 
 
 def sample_settings(job: Job) -> SampleSettings:
-    """How long the job wants its posterior sampled."""
+    """Return how long the job wants its posterior sampled."""
     from aero_bayes.sample.settings import SampleSettings
 
     section = job.config.posterior

@@ -89,14 +89,14 @@ class Mode:
         return 2.0 * math.pi / abs(self.rate) if abs(self.rate.imag) > MAX_STANDSTILL_RATE else 1.0 / abs(self.rate)
 
     def seen_by(self, outputs: Sequence[str]) -> bool:
-        """Whether one of the outputs shows it."""
+        """Return whether one of the outputs shows it."""
         return any(self.shown.get(name, True) for name in outputs)
 
 
 def _modes(
     model: Model, fixed: Mapping[str, float], start: FloatArray, inputs: tuple[InputSignal, ...] = ()
 ) -> list[Mode]:
-    """The modes about a state (s,) but for integrators, with inputs at zero where they are not given."""
+    """Return the modes about a state (s,) but for integrators, with inputs at zero where they are not given."""
     names = tuple(state.name for state in model.states)
     experiment = Experiment(np.array([0.0, PROPAGATION_TIME]), names, inputs)
     targets = tuple(StartTarget(name) for name in names)
