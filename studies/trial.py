@@ -87,7 +87,7 @@ def run(task: AeroTrialTask) -> dict[str, Any]:
     over = {}
     for output, values in made.test[0].outputs.items():
         noise = values - noise_free.test[0].outputs[output]
-        after = result.after.test[test.name, output].rms
+        after = result.predicted_after.test[test.name, output].rms
         over[output] = after / float(np.sqrt(np.nanmean(noise**2)))
     truth = [effect.id for effect in spec.truth.effects]
     return {

@@ -79,7 +79,7 @@ def test_both_give_the_loops_own_trajectory(
     exported = loop.export_fmu(tmp_path / "exported.fmu")
     compiled = aero_bayes.export_fmu(loop.calibrated.name, tmp_path / "compiled.fmu", sources=sources)
     start = loop.parameters["position_start"].value
-    own = loop.after.fitted["train", "position"]
+    own = loop.predicted_after.fitted["train", "position"]
     for fmu in (exported, compiled):
         assert np.abs(trajectory(fmu, recording, start) - own).max() < 1e-6 * np.ptp(own)
     lines = written.read_text("utf-8").splitlines()

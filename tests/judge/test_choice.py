@@ -59,7 +59,7 @@ def chosen(missing, seed: int, settings: ChoiceSettings | None = None, samples: 
         Parts(restarts=()),
     )  # fmt: skip
     root = cache.model.fit(Structure(), cache.model.at({}, ()), FitNoise({"y": OutputNoise(NOISE)}), FIT)
-    return Chooser(settings or ChoiceSettings(), FIT, searching.complete).choose(searching.run(root))
+    return Chooser(settings or ChoiceSettings(), FIT, searching.complete, searching.alone).choose(searching.run(root))
 
 
 def test_a_law_is_named_where_it_does_as_well_as_the_curve_at_its_port():

@@ -39,10 +39,8 @@ def posterior(cart: SimpleNamespace) -> aero_bayes.Posterior:
 
 @pytest.fixture(scope="session")
 def loop(cart: SimpleNamespace) -> aero_bayes.LoopResult:
-    settings = aero_bayes.LoopSettings(
-        sources=(cart.folder / "Rig.mo",), free=("k", "d"), laws=("coulomb_friction", "gain")
-    )
-    return aero_bayes.close_loop([cart.recording], [cart.test], model="Rig", settings=settings, workers=0)
+    settings = aero_bayes.LoopSettings(laws=("coulomb_friction", "gain"))
+    return aero_bayes.close_loop(cart.fit, cart.test, settings=settings, workers=0)
 
 
 @pytest.fixture(scope="session")

@@ -132,8 +132,8 @@ def test_the_loops_figures_show_both_models_and_the_choice(loop: aero_bayes.Loop
     measured, before, after = curves(figure, 0)
     factor = 1e3 if figure.axes[0].get_ylabel() == "mm" else 1.0
     assert measured == pytest.approx(factor * cart.test.outputs["position"])
-    assert before == pytest.approx(factor * loop.before.fitted["test", "position"])
-    assert after == pytest.approx(factor * loop.after.fitted["test", "position"])
+    assert before == pytest.approx(factor * loop.predicted_before.fitted["test", "position"])
+    assert after == pytest.approx(factor * loop.predicted_after.fitted["test", "position"])
     rounds = loop.plot_rounds()
     first = [bar.get_width() for bar in rounds.axes[0].patches]
     assert max(first) == pytest.approx(max(100.0 * (1.0 - rival.share) for rival in loop.steps[0].candidates))

@@ -56,5 +56,5 @@ def test_play_takes_the_damper_out_of_action_too(tmp_path):
     assert stiffness == pytest.approx(STIFFNESS, rel=0.05)
     assert half == pytest.approx(PLAY, rel=0.03)
     assert stiffness * damping == pytest.approx(DAMPER, rel=0.2)
-    assert result.after.pooled("test")["w_l"] < 1.5 * NOISE
-    assert result.before.pooled("test")["w_l"] > 3.0 * NOISE
+    assert result.predicted_after.pooled("test")["w_l"] < 1.5 * NOISE
+    assert result.predicted_before.pooled("test")["w_l"] > 3.0 * NOISE

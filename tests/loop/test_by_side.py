@@ -83,8 +83,8 @@ def test_stops_at_both_ends_of_a_track_are_found_wherever_it_is_counted_from(tmp
     assert stiffness == pytest.approx(300.0, rel=0.05)
     assert distance == pytest.approx((RIGHT - LEFT) / 2.0, rel=0.01)
     assert stiffness * damper == pytest.approx(damping, rel=0.05, abs=0.05)
-    assert result.after.pooled("test")["x"] < 2.0 * BLUR
-    assert result.before.pooled("test")["x"] > 50.0 * BLUR
+    assert result.predicted_after.pooled("test")["x"] < 2.0 * BLUR
+    assert result.predicted_before.pooled("test")["x"] > 50.0 * BLUR
 
 
 def test_a_reading_that_ends_at_the_instruments_range_is_found(tmp_path):
@@ -94,5 +94,5 @@ def test_a_reading_that_ends_at_the_instruments_range_is_found(tmp_path):
     assert effect.id == "saturation_by_side@y"
     s, a = (p.value for p in effect.parameters)
     assert 1.0 / (s * (1.0 + a)) == pytest.approx(FULL, rel=0.01)
-    assert result.after.pooled("test")["y"] < 1.1 * NOISE
-    assert result.before.pooled("test")["y"] > 1.5 * NOISE
+    assert result.predicted_after.pooled("test")["y"] < 1.1 * NOISE
+    assert result.predicted_before.pooled("test")["y"] > 1.5 * NOISE

@@ -62,12 +62,12 @@ def result(tmp_path_factory):
 
 
 def test_a_hardening_spring_is_told_from_a_stop_though_the_first_fit_is_far_off(result) -> None:
-    assert result.before.test["test", "y"].rms > 100.0 * NOISE
+    assert result.predicted_before.test["test", "y"].rms > 100.0 * NOISE
     assert [effect.id for effect in result.effects] == ["cubic_stiffness@v"]
     for name, truth in {"m": M, "c": C, "k": K}.items():
         assert result.parameters[name].value == pytest.approx(truth, rel=1e-2)
     # what the last digits of the parameters make of an unseen run at a resonance
-    assert result.after.test["test", "y"].rms < 0.05 * result.before.test["test", "y"].rms
+    assert result.predicted_after.test["test", "y"].rms < 0.05 * result.predicted_before.test["test", "y"].rms
 
 
 def test_inputs_read_the_other_way_twice_are_as_they_were() -> None:

@@ -57,4 +57,4 @@ def test_a_joint_that_yields_is_named_with_its_shape(tmp_path):
     assert width == pytest.approx(1 / 18, rel=0.02)
     assert shape == pytest.approx(-22 / 18, abs=0.02)
     assert result.parameters["m"].value == pytest.approx(2.0, rel=0.01)
-    assert result.after.pooled("test")["x"] < 1.1 * NOISE
+    assert result.predicted_after.pooled("test")["x"] < 1.1 * NOISE

@@ -61,7 +61,9 @@ def looped(tmp_path, force: Callable[[float, float], float]) -> LoopResult:
 def test_a_ripple_over_the_place_is_learned_and_written(tmp_path) -> None:
     found = looped(tmp_path, lambda x, v: 0.8 * np.sin(4.0 * x + 0.5))
     assert [(e.id, e.kind, e.over) for e in found.effects] == [("position_curve@v", "free_form", "x")], found.sentence
-    assert found.after.test["test", "x"].rms < 2.5 * NOISE < 0.2 * found.before.test["test", "x"].rms
+    assert (
+        found.predicted_after.test["test", "x"].rms < 2.5 * NOISE < 0.2 * found.predicted_before.test["test", "x"].rms
+    )
     assert "position_curve" in found.modelica
     # The heights make the ripple where the mass has been: but for a line, which the spring may take.
     heights = np.array([p.value for p in found.effects[0].parameters])

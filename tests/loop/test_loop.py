@@ -42,8 +42,8 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
     source = (tmp_path / "OneDof_pivot_coulomb_friction.mo").read_text()
     assert "extends Aero.Systems.OneDof" in source
     assert source == found.modelica
-    assert found.after.test["test", "theta"].rms < 1.05 * 2e-3
-    assert found.before.test["test", "theta"].rms > 2.0 * found.after.test["test", "theta"].rms
+    assert found.predicted_after.test["test", "theta"].rms < 1.05 * 2e-3
+    assert found.predicted_before.test["test", "theta"].rms > 2.0 * found.predicted_after.test["test", "theta"].rms
     assert found.effects[0].port == "body"
     told = found.to_dict()
     assert told["effects"][0]["modelica"] == "OneDof_pivot_coulomb_friction.mo"
@@ -71,7 +71,7 @@ def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_
     assert angle.value == pytest.approx(9e-4 / 0.15, abs=5 * angle.sd + 2e-4)
     assert any("pivot_presliding_friction" in step.why for step in found.steps)
     assert "PivotPreslidingFriction" in found.modelica
-    assert found.after.test["test", "theta"].rms < 1.1 * 2e-3
+    assert found.predicted_after.test["test", "theta"].rms < 1.1 * 2e-3
 
 
 def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
@@ -99,7 +99,7 @@ def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_pat
     found = close_loop([train], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
     assert found.outcome == "adequate"
     assert found.effects == ()
-    assert set(found.before.test) == {("train", output) for output in ("i_m", "omega_m", "theta")}
+    assert set(found.predicted_before.test) == {("train", output) for output in ("i_m", "omega_m", "theta")}
     assert "adequate" in found.sentence
     assert not list(tmp_path.glob("*.mo"))
 
@@ -116,7 +116,7 @@ def test_a_quiet_recording_tells_nothing_and_says_so(fmus):
     assert "adequate" in found.sentence
     tried = [rival for step in found.steps for rival in step.candidates]
     assert min((rival.share for rival in tried), default=1.0) > 0.97
-    assert found.before.test["quiet", "theta"].rms == pytest.approx(2e-3, rel=0.3)
+    assert found.predicted_before.test["quiet", "theta"].rms == pytest.approx(2e-3, rel=0.3)
 
 
 def test_bad_requests_are_refused(fmus):

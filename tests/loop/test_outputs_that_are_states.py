@@ -64,8 +64,8 @@ def test_a_lag_in_the_reading_of_a_state(tmp_path) -> None:
     (lag,) = found.effects[0].parameters
     assert lag.value == pytest.approx(LAG, abs=5 * lag.sd)
     # The extended model starts the position, which it no longer reads, at the first reading all the same.
-    assert found.after.test["test", "v"].rms < 2.0 * NOISE[1]
-    assert found.after.test["test", "x"].rms < 0.2 * found.before.test["test", "x"].rms
+    assert found.predicted_after.test["test", "v"].rms < 2.0 * NOISE[1]
+    assert found.predicted_after.test["test", "x"].rms < 0.2 * found.predicted_before.test["test", "x"].rms
 
 
 TANK = """model Tank "A tank that runs out through a hole, its level is read"
@@ -109,4 +109,4 @@ def test_a_sensor_may_be_off_by_far_more_than_its_noise(tmp_path) -> None:
     assert effect.id == "offset@output_h", found.sentence
     (offset,) = effect.parameters
     assert offset.value == pytest.approx(off, abs=5.0 * offset.sd)
-    assert found.after.test["test", "h"].rms < 1.3 * noise
+    assert found.predicted_after.test["test", "h"].rms < 1.3 * noise

@@ -46,8 +46,8 @@ def test_a_prediction_is_as_far_off_as_its_parameters_let_expect(tmp_path) -> No
     result = found(tmp_path, GROWTH)
     # sensitivity of exp(growth t) to growth, at the end
     by_growth = 12.0 * np.exp(GROWTH * 12.0) * result.parameters["growth"].sd
-    assert result.before.test["test", "n"].rms > 10.0 * NOISE
-    assert result.before.test["test", "n"].rms < 4.0 * by_growth
+    assert result.predicted_before.test["test", "n"].rms > 10.0 * NOISE
+    assert result.predicted_before.test["test", "n"].rms < 4.0 * by_growth
     assert result.outcome == "adequate"
     assert "sensitive" in result.sentence
 

@@ -77,8 +77,8 @@ def test_a_reading_without_its_sign_is_named_though_it_led_the_fit_astray(tmp_pa
     assert result.effects[0].parameters[0].value == pytest.approx(1.0, abs=0.01)
     assert result.parameters["k"].value == pytest.approx(1.4, rel=0.01)
     assert result.parameters["T"].value == pytest.approx(0.2, rel=0.02)
-    assert result.before.pooled("test")["w"] > 1.0
-    assert result.after.pooled("test")["w"] < 1.1 * 0.02
+    assert result.predicted_before.pooled("test")["w"] > 1.0
+    assert result.predicted_after.pooled("test")["w"] < 1.1 * 0.02
 
 
 def test_the_weight_of_an_arm_takes_the_place_of_a_spring(tmp_path):
@@ -89,4 +89,4 @@ def test_the_weight_of_an_arm_takes_the_place_of_a_spring(tmp_path):
     assert weight == pytest.approx(0.8, rel=0.01)
     assert angle == pytest.approx(0.3, abs=0.01)
     assert result.parameters["J"].value == pytest.approx(0.15, rel=0.01)
-    assert result.after.pooled("test")["phi"] < 1.1 * 0.002
+    assert result.predicted_after.pooled("test")["phi"] < 1.1 * 0.002

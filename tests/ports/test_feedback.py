@@ -172,8 +172,8 @@ def test_the_limit_of_an_actuator_within_a_loop_is_found(tmp_path):
     result = close_loop([motion("a", 61)], [motion("b", 62)], model="Axis", settings=settings, workers=0)
     assert [effect.id for effect in result.effects] == ["saturation@u"]
     assert 1.0 / result.effects[0].parameters[0].value == pytest.approx(LIMIT, rel=0.02)
-    assert result.after.pooled("test")["y"] < 1.1 * NOISE
-    assert result.before.pooled("test")["y"] > 5.0 * NOISE
+    assert result.predicted_after.pooled("test")["y"] < 1.1 * NOISE
+    assert result.predicted_before.pooled("test")["y"] > 5.0 * NOISE
 
 
 CASCADE = """model Cascade "A filter, an amplifier and a second filter"
@@ -228,8 +228,8 @@ def test_a_limit_between_two_filters_that_differs_by_side_is_found_as_one_law(tm
     s, a = (p.value for p in result.effects[0].parameters)
     assert 1.0 / (s * (1.0 + a)) == pytest.approx(0.5, rel=0.02)
     assert 1.0 / (s * (1.0 - a)) == pytest.approx(0.8, rel=0.02)
-    assert result.after.pooled("test")["y"] < 1.1 * NOISE
-    assert result.before.pooled("test")["y"] > 5.0 * NOISE
+    assert result.predicted_after.pooled("test")["y"] < 1.1 * NOISE
+    assert result.predicted_before.pooled("test")["y"] > 5.0 * NOISE
 
 
 FILTERS = """model Filters "Two filters in a row, by their matrices"

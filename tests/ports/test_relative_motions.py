@@ -187,8 +187,8 @@ def test_a_spring_that_stiffens_is_found_between_its_ends_and_written_into_both_
     assert [effect.id for effect in result.effects] == ["cubic_stiffness@v_b-v_w"]
     assert result.effects[0].parameters[0].value == pytest.approx(K_3, rel=0.02)
     assert result.parameters["k_s"].value == pytest.approx(K_S, rel=0.02)
-    assert all(rms < 1.1 * 2e-4 for rms in result.after.pooled("test").values())
-    assert result.before.pooled("test")["body"] > 3.0 * 2e-4
+    assert all(rms < 1.1 * 2e-4 for rms in result.predicted_after.pooled("test").values())
+    assert result.predicted_before.pooled("test")["body"] > 3.0 * 2e-4
     assert result.modelica.count("k_3 * (body - wheel) ^ 3") == 2
 
 

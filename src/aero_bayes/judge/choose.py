@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum
 from aero_bayes.judge.choice import Choice, ChoiceSettings, Judge, residual_reports
-from aero_bayes.judge.comparison import Comparison
+from aero_bayes.judge.comparison import MIN_BLOCKS, Comparison
 from aero_bayes.judge.left_out import CommonBlocks, newton_errors, refitted_errors
 from aero_bayes.parallel import Task
 from aero_bayes.search.explored import Mapper, SearchResult, one_by_one
-from aero_bayes.search.models import FittedModel
+from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 FINALISTS = 10
 #: Rounds in which the choice may change because of structures that were fitted for it.
 MAX_ROUNDS = 4
+#: Every how many-th block is left out first: what cannot be chosen, to judge by these, is not fitted without the rest.
+FIRST_BLOCKS_STRIDE = 4
 
 
 @dataclass(eq=False)
@@ -37,6 +39,8 @@ class Chooser:
         Of the fits without a block.
     complete : callable
         Fits a structure without each of its terms where that is worse than it must be, and gives all that was found.
+    alone : callable
+        The same fit on the model that has no other terms, which is quicker to simulate.
     map : Mapper
         Does independent tasks, perhaps in parallel.
     told : callable
@@ -46,11 +50,12 @@ class Chooser:
     settings: ChoiceSettings
     fit: LocalFitSettings
     complete: Callable[[FittedModel], SearchResult]
+    alone: Callable[[FittedModel], FittedModel]
     map: Mapper = one_by_one
     told: Callable[[float], None] = lambda share: None
 
     def __post_init__(self) -> None:
-        self._known: dict[Structure, tuple[Optimum, FloatArray]] = {}
+        self._known: dict[Structure, _LeftOut] = {}
 
     def choose(self, explored: SearchResult) -> Choice:
         """Choose; the structure without terms if no term is material."""
@@ -61,19 +66,17 @@ class Chooser:
             if not changed(explored, found):
                 break
             explored = found
-        wanted = finalists(Judge(explored, ranking, self.settings))
+        wanted, whole = finalists(Judge(explored, ranking, self.settings)), set[Structure]()
         for _ in range(MAX_ROUNDS):
-            comparison = self._refitted(explored, common, wanted)
+            comparison = self._refitted(explored, common, wanted, whole)
             near = Judge(explored, comparison, self.settings).near()
             found = self.complete(explored.fits[near[0]])
-            rests = [near[0].minus(t) for t in near[0].terms]
-            again = [
-                s for s in rests if s in found.fits and (s not in comparison.squares or changed(explored, found, s))
-            ]
+            compared = [near[0], *(near[0].minus(t) for t in near[0].terms)]
+            again = [s for s in compared if s in found.fits and (not self._is_whole(s) or changed(explored, found, s))]
             explored = found
             if not again:
                 break
-            wanted = [*dict.fromkeys((*wanted, *again))]
+            wanted, whole = [*dict.fromkeys((*wanted, *again))], {*whole, *again}
         chosen = near[0]
         fitted = explored.fits[chosen]
         return Choice(
@@ -82,34 +85,94 @@ class Chooser:
             self.settings,
         )  # fmt: skip
 
-    def _refitted(self, explored: SearchResult, common: CommonBlocks, wanted: Iterable[Structure]) -> Comparison:
+    def _refitted(
+        self, explored: SearchResult, common: CommonBlocks, wanted: Iterable[Structure], whole: Collection[Structure]
+    ) -> Comparison:
         """Errors of structures that were fitted again without each block.
 
-        Where the time was up the closed form takes their place. A structure that cannot be simulated without a block is
-        left out.
+        Every few-th block is left out first. Structures that cannot be chosen, to judge by these, are not fitted
+        without the other blocks, unless they are among ``whole``. Where a structure was not fitted, the closed form
+        takes the place. A structure that cannot be simulated without a block is left out.
         """
-        noise, folds = explored.noise.noise, len(common.folds)
+        noise, folds = explored.noise.noise, range(len(common.folds))
         fits = {s: explored.fits[s] for s in wanted}
-        new = {
-            s: f.with_noise(noise)
-            for s, f in fits.items()
-            if s not in self._known or self._known[s][0] is not f.optimum
-        }
-        fit = self.fit.at_temperature(noise.temperature)
-        tasks = [
-            Task(partial(refitted_errors, f, common, k, fit), f.model.objective.outcomes)
-            for f in new.values()
-            for k in range(folds)
-        ]
-        found = self.map(tasks, self.told)
-        for n, (s, fitted) in enumerate(new.items()):
-            own = [e for e in found[n * folds : (n + 1) * folds] if e is not None]
-            errors = np.concatenate(own) if len(own) == folds else newton_errors(fitted, common)
-            self._known[s] = fits[s].optimum, errors
-        able = {s: self._known[s][1] for s in fits if np.all(np.isfinite(self._known[s][1]))}
+        for s, fitted in fits.items():
+            if s not in self._known or self._known[s].optimum is not fitted.optimum:
+                self._known[s] = _LeftOut.of(fitted.optimum, self.alone(fitted).with_noise(noise), common)
+        known = {s: self._known[s] for s in fits}
+        first = folds[::FIRST_BLOCKS_STRIDE] if len(folds) >= FIRST_BLOCKS_STRIDE * MIN_BLOCKS else folds
+        self._leave_out(known.values(), first, common, noise)
+        able = {s: e for s, k in known.items() if np.all(np.isfinite(e := k.of_folds(first)))}
+        on_first = Comparison(able, common.outputs, common.least)
+        judge = Judge(explored, on_first, self.settings)
+        beaten = {s for s in on_first.squares if s.terms and s not in whole and _is_beaten(s, judge)}
+        self._leave_out([k for s, k in known.items() if s not in beaten], folds, common, noise)
+        able = {s: e for s, k in known.items() if np.all(np.isfinite(e := k.of_folds(folds)))}
         if not any(not s.terms for s in able):
             able |= {s: newton_errors(f.with_noise(noise), common) for s, f in fits.items() if not s.terms}
         return Comparison(able, common.outputs, common.least)
+
+    def _leave_out(
+        self, structures: Iterable[_LeftOut], folds: Iterable[int], common: CommonBlocks, noise: FitNoise
+    ) -> None:
+        """Fit structures without some blocks, where that was not done yet."""
+        fit = self.fit.at_temperature(noise.temperature)
+        missing = [(own, k) for own in structures for k in folds if k not in own.refitted]
+        tasks: list[Task[FloatArray | None]] = [
+            Task(partial(refitted_errors, own.fitted, common, k, fit), own.fitted.model.objective.outcomes)
+            for own, k in missing
+        ]
+        for (own, k), errors in zip(missing, self.map(tasks, self.told), strict=True):
+            if errors is not None:
+                own.errors[k] = errors
+                own.refitted.add(k)
+
+    def _is_whole(self, structure: Structure) -> bool:
+        """Whether a structure was fitted without every block."""
+        own = self._known.get(structure)
+        return own is not None and len(own.refitted) == len(own.errors)
+
+
+def _is_beaten(structure: Structure, judge: Judge) -> bool:
+    """Whether a structure cannot be chosen, to judge by the first blocks.
+
+    One with no more terms is clearly better; or the same with a coarser law, which is chosen unless clearly worse, is
+    not likely to be worse; or without one of its terms the error is hardly larger.
+    """
+    blocks, refines = judge.comparison, judge.explored.refines
+    coarser = [structure.minus(t).plus(c) for t, c in refines.items() if t in structure.terms]
+    if any(
+        blocks.clearly_better(o, structure) or (o in coarser and not blocks.likely_better(structure, o))
+        for o in blocks.squares
+        if len(o) <= len(structure) and o != structure
+    ):
+        return True
+    hardly = 0.5 * (1.0 + judge.settings.min_share)
+    parts = [structure.minus(t) for t in structure.terms]
+    needless = any(o in blocks.squares and blocks.share(structure, o).value > hardly for o in parts)
+    return needless and not judge.only_noise(structure)
+
+
+@dataclass(eq=False)
+class _LeftOut:
+    """Squared errors of one structure by fold, and the folds without which it was fitted; closed form in the others.
+
+    ``optimum`` is the fit that it was begun for, ``fitted`` the same on a model of its own.
+    """
+
+    optimum: Optimum
+    fitted: FittedModel
+    errors: list[FloatArray]
+    refitted: set[int] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, optimum: Optimum, fitted: FittedModel, common: CommonBlocks) -> _LeftOut:
+        ends = np.cumsum([len(fold) for fold in common.folds])[:-1]
+        return cls(optimum, fitted, list(np.split(newton_errors(fitted, common), ends)))
+
+    def of_folds(self, folds: Iterable[int]) -> FloatArray:
+        """Squared errors (blocks, m) of some folds."""
+        return np.concatenate([self.errors[k] for k in folds])
 
 
 def rank(explored: SearchResult) -> tuple[CommonBlocks, Comparison]:

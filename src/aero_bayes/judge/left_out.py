@@ -133,11 +133,11 @@ def refitted_errors(fitted: FittedModel, common: CommonBlocks, fold: int, settin
     """
     optimum, readings, moving = fitted.optimum, common.readings(fold), common.moving(fitted)
     own, failed = fitted.model.objective, np.full((len(common.folds[fold]), len(common.outputs)), math.inf)
-    rest = _without(own, readings)
     columns = [optimum.free[k] for k in moving]
     fit = replace(settings, hold_noise=True).with_limits(MAX_REFIT_STEPS, settings.local.tolerance)
+    start = _start(fitted, common, fold)
     try:
-        end = local_fit(rest, _start(fitted, common, fold, rest), columns, noise=optimum.noise, settings=fit)
+        end = local_fit(_without(own, readings), start, columns, noise=optimum.noise, settings=fit)
     except CannotFinishError:
         return failed
     found = own.evaluate(end.coordinates)
@@ -146,24 +146,23 @@ def refitted_errors(fitted: FittedModel, common: CommonBlocks, fold: int, settin
     return common.squares(fold, own.whiten(found, optimum.noise).residual[readings])
 
 
-def _start(fitted: FittedModel, common: CommonBlocks, fold: int, rest: Objective) -> FloatArray:
+def _start(fitted: FittedModel, common: CommonBlocks, fold: int) -> FloatArray:
     """The optimum of all readings, or the point after the Newton step, whichever leaves less of the other readings."""
-    optimum, parameters, moving = fitted.optimum, fitted.model.objective.parameters, common.moving(fitted)
+    optimum, own, moving = fitted.optimum, fitted.model.objective, common.moving(fitted)
     columns = [optimum.free[k] for k in moving]
-    slopes = optimum.whitened.slopes[moving]
-    prior = prior_curvature(parameters.prior_derivatives(optimum.coordinates)[1][columns])
+    slopes, residual = optimum.whitened.slopes[moving], optimum.whitened.residual
+    prior = prior_curvature(own.parameters.prior_derivatives(optimum.coordinates)[1][columns])
     out = common.readings(fold)
     others = np.setdiff1d(np.arange(common.owner.size), out)
-    (left, _) = leave_blocks_out(slopes, optimum.whitened.residual, prior, [out, others])
-    low, high = (bound[columns] for bound in parameters.box)
+    (left, _) = leave_blocks_out(slopes, residual, prior, [out, others])
+    low, high = (bound[columns] for bound in own.parameters.box)
     moved = optimum.coordinates.copy()
     moved[columns] = np.clip(moved[columns] + left.step, low, high)
-    points = [optimum.coordinates, moved]
-    costs = [
-        math.inf if e is None else -rest.whiten(e, optimum.noise).log_likelihood
-        for e in rest.residuals(np.array(points))
-    ]
-    return points[int(np.argmin(costs))]
+    (there,) = own.residuals(moved[np.newaxis])
+    if there is None:
+        return optimum.coordinates
+    after = own.whiten(there, optimum.noise).residual
+    return moved if np.sum(after[others] ** 2) < np.sum(residual[others] ** 2) else optimum.coordinates
 
 
 def _leverage(fitted: FittedModel) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Test the chosen effects once on unseen data: the test may reject them, and never chooses others."""
+"""Test chosen effects by the last fit and once on unseen data: the test may reject them, and never chooses others."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from aero_bayes.judge.prediction import MIN_GROWTH_RATIO, Prediction, surely_wor
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.unseen import Unseen
 
-#: Largest ratio of an output's error on validation data with the named terms to that without them, required of at
-#: least one output where the named terms leave structure.
+#: Largest ratio of an output's error with the named terms to that without them, required of at least one output where
+#: the named terms leave structure: in the last fit, and on validation data.
 MAX_ERROR_RATIO = 0.9
 #: Growth of an output's error on validation data that refuses even where few independent readings leave it unsure.
 MAX_GROWTH_RATIO = 2.0
@@ -22,12 +22,24 @@ MAX_PREDICTION_DEVIATIONS = 4.0
 
 
 def refusal(before: Prediction, after: Prediction, recordings: Recordings, left: Sequence[ResidualReport]) -> str:
-    """Why unseen data reject the chosen terms; empty where they do not.
+    """Why the last fit or unseen data reject terms; empty where they do not.
 
-    They are rejected if the prediction of an output gets significantly worse (two standard errors, with correlated
-    readings) and by more than 5 %, or if its error doubles, or if the residual is structured and no prediction improves
-    by at least 10 %.
+    They are rejected if with them the last fit leaves about as much of every output, and structure; if the prediction
+    of an output gets significantly worse (two standard errors, with correlated readings) and by more than 5 %, or if
+    its error doubles; or if the residual is structured and no prediction improves by at least 10 %.
+
+    Parameters
+    ----------
+    before, after : Prediction
+        Without the terms and with them.
+    recordings : Recordings
+    left : sequence of ResidualReport
+        What the last fit leaves.
     """
+    structured = bool(structured_residuals(left))
+    least, fitted = before.pooled("train"), after.pooled("train")
+    if structured and fitted and all(fitted[o] > MAX_ERROR_RATIO * least[o] for o in fitted):
+        return "in the last fit the error hardly falls."
     if not after.test:
         return ""
     first, last = before.pooled("test"), after.pooled("test")
@@ -36,7 +48,7 @@ def refusal(before: Prediction, after: Prediction, recordings: Recordings, left:
     if worse:
         return f"the prediction of unseen data gets worse ({', '.join(worse)})."
     better = any(error.rms < MAX_ERROR_RATIO * before.test[key].rms for key, error in after.test.items())
-    if structured_residuals(left) and not better:
+    if structured and not better:
         return "the prediction of unseen data does not improve."
     return ""
 

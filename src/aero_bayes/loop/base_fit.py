@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.reduced_problem import with_few_samples
+from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.solver_difference import solver_difference
 from aero_bayes.estimate.step_parameters import acts_in_steps, settle_blind, with_slope
 from aero_bayes.loop.context import LoopContext
@@ -57,6 +58,8 @@ class BaseFit:
         Noise floors of all recordings, where they are known.
     start_warnings : tuple of str
         Warnings on initial values that are far from their readings.
+    found : Fit
+        The same with what is told of a fit.
     diagnosis : Diagnosis
         What may be behind what it leaves.
     """
@@ -65,8 +68,9 @@ class BaseFit:
     fit: Optimum
     reports: tuple[ResidualReport, ...]
     floors: Floors
-    start_warnings: tuple[str, ...] = ()
-    diagnosis: Diagnosis = field(default_factory=Diagnosis)
+    start_warnings: tuple[str, ...]
+    found: Fit
+    diagnosis: Diagnosis
 
     @property
     def values(self) -> dict[str, float]:
@@ -94,19 +98,19 @@ def fit_base_model(context: LoopContext) -> BaseFit:
         fit = best_fit(context, plain, close.parameters.from_search(fit.coordinates), fit)
     floors = noise_floors([*context.recordings.train, *context.recordings.test], context.recordings.outputs)
     context.statistics.end_stage("base fit")
+    found = _finished(context, plain, fit)
+    moved = solver_difference(plain, found.values, found.fitted, context.open)
+    found = replace(found, outcomes=dict(context.statistics.outcomes), solver_difference=moved)
     return BaseFit(
-        plain, fit, _reports(context, plain, fit, floors), floors, _start_warnings(close, plain, fit),
-        _diagnosis(context, plain, fit),
+        plain, fit, _reports(context, plain, fit, floors), floors, _start_warnings(close, plain, fit), found,
+        found.diagnosis,
     )  # fmt: skip
 
 
-def _diagnosis(context: LoopContext, plain: Calibration, fit: Optimum) -> Diagnosis:
-    """The diagnosis of the first model's fit, with the runs of its whole search."""
+def _finished(context: LoopContext, plain: Calibration, fit: Optimum) -> Fit:
     with context.open(plain.problem()) as simulator:
         search = GlobalSearch(context.objective(plain, simulator), context.settings.global_search)
-        found = finished_fit(search, GlobalSearchResult(fit, None, (), 0), FitSettings(), 0.0)
-    moved = solver_difference(plain, found.values, found.fitted, context.open)
-    return replace(found, outcomes=dict(context.statistics.outcomes), solver_difference=moved).diagnosis
+        return finished_fit(search, GlobalSearchResult(fit, None, (), 0), FitSettings(), 0.0)
 
 
 def _fitted_without_outliers(context: LoopContext, calibration: Calibration) -> tuple[Calibration, Optimum]:
@@ -131,7 +135,8 @@ def refit_base(context: LoopContext, base: BaseFit, found: FittedModel) -> BaseF
     fit = best_fit(context, plain, values, replace(base.fit, free=own, noise=base.fit.noise))
     if plain is base.plain and fit.log_likelihood + fit.log_prior <= base.fit.log_likelihood + base.fit.log_prior:
         return base
-    return replace(base, plain=plain, fit=fit, reports=_reports(context, plain, fit, base.floors))
+    told = _finished(context, plain, fit)
+    return replace(base, plain=plain, fit=fit, reports=_reports(context, plain, fit, base.floors), found=told)
 
 
 def best_fit(context: LoopContext, calibration: Calibration, values: FloatArray, last: Optimum) -> Optimum:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
@@ -12,6 +13,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.comparison import Share
 from aero_bayes.judge.disturbance import find_disturbance
@@ -54,6 +56,8 @@ class Conclusion:
         The last fit, of ``calibration``.
     reports : tuple of ResidualReport
         What it leaves.
+    found : Fit
+        ``refit`` with what is told of a fit.
     """
 
     base: BaseFit
@@ -69,6 +73,7 @@ class Conclusion:
     calibration: Calibration
     refit: Optimum
     reports: tuple[ResidualReport, ...]
+    found: Fit
 
 
 def other_cause(base: BaseFit, settings: LoopSettings) -> DiagnosisRow | None:
@@ -120,11 +125,30 @@ def _offer(context: LoopContext, base: BaseFit, choice: Choice) -> tuple[Conclus
         if reason:
             why = f"{_explained(chosen)}, but {reason} The missing effect is a different one."
             return _unexplained(base, choice, why, before, smaller), False
+        fewer = _without_needless_term(context, base, choice, extended)
+        if fewer is not None:
+            return _offer(context, base, fewer)
     return Conclusion(
         base, choice, steps_of(choice), "extended", _extended_text(context, choice, extended, before), before,
         extended.after, extended.written, extended.effects, extended.smaller or smaller, extended.calibration,
-        extended.fit, extended.reports,
+        extended.fit, extended.reports, extended.found,
     ), True  # fmt: skip
+
+
+def _without_needless_term(context: LoopContext, base: BaseFit, choice: Choice, extended: ExtendedFit) -> Choice | None:
+    """The choice without a term that the last fit or unseen readings refuse beside the others; None where all hold."""
+    if len(choice.terms) < 2 or extended.smaller:
+        return None
+    for id_ in reversed(choice.terms):
+        part = choice.structure.minus(id_)
+        if part not in choice.explored.fits or part not in choice.comparison.squares:
+            continue
+        fewer = choice.at(part)
+        with suppress(CannotFinishError):
+            less = extend(context, base, fewer)
+            if refusal(less.after, extended.after, context.recordings, extended.reports):
+                return fewer
+    return None
 
 
 def _first_of(choice: Choice) -> FittedModel:
@@ -155,8 +179,9 @@ def _without_effect(
             "parameters explains this, because the unseen data are sensitive to them."
         )
     return Conclusion(
-        base, choice, steps, "adequate", sentence, before, before, None, (), smaller, base.plain, base.fit, base.reports
-    )
+        base, choice, steps, "adequate", sentence, before, before, None, (), smaller, base.plain, base.fit,
+        base.reports, base.found,
+    )  # fmt: skip
 
 
 def _why_none(base: BaseFit, choice: Choice, structured: Sequence[ResidualReport]) -> str:
@@ -192,7 +217,7 @@ def _unexplained(
 ) -> Conclusion:
     return Conclusion(
         base, choice, steps_of(choice), "unexplained", why, before, before, None, (), smaller, base.plain, base.fit,
-        base.reports,
+        base.reports, base.found,
     )  # fmt: skip
 
 

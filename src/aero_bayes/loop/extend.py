@@ -11,9 +11,12 @@ import numpy as np
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.global_search import GlobalSearch
+from aero_bayes.estimate.finished_fit import finished_fit
+from aero_bayes.estimate.fit import FitSettings
+from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.prediction import Prediction
 from aero_bayes.laws.model_family import CurveBasis, ExtendedModel
@@ -24,7 +27,10 @@ from aero_bayes.loop.found_effect import FoundEffect, LearnedCurve, NewParameter
 
 @dataclass(frozen=True, eq=False)
 class ExtendedFit:
-    """The model with the chosen terms, fitted: source, parameters, what it leaves and what it predicts."""
+    """The model with the chosen terms, fitted: source, parameters, what it leaves and what it predicts.
+
+    ``found`` is ``fit`` with what is told of a fit.
+    """
 
     written: ExtendedModel
     effects: tuple[FoundEffect, ...]
@@ -33,6 +39,7 @@ class ExtendedFit:
     fit: Optimum
     reports: tuple[ResidualReport, ...]
     after: Prediction
+    found: Fit
 
 
 def extend(context: LoopContext, base: BaseFit, choice: Choice) -> ExtendedFit:
@@ -57,7 +64,9 @@ def extend(context: LoopContext, base: BaseFit, choice: Choice) -> ExtendedFit:
         objective = context.objective(calibration, simulator)
         start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
         free = [j for j, p in enumerate(calibration.parameters) if not p.auto]
-        fit = GlobalSearch(objective, context.settings.global_search).refit(start, free, base.fit.noise)
+        search = GlobalSearch(objective, context.settings.global_search)
+        fit = search.refit(start, free, base.fit.noise)
+        found = finished_fit(search, GlobalSearchResult(fit, None, (), search.iterations), FitSettings(), 0.0)
         reports = check_residuals(calibration, objective.series, fit, base.floors)
         context.statistics.add_simulations(objective)
     after = context.unseen.predict(calibration, fit)
@@ -67,7 +76,7 @@ def extend(context: LoopContext, base: BaseFit, choice: Choice) -> ExtendedFit:
         effects.append(replace(effect, width_influence=_width_influence(context, effect, calibration, fit)))
     context.statistics.end_stage("judgement")
     named = len(choice.terms)
-    return ExtendedFit(written, tuple(effects[:named]), tuple(effects[named:]), calibration, fit, reports, after)
+    return ExtendedFit(written, tuple(effects[:named]), tuple(effects[named:]), calibration, fit, reports, after, found)
 
 
 def smaller_effects(context: LoopContext, choice: Choice) -> tuple[FoundEffect, ...]:

@@ -14,6 +14,7 @@ from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.plausible import screened
+from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.choose import Chooser
 from aero_bayes.judge.recordings import Recordings
@@ -27,6 +28,7 @@ from aero_bayes.loop.conclude import conclude, diagnosed, other_cause
 from aero_bayes.loop.context import LoopContext, LoopStatistics, Progress
 from aero_bayes.loop.fixed_values import find_alternatives
 from aero_bayes.loop.forecast import announce_duration
+from aero_bayes.loop.from_fit import recordings_of, settings_of
 from aero_bayes.loop.process_noise import find_process_noise, states_of
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
@@ -44,7 +46,7 @@ __all__ = ["LoopSettings", "close_loop"]
 
 
 def close_loop(
-    train: Recording | Sequence[Recording],
+    train: Fit | Recording | Sequence[Recording],
     test: Recording | Sequence[Recording] = (),
     *,
     model: str | Path | Model = DEFAULT_MODEL,
@@ -57,11 +59,13 @@ def close_loop(
 
     Parameters
     ----------
-    train, test : Recording or sequences of Recording
-        Without ``test``, the end of each training recording is kept from the fit and predicted.
+    train : Fit, Recording or sequence of Recording
+        A fit, whose recordings, model and parameters are taken; or recordings for training.
+    test : Recording or sequence of Recording
+        Without any, the end of each training recording is kept from the fit and predicted.
     model : str, path or Model
-        A Modelica class, a ``.mo`` file or a model that was built from one; or an FMU (``.fmu``) with Model Exchange,
-        around which laws are put.
+        Where no fit is given. A Modelica class, a ``.mo`` file or a model that was built from one; or an FMU
+        (``.fmu``) with Model Exchange, around which laws are put.
     settings : LoopSettings, optional
     workers : int, optional
         Worker processes; all cores by default, 0 for none beside this one.
@@ -79,15 +83,17 @@ def close_loop(
 
     Examples
     --------
-    >>> few = ("coulomb_friction", "gain")
-    >>> settings = aero_bayes.LoopSettings(free=("k", "d"), laws=few)
-    >>> aero_bayes.close_loop(recording, test, model=model, settings=settings, workers=0)
+    >>> settings = aero_bayes.LoopSettings(laws=("coulomb_friction", "gain"))
+    >>> aero_bayes.close_loop(fit, test, settings=settings, workers=0)
     <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00481 -> 0.000302>
     """
+    settings = require_type(settings or LoopSettings(), LoopSettings, "settings")
+    if isinstance(train, Fit):
+        model, settings, train = train.calibration.model, settings_of(train, settings), recordings_of(train)
     train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
     if not train:
         raise InputError("the closed loop needs at least one training recording")
-    name, settings = _sources(model, require_type(settings or LoopSettings(), LoopSettings, "settings"))
+    name, settings = _sources(model, settings)
     if not test and not 0.0 < settings.held_out < 1.0:
         raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
     progress = progress or (lambda what, share: None)
@@ -143,7 +149,7 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     searching = StructureSearch(cache, library, settings.structures, fit, base.floors, parts, work, scouts)
     explored = searching.run(root)
     chooser = Chooser(
-        settings.choice, fit, searching.complete, context.map,
+        settings.choice, fit, searching.complete, searching.alone, context.map,
         lambda share: context.progress("leaving out blocks of readings", 0.7 + 0.05 * share),
     )  # fmt: skip
     choice = chooser.choose(explored)

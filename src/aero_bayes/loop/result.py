@@ -17,6 +17,7 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.found_effect import FoundEffect, NewParameter
@@ -55,8 +56,10 @@ class LoopResult:
         Effects that help beside these and are not material: no claim is made of them.
     equivalent : tuple of tuples of str
         Ids that the data do not tell apart.
-    before, after : Prediction
+    before, after : Fit
         Of the model as it stood and of the one that came out (the same where nothing was added).
+    predicted_before, predicted_after : Prediction
+        What these predict of all recordings, fitted and unseen, and their errors.
     floors : mapping of (str, str) to float
         Noise floor by recording and output, in the output's SI unit.
     residual_before, residual_after : tuple of ResidualReport
@@ -102,6 +105,10 @@ class LoopResult:
     --------
     >>> loop.outcome, loop.effects[0].id
     ('extended', 'coulomb_friction@v')
+    >>> "F_c" in loop.after.parameters or len(loop.after.parameters) > len(loop.before.parameters)
+    True
+    >>> bool(loop.predicted_after.pooled("test")["position"] < loop.predicted_before.pooled("test")["position"])
+    True
     >>> friction = loop.effects[0].parameters[0]
     >>> friction.unit, bool(friction.q05 < friction.value < friction.q95)  # the truth is 0.4 N
     ('N', True)
@@ -124,8 +131,10 @@ class LoopResult:
     model: str
     effects: tuple[FoundEffect, ...]
     equivalent: tuple[tuple[str, ...], ...]
-    before: Prediction
-    after: Prediction
+    before: Fit
+    after: Fit
+    predicted_before: Prediction
+    predicted_after: Prediction
     floors: Mapping[tuple[str, str], float]
     residual_before: tuple[ResidualReport, ...]
     residual_after: tuple[ResidualReport, ...]
@@ -250,17 +259,17 @@ class LoopResult:
 
     def _repr_html_(self) -> str:
         rows = [
-            (role, output, f"{rms:.4g}", f"{self.after.pooled(role)[output]:.4g}")
+            (role, output, f"{rms:.4g}", f"{self.predicted_after.pooled(role)[output]:.4g}")
             for role in ("train", "test")
-            for output, rms in self.before.pooled(role).items()
+            for output, rms in self.predicted_before.pooled(role).items()
         ]
         return table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
 
     def _errors(self) -> str:
         """RMS by output on data that was not fitted, before and after."""
-        role = "test" if self.before.test else "train"
-        after = self.after.pooled(role)
-        words = (f"{output} {rms:.3g} -> {after[output]:.3g}" for output, rms in self.before.pooled(role).items())
+        role = "test" if self.predicted_before.test else "train"
+        before, after = (p.pooled(role) for p in (self.predicted_before, self.predicted_after))
+        words = (f"{output} {rms:.3g} -> {after[output]:.3g}" for output, rms in before.items())
         return f"RMS on {role} data: {', '.join(words)}"
 
     def to_dict(self) -> dict[str, object]:
@@ -273,10 +282,10 @@ class LoopResult:
             "effects": [effect.to_dict(self.modelica_path) for effect in self.effects],
             "smaller": [effect.to_dict("") for effect in self.smaller],
             "equivalent": [list(ids) for ids in self.equivalent],
-            "before": {role: self.before.pooled(role) for role in ("train", "test")},
-            "after": {role: self.after.pooled(role) for role in ("train", "test")},
-            "before_sd": {role: self.before.uncertainty(role) for role in ("train", "test")},
-            "after_sd": {role: self.after.uncertainty(role) for role in ("train", "test")},
+            "before": {role: self.predicted_before.pooled(role) for role in ("train", "test")},
+            "after": {role: self.predicted_after.pooled(role) for role in ("train", "test")},
+            "before_sd": {role: self.predicted_before.uncertainty(role) for role in ("train", "test")},
+            "after_sd": {role: self.predicted_after.uncertainty(role) for role in ("train", "test")},
             "noise_floor": _pooled_floors(self.floors),
             "steps": [step.to_dict() for step in self.steps],
             "shifts": {
@@ -312,9 +321,9 @@ class LoopResult:
         On each recording's own samples.
         """
         arrays: dict[str, FloatArray] = {}
-        for (recording, output), fitted in self.before.fitted.items():
+        for (recording, output), fitted in self.predicted_before.fitted.items():
             arrays[f"before/{recording}/{output}"] = fitted
-        for (recording, output), fitted in self.after.fitted.items():
+        for (recording, output), fitted in self.predicted_after.fitted.items():
             arrays[f"after/{recording}/{output}"] = fitted
         return arrays
 

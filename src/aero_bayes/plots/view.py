@@ -69,7 +69,7 @@ def loop_view(loop: LoopResult) -> RunDirectory:
     if given is None:
         raise InputError("this loop's result carries no recordings to be drawn over")
     series = loop.series()
-    series |= {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
+    series |= {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
     settings: dict[str, object] = {}
     for recording in given.train:
         if recording.name in given.unseen_from:

@@ -28,6 +28,8 @@ from aero_bayes.search.structure import Structure, by_size
 
 #: Number of the best structures whose terms are tried in place of others.
 MAX_RIVALS = 10
+#: Log-evidence that a fit may lose when it moves to another model of the same structure: that of the solver's steps.
+MAX_LOSS = 0.5
 #: Largest number of noise updates in a row.
 MAX_NOISE_UPDATES = 3
 
@@ -107,6 +109,15 @@ class StructureSearch:
             with suppress(CannotFinishError):
                 self._keep_better(self._fit_alone(fitted.structure.minus(id_), fitted.values))
         return self._result()
+
+    def alone(self, fitted: FittedModel) -> FittedModel:
+        """The same fit on the model that has its terms and no others; as it is where that cannot be had."""
+        with suppress(CannotFinishError):
+            if self.cache.of(fitted.structure) is not fitted.model:
+                found = self._fit_alone(fitted.structure, fitted.values)
+                if found.log_evidence >= fitted.with_noise(self._noise.noise).log_evidence - MAX_LOSS:
+                    return found
+        return fitted
 
     def _expand_all(self) -> None:
         """Expand until no structure is left to expand."""

@@ -158,7 +158,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
     return {
         "parameters": loop_parameters(job, loop),
         "fit": {
-            "rms": {role: loop.after.pooled(role) for role in ("train", "test")},
+            "rms": {role: loop.predicted_after.pooled(role) for role in ("train", "test")},
             "interpolation": dict(loop.interpolation),
         },
         "residual": reports_by_recording(loop.residual_after),
@@ -232,7 +232,7 @@ def _level(loop: LoopResult) -> str:
 
 def loop_series(job: Job, loop: LoopResult) -> Series:
     """The curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
-    fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.after.fitted.items()}
+    fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
     found = loop.process_noise
     states = state_series(found.state_names, found.smoothed) if found is not None and found.explains else {}
     return fitted | loop.series() | states

@@ -1,0 +1,46 @@
+"""A loop that goes on from a fit: its recordings, its model, and what it says of the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from aero_bayes.data import Recording
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.parameters import Override
+from aero_bayes.estimate.recording_parameters import templates
+from aero_bayes.estimate.result import Fit
+from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.simulation.interface import ParameterTarget
+
+
+def recordings_of(fit: Fit) -> Sequence[Recording]:
+    """The recordings of a fit; InputError for one that was made without them."""
+    if not fit.calibration.recordings:
+        raise InputError("the fit holds no recordings: give them, and the model, in place of the fit")
+    return fit.calibration.recordings
+
+
+def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
+    """The settings of a loop that begins at a fit: free parameters, their bounds, priors and values, and fixed ones.
+
+    What the settings say themselves of free and fixed parameters and of overrides counts.
+    """
+    calibration = fit.calibration
+    free = {calibration.parameters.items[j].name for j in fit.free}
+    shared = [p for p in templates(calibration.parameters) if isinstance(p.target, ParameterTarget)]
+    values = {p.name: fit.value(p.name) if p.name in fit.named else p.start for p in shared}
+    searched = [p for p in shared if p.name in free or p.per_recording]
+    overrides = {
+        p.name: Override(values[p.name], p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording)
+        for p in searched
+    }
+    held = {p.name: values[p.name] for p in shared if p not in searched}
+    return replace(
+        settings,
+        free=settings.free or tuple(overrides),
+        overrides={**overrides, **settings.overrides},
+        fixed={**calibration.fixed, **held, **settings.fixed},
+        calibration=replace(settings.calibration, interpolation=calibration.interpolation or "hold"),
+        global_search=replace(settings.global_search, swarm=None, staged=False),
+    )
