@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -65,6 +67,28 @@ def test_the_summary_counts_what_is_right_by_class_and_what_a_term_matters() -> 
     failed |= real_trial.judged(failed, *TASKS["motor-friction"])
     assert real_trial.summary([failed])["deleted"]["missed"] == 1.0
     assert "stopped" in real_trial.table(real_trial.summary([failed]))
+
+
+def test_the_report_has_the_keys_that_others_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = MODELS["motor"].case
+    for file in (*case.train, *case.test):
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).touch()
+    kept = {"motor": row("motor", [], 1.0, "complete"), "motor-friction": row("motor-friction", ["offset@w"])}
+    (tmp_path / "real_trial").mkdir()
+    for key, one in kept.items():
+        (tmp_path / "real_trial" / f"{key}.json").write_text(json.dumps(one), encoding="utf-8")
+    command = ["real_trial.py", "--table", "--only", "motor", "--recordings", str(tmp_path), "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", command)
+    real_trial.main()
+    found = json.loads((tmp_path / "real_trial.json").read_text(encoding="utf-8"))
+    assert set(found) == {"deleted", "deleted_material", "complete", "seconds_median", "rows", "left"}
+    rates = {"right": 1.0, "place_right": 0.0, "false": 0.0, "missed": 0.0}
+    assert found["deleted"] == {"tasks": 1, **rates}
+    assert found["complete"] == {"tasks": 1, "named": 0.0}
+    assert found["seconds_median"] == 3.0
+    assert [one["verdict"] for one in found["rows"]] == ["silent", "right"]
+    assert found["left"] == len(TASKS) - 2
 
 
 def test_an_edit_that_does_not_stand_in_the_model_is_refused() -> None:

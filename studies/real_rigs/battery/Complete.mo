@@ -1,11 +1,11 @@
 model Rig "Battery cell: an open-circuit voltage that falls with the charge drawn, and a resistance"
-  parameter Real E_0(unit = "V", min = 2, max = 4) = 3.3 "Open-circuit voltage where the recording begins";
-  parameter Real k(unit = "V/C", min = 0, max = 1e-3) = 1e-5 "Fall of the open-circuit voltage with the charge drawn";
-  parameter Real R(unit = "Ohm", min = 0, max = 1) = 0.01 "Resistance of the cell";
-  parameter Real R_1(unit = "Ohm", min = 0) = 0.017 "Resistance of the fast pair";
-  parameter Real T_1(unit = "s", min = 1) = 39 "Time constant of the fast pair";
-  parameter Real R_2(unit = "Ohm", min = 0) = 0.01 "Resistance of the slow pair";
-  parameter Real T_2(unit = "s", min = 100) = 400 "Time constant of the slow pair";
+  parameter Real E_0(unit = "V", min = 2, max = 4) = 3.343 "Open-circuit voltage where the recording begins";
+  parameter Real k(unit = "V/C", min = 0, max = 1e-3) = 1.55e-05 "Fall of the open-circuit voltage with the charge drawn";
+  parameter Real R(unit = "Ohm", min = 0, max = 1) = 0.01005 "Resistance of the cell";
+  parameter Real R_1(unit = "Ohm", min = 0) = 0.0086 "Resistance of the fast pair";
+  parameter Real T_1(unit = "s", min = 1) = 19.3 "Time constant of the fast pair";
+  parameter Real R_2(unit = "Ohm", min = 0) = 0.0286 "Resistance of the slow pair";
+  parameter Real T_2(unit = "s", min = 100) = 337 "Time constant of the slow pair";
   input Real i(unit = "A") "Current, positive where the cell discharges";
   output Real v(unit = "V") "Voltage of the terminals, as measured";
   Real q(unit = "C", start = 0, fixed = true) "Charge drawn";

@@ -1,8 +1,8 @@
 model Rig "Electronic oscillator, in the volts of its plugs"
-  parameter Real m(min = 0) = 1e-5 "Inertia";
-  parameter Real d(min = 0) = 5e-4 "Damping";
-  parameter Real a(min = 0) = 1 "Stiffness";
-  parameter Real a_3(min = 0) = 4 "Stiffness that grows with the square of the displacement";
+  parameter Real m(min = 0) = 5.1665e-06 "Inertia";
+  parameter Real d(min = 0) = 0.00021576 "Damping";
+  parameter Real a(min = 0) = 0.95219 "Stiffness";
+  parameter Real a_3(min = 0) = 3.794 "Stiffness that grows with the square of the displacement";
   input Real u "Voltage that drives it";
   output Real y "Displacement, as measured";
   Real x(start = 0, fixed = true) "Displacement";

@@ -1,9 +1,9 @@
 model Rig "Two tanks, one above the other, both levels measured; levels and pump in volts of their electronics"
-  parameter Real k1(min = 0) = 0.05 "Outflow of the upper tank";
-  parameter Real k2(min = 0) = 0.05 "Inflow of the lower tank";
-  parameter Real k3(min = 0) = 0.1 "Pump";
-  parameter Real k4(min = 0) = 0.05 "Outflow of the lower tank";
-  parameter Real s(min = -2, max = 2) = 0.5 "Share of the pump that goes by the square of its voltage";
+  parameter Real k1(min = 0) = 0.0418 "Outflow of the upper tank";
+  parameter Real k2(min = 0) = 0.0434 "Inflow of the lower tank";
+  parameter Real k3(min = 0) = 0.0594 "Pump";
+  parameter Real k4(min = 0) = 0.0444 "Outflow of the lower tank";
+  parameter Real s(min = -2, max = 2) = -0.444 "Share of the pump that goes by the square of its voltage";
   input Real u "Voltage of the pump";
   output Real y1 "Level of the upper tank, as measured";
   output Real y2 "Level of the lower tank, as measured";

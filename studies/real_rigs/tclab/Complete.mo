@@ -1,12 +1,12 @@
 model Rig "Two transistors on a board, each a heater with a sensor"
   parameter Real C(unit = "J/K", min = 0) = 5 "Heat capacity of a heater";
-  parameter Real a1(unit = "W", min = 0) = 0.012 "Power of the first heater by one per cent";
-  parameter Real a2(unit = "W", min = 0) = 0.007 "Power of the second heater by one per cent";
-  parameter Real U(unit = "W/K", min = 0) = 0.02 "Heat transfer of the first heater to the air";
-  parameter Real V(unit = "W/K", min = 0) = 0.02 "Heat transfer of the second heater to the air";
-  parameter Real k(unit = "W/K", min = 0) = 0.01 "Heat transfer from heater to heater";
-  parameter Real T_1(unit = "s", min = 0) = 20 "Lag of the first sensor";
-  parameter Real T_2(unit = "s", min = 0) = 20 "Lag of the second sensor";
+  parameter Real a1(unit = "W", min = 0) = 0.0181 "Power of the first heater by one per cent";
+  parameter Real a2(unit = "W", min = 0) = 0.00712 "Power of the second heater by one per cent";
+  parameter Real U(unit = "W/K", min = 0) = 0.0272 "Heat transfer of the first heater to the air";
+  parameter Real V(unit = "W/K", min = 0) = 0.0218 "Heat transfer of the second heater to the air";
+  parameter Real k(unit = "W/K", min = 0) = 0.00867 "Heat transfer from heater to heater";
+  parameter Real T_1(unit = "s", min = 0) = 20.3 "Lag of the first sensor";
+  parameter Real T_2(unit = "s", min = 0) = 13.2 "Lag of the second sensor";
   input Real Q1 "First heater, in per cent";
   input Real Q2 "Second heater, in per cent";
   input Real T_a(unit = "degC") "Temperature of the air";
