@@ -39,7 +39,7 @@ def test_every_call_does_as_typed(typed: dict[str, Any], cart: SimpleNamespace):
     assert typed["lists"].sha256 == typed["same"].sha256
     assert np.array_equal(typed["train"].time, typed["same"].time)
     assert typed["posterior"].draws.shape[:2] == (4, 50)
-    assert typed["loop"].parameters["k"].value == pytest.approx(typed["again"].parameters["k"].value, rel=1e-9)
+    assert typed["loop"].parameters["k"].value == pytest.approx(typed["again"].parameters["k"].value, rel=1e-3)
     for name in ("fit.html", "posterior.html"):
         assert "<svg" in (cart.folder / name).read_text("utf-8")
     assert (cart.folder / "all.png").stat().st_size > 50_000

@@ -71,7 +71,6 @@ class StructureSearch:
         self._level_count = 0
         self._candidate_fits: dict[tuple[Structure, tuple[str, ...]], FittedModel | None] = {}
         self._scout_fits: dict[tuple[Structure, tuple[str, ...]], FittedModel] = {}
-        self._predicted_gains: dict[Structure, float] = {}
         self._skipped: dict[str, None] = {}
         self._ended = ""
         self._completed: set[Structure] = set()
@@ -136,8 +135,7 @@ class StructureSearch:
     def _result(self) -> SearchResult:
         return SearchResult(
             dict(self._fits), self._noise, self._penalty, self.floors,
-            {s: p for s, p in self._predicted_gains.items() if s not in self._fits}, self.cache.ports,
-            self.library.refines, self.library.curves, tuple(self._skipped),
+            self.cache.ports, self.library.refines, self.library.curves, tuple(self._skipped),
             self._ended,
         )  # fmt: skip
 
@@ -219,8 +217,6 @@ class StructureSearch:
             if points is not None
         }
         self._time_is_up(what)
-        for structure, points in starts.items():
-            self._predicted_gains[structure] = max(_max_gain(points), 0.0) / bases[structure].temperature
         order = sorted(starts, key=lambda s: (-self._predicted_evidence(bases[s], starts[s]), s.terms))
         tried: list[Structure] = []
         for wave in doubling_batches(order, self.settings.beam_width):

@@ -77,24 +77,20 @@ def ranked(fits: Iterable[FittedModel], penalty: Penalty) -> list[FittedModel]:
 class SearchResult:
     """All that a search found: every structure fitted, scored under one noise.
 
-    ``predicted_gains`` are those of structures that were not fitted, because the gains are too small; ``ports`` is the
-    port of each term, ``curves`` those that are learned. ``skipped`` are terms with which the model cannot be
-    simulated; ``ended`` is what was being done when the time limit passed, empty where the search was completed.
+    ``ports`` is the port of each term, ``curves`` those that are learned. ``skipped`` are terms with which the model
+    cannot be simulated; ``ended`` is what was being done when the time limit passed, empty where the search was
+    completed.
     """
 
     fits: Mapping[Structure, FittedModel]
     noise: CommonNoise
     penalty: Penalty
     floors: Mapping[tuple[str, str], float]
-    predicted_gains: Mapping[Structure, float]
     ports: Mapping[str, str]
     refines: Mapping[str, str]
     curves: tuple[str, ...] = ()
     skipped: tuple[str, ...] = ()
     ended: str = ""
-
-    def score(self, structure: Structure) -> float:
-        return self.penalty.score(self.fits[structure])
 
     @property
     def ranked(self) -> list[FittedModel]:

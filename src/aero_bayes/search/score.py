@@ -32,9 +32,6 @@ class CommonNoise:
     Parameters
     ----------
     noise : FitNoise
-    autocorrelation_time : mapping of str to float
-        In samples, by output; 1 where the output is down to its noise.
-    effective_samples : mapping of str to float
     structured : tuple of str
         Outputs whose residual sensors do not explain.
     reports : tuple of ResidualReport
@@ -42,8 +39,6 @@ class CommonNoise:
     """
 
     noise: FitNoise
-    autocorrelation_time: Mapping[str, float]
-    effective_samples: Mapping[str, float]
     structured: tuple[str, ...]
     reports: tuple[ResidualReport, ...]
 
@@ -78,13 +73,12 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     residuals = {output: [r for _, r in own] for output, own in parts.items()}
     counts = {output: sum(r.size for r in rs) for output, rs in residuals.items()}
     times_of = {o: residual_correlation_time(rs) if o in left else 1.0 for o, rs in residuals.items()}
-    samples = {o: counts[o] / times_of[o] for o in parts}
     shortest = min(times_of.values())
     noise = dict(estimated)
     for output in left:
         square = sum(float(r @ r) for r in residuals[output]) / counts[output]
         noise[output] = OutputNoise(max(math.sqrt(square * times_of[output] / shortest), 1e-300))
-    return CommonNoise(FitNoise(noise, shortest), times_of, samples, tuple(o for o in parts if o in left), reports)
+    return CommonNoise(FitNoise(noise, shortest), tuple(o for o in parts if o in left), reports)
 
 
 def _by_output(fitted: FittedModel) -> dict[str, list[tuple[int, FloatArray]]]:
