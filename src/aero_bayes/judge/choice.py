@@ -182,12 +182,16 @@ class Choice:
         return tuple(t for t in structure.terms if t in required or all(self._has_like(s, t) for s in rivals))
 
     def _as_good(self) -> list[Structure]:
-        """Structures of the same size that do as well, none with more parameters unless it predicts better."""
+        """Structures of the same size that do about as well, none with more parameters unless it predicts better.
+
+        As long as structure is left, a further missing effect may turn a difference that is not material.
+        """
         scores, fits = self.comparison.scores, self.explored.fits
         most = len(fits[self.structure].optimum.free)
+        close = Judge(self.explored, self.comparison, self.settings).close_to(self.structure)
         return [
             s
-            for s in self.near
+            for s in dict.fromkeys((*self.near, *(close if structured_residuals(self.after) else ())))
             if len(s) == len(self.structure)
             and (len(fits[s].optimum.free) <= most or scores[s] < scores[self.structure])
         ]
@@ -290,6 +294,18 @@ class Judge:
         best = self.comparison.best(among)
         near = [s for s in among if s == best or not self.comparison.clearly_better(best, s)]
         return sorted(near, key=lambda s: (len(s), len(self.explored.fits[s].optimum.free), self.comparison.scores[s]))
+
+    def close_to(self, structure: Structure) -> list[Structure]:
+        """Other material structures of its size than which it is not materially better, best first."""
+        found = [
+            s
+            for s in self.comparison.squares
+            if s != structure
+            and len(s) == len(structure)
+            and self.comparison.share(structure, s).value > self.settings.min_share
+            and self.material(s)
+        ]
+        return sorted(found, key=lambda s: self.comparison.scores[s])
 
     def smaller(self, chosen: Structure) -> tuple[str, ...]:
         """Laws that clearly lower the left-out error beside the chosen terms: those of the best structure of these."""

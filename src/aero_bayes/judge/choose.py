@@ -189,13 +189,14 @@ def rank(explored: SearchResult) -> tuple[CommonBlocks, Comparison]:
 def finalists(judge: Judge) -> list[Structure]:
     """Structures that are worth a refit without each block.
 
-    Those near the best material structure, the best of each size by the closed form and by the fit itself, which the
-    closed form may misjudge, and what they must be better than.
+    Those near the best material structure and those that it does not materially beat, the best of each size by the
+    closed form and by the fit itself, which the closed form may misjudge, and what they must be better than.
     """
     ranking, explored = judge.comparison, judge.explored
     scores, fits = ranking.scores, explored.fits
     base = [s for s in ranking.squares if set(s.terms) == set(judge.settings.require)]
-    found = [ranking.best(base), *judge.near()[: FINALISTS // 2]]
+    near = judge.near()
+    found = [ranking.best(base), *near[: FINALISTS // 2], *judge.close_to(near[0])[: FINALISTS // 4]]
     for size in sorted({len(s) for s in ranking.squares}):
         own = [s for s in ranking.squares if len(s) == size]
         found += sorted(own, key=lambda s: scores[s])[:2]

@@ -196,7 +196,7 @@ def _why_none(base: BaseFit, choice: Choice, structured: Sequence[ResidualReport
     if choice.undecided:
         return (
             f"The data do not tell what is missing: {_one_of(choice.undecided)}. They act at different places and "
-            "lower the error on left-out readings equally well."
+            "lower the error on left-out readings about equally well."
         )
     unsure = choice.unsure
     if unsure:
