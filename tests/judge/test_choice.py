@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
-from aero_bayes.judge import Choice, ChoiceSettings, Chooser
+from aero_bayes.judge import Choice, ChoiceSettings, Chooser, Comparison, Judge
 from aero_bayes.laws import CandidateTerm
 from aero_bayes.search import CandidateModel, FitNoise, Library, Parts, Structure, StructureSearch, StructureSettings
 from aero_bayes.sensors import OutputNoise
@@ -125,6 +125,15 @@ def test_of_two_laws_at_different_places_that_do_as_well_none_is_named():
     assert set(both.undecided) == {"square@v", "twin@w"}
     clear = chosen(1.5 * BASIS[2], 1)
     assert clear.told() is clear
+
+
+def test_a_law_that_the_best_beats_by_less_than_a_quarter_is_close_to_it():
+    size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
+    errors = {(): 1.0, ("best@u",): 0.09, ("near@v",): 0.11, ("far@w",): 0.13, ("small@w",): 0.9}
+    comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
+    best, near = Structure(("best@u",)), Structure(("near@v",))
+    assert comparison.clearly_better(best, near)
+    assert Judge(None, comparison, ChoiceSettings()).close_to(best) == [near]
 
 
 def test_where_unseen_readings_refuse_a_pair_its_parts_are_offered_first():

@@ -56,6 +56,13 @@ def test_structure_that_is_left_asks_for_an_error_that_falls_visibly(share, refu
     assert refusal(before, after, RECORDINGS, [SETTLED]) == ""
 
 
+def test_a_term_without_which_the_last_fit_leaves_hardly_more_is_refused():
+    before, little, much = (replace(p, train=p.test, test={}) for p in map(lambda y: predicted(y=y), (1.0, 0.95, 0.5)))
+    assert "last fit" in refusal(before, little, RECORDINGS, [STRUCTURED])
+    assert refusal(before, little, RECORDINGS, [SETTLED]) == ""
+    assert refusal(before, much, RECORDINGS, [STRUCTURED]) == ""
+
+
 def test_without_unseen_readings_nothing_is_refused():
     after = replace(predicted(y=1.0), test={})
     assert refusal(predicted(), after, RECORDINGS, [STRUCTURED]) == ""
