@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-platforms test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation coverage coverage-wrong docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -85,6 +85,10 @@ test: $(VENV)/.tested ## set up and run the tests
 
 test-fast: $(VENV)/.tested ## the tests that take no longer than a minute together
 	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+test-platforms: $(VENV)/.tested ## exported FMUs of Windows (Wine) and ARM (qemu-user) give this machine's numbers
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[platforms]'
+	$(BIN)/python -m pytest -rs tests/export/test_platforms.py
 
 test-coverage: $(VENV)/.tested ## which lines the tests run -> build/coverage/index.html
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check pytest-cov

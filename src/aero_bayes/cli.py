@@ -139,15 +139,17 @@ def _options(**given: Any) -> Any:
 @click.option("--source", "sources", type=FILE, multiple=True, help="Further .mo files to load.")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
 @click.option("--fmi", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Version of the standard.")
+@click.option(
+    "--platforms", default="", metavar="LIST",
+    help="all, or some of linux64, win64, aarch64-linux, darwin64; this machine by default.",
+)  # fmt: skip
 @click.option("--out", type=FILE, required=True, help="The FMU to write.")
-def fmu_command(
-    compiler: Any, model: str, sources: tuple[Path, ...], libraries: tuple[Path, ...], fmi: str, out: Path
-) -> None:
+def fmu_command(model: str, fmi: str, out: Path, **options: Any) -> None:
     """Build an FMU from Modelica source."""
     from aero_bayes.export import export_fmu
 
     out.parent.mkdir(parents=True, exist_ok=True)
-    written = export_fmu(model, out, compiler=compiler, sources=sources, libraries=libraries, fmi=int(fmi))
+    written = export_fmu(model, out, fmi=int(fmi), **options)
     click.echo(f"wrote {written}")
 
 

@@ -22,6 +22,11 @@ def no_parameter_text(model: Model, name: str) -> str:
             flat = load_flat(model.source.name, model.source.files, model.source.libraries)
             if reason := _reason(flat, name, known):
                 return reason
+    elif kind := model.causality_of(name):
+        return (
+            f"{name} is no parameter of {model.path.name} that may be set: its causality in the FMU is {kind}"
+            f"{', so it follows from other parameters' if kind == 'calculatedParameter' else ''}"
+        )
     return f"model {model.name} has no parameter {name}{known_names_hint(name, sorted(known))}"
 
 

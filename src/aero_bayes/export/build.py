@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import importlib.metadata
 import importlib.util
 import os
 import shlex
@@ -15,11 +16,14 @@ from pathlib import Path
 
 from aero_bayes.build_cache import make_once
 from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.export.platforms import Platform, one_file, this_machine, zig_compiler
 from aero_bayes.files import whole_file
 from aero_bayes.scratch import ScratchFolder
 
-_FLAGS = ("-std=gnu11", "-fPIC", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math")
+_FLAGS = ("-std=gnu11", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math")
 _LINK = ("-shared", "-Wl,--build-id=none", "-s")
+#: Headers of FMI that the runtime includes, by version.
+_FMI_HEADERS = {2: "fmi2*.h", 3: "fmi3*.h"}
 
 _NATIVE = Path(__file__).parent / "native"
 
@@ -69,10 +73,48 @@ def compile_library(source: str, identifier: str, *, quick: bool = False, fmi: i
             name = f"{identifier}.c"
             (folder / name).write_text(source, encoding="utf-8")
             (folder / "runtime.o").write_bytes(runtime)
-            _compile([*command, *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"], folder)
+            _compile([*command, "-fPIC", *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"], folder)
             return (folder / f"{identifier}.so").read_bytes()
 
     return make_once(f"{identifier}.so", (_stamp(command, flags), runtime, source.encode()), compile_it)
+
+
+def compile_binaries(
+    source: str, identifier: str, platforms: Sequence[Platform], *, quick: bool = False, fmi: int = 2
+) -> dict[str, bytes]:
+    """Binaries of a generated model, by their place in the archive: this machine's by its compiler, others by Zig."""
+    members = {}
+    for one in platforms:
+        if one is this_machine():
+            library = compile_library(source, identifier, quick=quick, fmi=fmi)
+        else:
+            library = one_file({target: _cross_compile(source, identifier, one, target, fmi) for target in one.targets})
+        members[f"binaries/{one.folders[fmi]}/{identifier}{one.suffix}"] = library
+    return members
+
+
+def _cross_compile(source: str, identifier: str, platform: Platform, target: str, fmi: int) -> bytes:
+    """The library for another machine."""
+    command, sources = zig_compiler(target), source_files(source, identifier, fmi)
+    flags = [*_FLAGS, "-O2", *platform.flags, "-I.", "-o", "made", f"{identifier}.c", f"fmi{fmi}.c", "-lm"]
+
+    def compile_it() -> bytes:
+        with ScratchFolder() as folder:
+            for name, text in sources.items():
+                (folder / name).write_bytes(text)
+            _compile([*command, *flags], folder)
+            return (folder / "made").read_bytes()
+
+    stamp = f"{importlib.metadata.version('ziglang')}{command[1:]}{flags}".encode()
+    return make_once(f"{identifier}{platform.suffix}", (stamp, *sources.values()), compile_it)
+
+
+def source_files(source: str, identifier: str, fmi: int) -> dict[str, bytes]:
+    """All C source of an FMU by file: the model, the runtime, and the headers of FMI."""
+    other = f"fmi{5 - fmi}.c"
+    runtime = {path.name: path.read_bytes() for path in sorted(_NATIVE.iterdir()) if path.name != other}
+    headers = {path.name: path.read_bytes() for path in sorted(fmi_headers().glob(_FMI_HEADERS[fmi]))}
+    return {**runtime, **headers, f"{identifier}.c": source.encode()}
 
 
 def _runtime(command: Sequence[str], fmi: int) -> bytes:
@@ -102,7 +144,7 @@ def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, co
         with ScratchFolder() as folder:
             for name, text in texts.items():
                 (folder / name).write_bytes(text)
-            _compile([*command, *_FLAGS, "-O2", f"-I{_NATIVE}", "-o", product, *flags], folder)
+            _compile([*command, "-fPIC", *_FLAGS, "-O2", f"-I{_NATIVE}", "-o", product, *flags], folder)
             return (folder / product).read_bytes()
 
     return make_once(product, (_stamp(command, flags), *texts.values()), compile_it)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +11,7 @@ from aero_bayes.arguments import Paths, paths_of
 from aero_bayes.errors import InputError
 from aero_bayes.export.embedded import export_embedded
 from aero_bayes.export.openmodelica import export_openmodelica
+from aero_bayes.export.platforms import platforms_called, this_machine
 
 Compiler = Literal["auto", "omc", "embedded"]
 
@@ -50,6 +51,8 @@ def export_fmu(
     sources: Paths = (),
     libraries: Paths = (),
     fmi: int = 2,
+    platforms: str | Sequence[str] = (),
+    stop: float | None = None,
 ) -> Path:
     """Export a Modelica model as an FMU for Model Exchange and Co-Simulation.
 
@@ -69,6 +72,11 @@ def export_fmu(
         names and OpenModelica's own are looked through too. OpenModelica finds libraries in its own way as well.
     fmi : int
         2 or 3: version of the standard. The embedded exporter alone writes FMI 3.0.
+    platforms : str or sequence of str
+        ``all``, or some of ``linux64``, ``win64``, ``aarch64-linux`` and ``darwin64``; this machine by default. Others
+        are compiled by the wheel ziglang (``aero-bayes[platforms]``). The C source is always inside.
+    stop : float, optional
+        End of the default experiment in s.
 
     Returns
     -------
@@ -88,16 +96,21 @@ def export_fmu(
     out, sources, libraries = Path(out), paths_of(sources, "sources"), paths_of(libraries, "libraries")
     if fmi not in (2, 3):
         raise InputError(f"FMI {fmi}: expected 2 or 3")
-    if fmi == 3:
+    wanted = platforms_called(platforms)
+    if fmi == 3 or wanted != (this_machine(),):
         if compiler == "omc":
-            raise InputError("FMI 3.0 is written by the embedded exporter only; expected --compiler embedded")
+            raise InputError(
+                "FMI 3.0 and binaries for other machines are written by the embedded exporter only; expected "
+                "--compiler embedded"
+            )
         compiler = "embedded"
     if compiler == "auto":
         return first_compiler(
-            compiler, lambda one: export_fmu(model, out, compiler=one, sources=sources, libraries=libraries)
+            compiler,
+            lambda one: export_fmu(model, out, compiler=one, sources=sources, libraries=libraries, stop=stop),
         )
     if compiler == "omc":
         return export_openmodelica(model, out, sources, libraries)
     if compiler != "embedded":
         raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
-    return export_embedded(model, out, sources, libraries, fmi=fmi)
+    return export_embedded(model, out, sources, libraries, fmi=fmi, platforms=wanted, stop=stop)

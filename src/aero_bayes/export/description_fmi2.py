@@ -12,9 +12,19 @@ from aero_bayes.export.expression import Node, evaluate_nodes
 from aero_bayes.export.layout import VariableLayout
 from aero_bayes.language.units import base_units
 
+#: End of the default experiment in s where nothing else is known.
+DEFAULT_STOP = 40.0
+
 
 def write_fmi2_description(
-    model: ExplicitModel, layout: VariableLayout, *, model_name: str, identifier: str, guid: str
+    model: ExplicitModel,
+    layout: VariableLayout,
+    *,
+    model_name: str,
+    identifier: str,
+    guid: str,
+    stop: float | None = None,
+    sources: bool = False,
 ) -> bytes:
     """The description as bytes, the same for the same model."""
     b = model.system.builder
@@ -43,22 +53,28 @@ def write_fmi2_description(
     )  # fmt: skip
     common = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
     told = "false" if layout.inputs else "true"  # so that it can ask for an event where an input jumps without one
-    ET.SubElement(
-        root, "ModelExchange", common, completedIntegratorStepNotNeeded=told, providesDirectionalDerivative="true"
-    )
-    ET.SubElement(
-        root,
-        "CoSimulation",
-        common,
-        canHandleVariableCommunicationStepSize="true",
-        providesDirectionalDerivative="true",
-    )
+    interfaces = [
+        ET.SubElement(
+            root, "ModelExchange", common, completedIntegratorStepNotNeeded=told, providesDirectionalDerivative="true"
+        ),
+        ET.SubElement(
+            root,
+            "CoSimulation",
+            common,
+            canHandleVariableCommunicationStepSize="true",
+            providesDirectionalDerivative="true",
+        ),
+    ]
+    for interface in interfaces if sources else ():
+        files = ET.SubElement(interface, "SourceFiles")
+        for file in (f"{identifier}.c", "fmi2.c"):
+            ET.SubElement(files, "File", name=file)
     _units(root, layout)
     ET.SubElement(
         ET.SubElement(root, "LogCategories"), "Category", name="logStatusError", description="Calls that failed"
     )
     ET.SubElement(root.find("LogCategories"), "Category", name="logStatusWarning", description="Calls to look at")  # type: ignore[arg-type]
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="40", tolerance="1e-6")
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=f"{stop or DEFAULT_STOP:.12g}", tolerance="1e-6")
     writer = _Variables(root, values)
     nx = len(layout.states)
     inputs = [

@@ -8,8 +8,24 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
+#: What FMI 3.0 has besides the model description where there is source.
+_BUILD = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiBuildDescription fmiVersion="3.0">
+  <BuildConfiguration modelIdentifier="{name}">
+    <SourceFileSet language="C11">
+      <SourceFile name="{name}.c"/>
+      <SourceFile name="fmi3.c"/>
+    </SourceFileSet>
+  </BuildConfiguration>
+</fmiBuildDescription>
+"""
 _SAME = ("UnitDefinitions", "LogCategories", "DefaultExperiment")
 _UNKNOWNS = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
+
+
+def build_description(name: str) -> bytes:
+    """How the source of an FMU is built: ``sources/buildDescription.xml``."""
+    return _BUILD.format(name=name).encode()
 
 
 def convert_to_fmi3(description: bytes, indicators: int) -> bytes:

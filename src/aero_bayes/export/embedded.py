@@ -9,15 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.build import compile_library, write_archive
+from aero_bayes.export.build import compile_binaries, source_files, write_archive
 from aero_bayes.export.causalisation import ExplicitModel, causalise
 from aero_bayes.export.codegen import generate
 from aero_bayes.export.description_fmi2 import write_fmi2_description
-from aero_bayes.export.description_fmi3 import convert_to_fmi3
+from aero_bayes.export.description_fmi3 import build_description, convert_to_fmi3
 from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.layout import lay_out
 from aero_bayes.export.library import declared_members, identifier
+from aero_bayes.export.platforms import Platform, this_machine
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.export.switching_surfaces import find_surfaces
 
@@ -47,10 +48,18 @@ def _placed(flat: FlatModel) -> Iterator[None]:
 
 
 def export_embedded(
-    model: str, out: Path, sources: Sequence[Path] = (), libraries: Sequence[Path] = (), *, fmi: int = 2
+    model: str,
+    out: Path,
+    sources: Sequence[Path] = (),
+    libraries: Sequence[Path] = (),
+    *,
+    fmi: int = 2,
+    platforms: Sequence[Platform] = (),
+    stop: float | None = None,
 ) -> Path:
-    """Write the FMU of ``model`` to ``out``."""
-    return export_flat(load_flat(model, sources, libraries), out, fmi=fmi, members=declared_members(model, sources))
+    """Write the FMU of ``model`` to ``out``; see :func:`aero_bayes.export.export_fmu` and :func:`export_flat`."""
+    flat, members = load_flat(model, sources, libraries), declared_members(model, sources)
+    return export_flat(flat, out, fmi=fmi, members=members, platforms=platforms, stop=stop)
 
 
 def export_flat(
@@ -60,6 +69,8 @@ def export_flat(
     quick: bool = False,
     fmi: int = 2,
     members: Mapping[str, bytes] | None = None,
+    platforms: Sequence[Platform] = (),
+    stop: float | None = None,
 ) -> Path:
     """Write the FMU of a flat model to ``out``.
 
@@ -73,6 +84,10 @@ def export_flat(
         Further files of the archive.
     fmi : int
         2 or 3: version of the standard.
+    platforms : sequence of Platform, optional
+        Machines that it has binaries for; this machine by default.
+    stop : float, optional
+        End of its default experiment in s.
 
     Returns
     -------
@@ -92,17 +107,23 @@ def export_flat(
         if not layout.states and not layout.outputs:
             raise InputError(f"{flat.name}: the model has neither states nor outputs")
         source = generate(switching, layout, _NO_GUID, lanes=not quick)
-        description = write_fmi2_description(solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID)
+        description = write_fmi2_description(
+            solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID, stop=stop, sources=not quick
+        )
     if fmi == 3:
         description = convert_to_fmi3(description, solved.indicators)
     digest = hashlib.sha256(source.encode() + description).hexdigest()
     guid = "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
-    library = compile_library(source.replace(_NO_GUID, guid), name, quick=quick, fmi=fmi)
+    source = source.replace(_NO_GUID, guid)
+    files = {} if quick else source_files(source, name, fmi)
+    if files and fmi == 3:
+        files["buildDescription.xml"] = build_description(name)
     write_archive(
         out,
         {
             "modelDescription.xml": description.replace(_NO_GUID.encode(), guid.encode()),
-            f"binaries/{'linux64' if fmi == 2 else 'x86_64-linux'}/{name}.so": library,
+            **compile_binaries(source, name, platforms or (this_machine(),), quick=quick, fmi=fmi),
+            **{f"sources/{file}": text for file, text in files.items()},
             **(members or {}),
         },
     )

@@ -16,6 +16,7 @@ import aero_bayes.simulation
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import compile_kept, write_archive
 from aero_bayes.export.embedded import export_flat
+from aero_bayes.export.platforms import this_machine
 from aero_bayes.laws.fmu_ports import LawCoupling
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import BINARY_FOLDERS, Model, Variable
@@ -57,7 +58,7 @@ def couple(inner: Model, coupling: LawCoupling, out: Path, laws_out: Path) -> No
     library = compile_kept(_SOURCES, flags, "coupled.so")
     folders = (BINARY_FOLDERS[inner.fmi_version], "resources")
     members = {
-        f"binaries/linux64/{identifier}.so": library,
+        f"{BINARY_FOLDERS[2]}/{identifier}{this_machine().suffix}": library,
         "resources/coupling.txt": table.text().encode(),
         **_part(inner, "inner", folders),
         **_part(laws, "laws", folders),

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aero_bayes.declared import DECLARATION_MEMBER, PackageDeclaration, parse_declaration
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
+from aero_bayes.export.platforms import Platform, this_machine
 from aero_bayes.simulation import archive
 from aero_bayes.simulation.description_xml import parse_description
 from aero_bayes.simulation.fmi2_description import read_fmi2_description
 from aero_bayes.simulation.fmi3_description import read_fmi3_description
 from aero_bayes.simulation.model_description import BINARY_FOLDERS, ModelDescription, listed
+from aero_bayes.simulation.source_fmu import built_from_source
 from aero_bayes.simulation.state_copies import verified_copies
 
 if TYPE_CHECKING:
@@ -94,7 +96,8 @@ class Model(ModelDescription):
         Parameters
         ----------
         path : path
-            An FMI 2.0 or 3.0 FMU with Model Exchange or Co-Simulation and a binary for Linux on x86-64.
+            An FMI 2.0 or 3.0 FMU with Model Exchange or Co-Simulation, and a binary for this machine or C source,
+            which is compiled.
 
         Raises
         ------
@@ -113,18 +116,26 @@ class Model(ModelDescription):
             )
         read = read_fmi2_description if version.startswith("2.") else read_fmi3_description
         model = cls(**vars(read(path, root)))
-        binary = f"{BINARY_FOLDERS[model.fmi_version]}/{model.identifier}.so"
+        here = this_machine()
+        binary = f"{BINARY_FOLDERS[model.fmi_version]}/{model.identifier}{here.suffix}"
         if binary not in names:
-            have = sorted({str(PurePosixPath(n).parent) for n in names if n.startswith("binaries/")}) or ["none"]
-            raise InputError(f"{path}: no {binary} inside (binaries for: {', '.join(have)})")
-        if not _is_shared_library(archive.first_bytes(path, binary, 20)):
-            raise InputError(f"{path}: {binary} is no shared library for Linux on x86-64")
+            built = built_from_source(path, model, names)
+            return replace(cls.load(built), path=built, sha256=model.sha256)
+        if here.suffix == ".so" and not _is_shared_library(archive.first_bytes(path, binary, 20), here):
+            raise InputError(f"{path}: {binary} is no shared library for {here.name}")
         if declared:
             return replace(
                 model, declared=parse_declaration(declared.decode("utf-8", "replace"), f"{path}: {DECLARATION_MEMBER}")
             )
         # Another tool's FMU of a shipped system goes by its name.
         return replace(model, declared=declaration_of(model.name))
+
+    def causality_of(self, name: str) -> str:
+        """What the FMU calls a variable: ``calculatedParameter``, ``local``, ...; empty where it has none."""
+        _, (text,) = archive.read_texts(self.path)
+        variables = parse_description(self.path, text).find("ModelVariables")
+        found = [v for v in (variables if variables is not None else ()) if v.get("name") == name]
+        return found[0].get("causality", "local") if found else ""
 
     def verified_copies(self) -> Mapping[str, int]:
         """Those of ``candidate_copies`` that equal their state in simulations; found once a process."""
@@ -161,9 +172,10 @@ class Model(ModelDescription):
         return table_html(("name", "kind", "unit", "start", "description"), rows, repr(self).strip("<>"))
 
 
-def _is_shared_library(header: bytes) -> bool:
-    """Whether a file that begins so is an ELF file of 64 bits, little-endian, of the type DYN, for x86-64."""
-    return header[:6] == b"\x7fELF\x02\x01" and header[16:20] == b"\x03\x00\x3e\x00"
+def _is_shared_library(header: bytes, here: Platform) -> bool:
+    """Whether a file that begins so is an ELF file of 64 bits, little-endian, of the type DYN, for this machine."""
+    machine = b"\xb7\x00" if here.name == "aarch64-linux" else b"\x3e\x00"
+    return header[:6] == b"\x7fELF\x02\x01" and header[16:20] == b"\x03\x00" + machine
 
 
 def _number(value: float | None) -> str:

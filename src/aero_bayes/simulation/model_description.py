@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Literal
 
 from aero_bayes.errors import InputError
+from aero_bayes.export.platforms import this_machine
 from aero_bayes.simulation import archive
 
-BINARY_FOLDERS = {2: "binaries/linux64", 3: "binaries/x86_64-linux"}
+BINARY_FOLDERS = {version: f"binaries/{folder}" for version, folder in this_machine().folders.items()}
 
 Kind = Literal["real", "integer", "boolean"]
 Interface = Literal["model exchange", "co-simulation", "python"]
@@ -132,7 +133,7 @@ class ModelDescription:
 
     def binary_in(self, folder: Path | str) -> Path:
         """Where the binary is in a folder into which the FMU was unpacked."""
-        return Path(folder) / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}.so"
+        return Path(folder) / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}{this_machine().suffix}"
 
 
 def outputs_named_by_states(states: Sequence[Variable]) -> dict[str, int]:
