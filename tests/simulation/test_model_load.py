@@ -127,7 +127,7 @@ def edited_binary(edit: Callable[[bytes], bytes]) -> Edit:
 )
 def test_a_binary_that_is_no_library_is_named(test_fmu, tmp_path, binary):
     path = rewrite(test_fmu("Dahlquist").path, tmp_path / "bad.fmu", edited_binary(lambda _: binary))
-    with pytest.raises(InputError, match=r"Dahlquist_dd\.so .*x86-64"):
+    with pytest.raises(InputError, match=r"Dahlquist_dd\.so .*no shared library"):
         Model.load(path)
 
 
