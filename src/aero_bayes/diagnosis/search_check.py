@@ -13,7 +13,7 @@ def check_search(fit: Fit) -> DiagnosisRow:
     bounds = [name for name, status in fit.identifiability.status.items() if status is Status.AT_BOUND]
     if fit.modes:
         where = f"also {len(bounds)} on a bound" if bounds else ""
-        done = "The posterior is that of the reported one; bounds or a prior that exclude the others leave one answer."
+        done = "A posterior has draws of each; bounds or a prior that exclude the others leave one answer."
         return DiagnosisRow("search", True, fit.modes_sentence, where, done)
     if not bounds:
         return DiagnosisRow("search", False, "Every parameter ended inside its range.")

@@ -75,6 +75,33 @@ def _predicted(objective: Objective, values: FloatArray, here: Optimum) -> tuple
     return filled
 
 
+def _laplace(objective: Objective, here: Optimum, fitted: Sequence[FloatArray]) -> Laplace:
+    """The Gaussian of the free columns of an optimum and of its noise; ``fitted`` are its outputs by experiment."""
+    calibration, count = objective.calibration, len(here.free)
+    layout = NoiseLayout.of(calibration, here.noise)
+    covariance = np.zeros((count + layout.size,) * 2)
+    covariance[:count, :count] = widened_covariance(objective, here)
+    residual = tuple(y - f for y, f in zip(calibration.measured, fitted, strict=True))
+    times = tuple(e.time for e in calibration.experiments)
+    covariance[count:, count:] = noise_covariance(layout, times, residual, here.noise)
+    mean = np.concatenate([here.coordinates[list(here.free)], layout.pack(here.noise)])
+    names = tuple(calibration.parameters.names[j] for j in here.free)
+    return Laplace(names + layout.names, mean, covariance, count)
+
+
+def at_optimum(fit: Fit, objective: Objective, end: Optimum) -> Fit:
+    """The fit with another optimum of its objective over the same columns in place of its own."""
+    values = fit.values.copy()
+    values[list(fit.free)] = objective.parameters.from_search(end.coordinates)[list(fit.free)]
+    fitted = _predicted(objective, values, end)
+    return replace(
+        fit, values=values, optimum=end, laplace=_laplace(objective, end, fitted),
+        spread=curvature_adjustment(objective, end), fitted=fitted, modes=(),
+        residuals=tuple(y - f for y, f in zip(objective.calibration.readings, fitted, strict=True)),
+        log_posterior=end.whitened.log_likelihood + end.log_prior,
+    )  # fmt: skip
+
+
 def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
     """The fit at an optimum, with identifiability and covariance under the noise of the data for any cost minimised."""
     objective, here = search.objective, result.optimum
@@ -97,14 +124,6 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
     rest = [j for j, p in enumerate(calibration.parameters) if j not in sampled and p.name not in verdict.in_steps]
     values[rest] = calibration.parameters.start[rest]
     fitted = _predicted(objective, values, here)
-    spread = curvature_adjustment(objective, here)
-    layout = NoiseLayout.of(calibration, here.noise)
-    covariance = np.zeros((len(sampled) + layout.size,) * 2)
-    covariance[: len(sampled), : len(sampled)] = widened_covariance(objective, here)
-    residual = tuple(y - f for y, f in zip(calibration.measured, fitted, strict=True))
-    times = tuple(e.time for e in calibration.experiments)
-    covariance[len(sampled) :, len(sampled) :] = noise_covariance(layout, times, residual, here.noise)
-    mean = np.concatenate([point[list(sampled)], layout.pack(here.noise)])
     likelihood = here.whitened.log_likelihood
     return Fit(
         calibration=calibration,
@@ -113,8 +132,8 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         optimum=here,
         series=objective.series,
         identifiability=verdict,
-        laplace=Laplace(part.names + layout.names, mean, covariance, len(sampled)),
-        spread=spread,
+        laplace=_laplace(objective, here, fitted),
+        spread=curvature_adjustment(objective, here),
         log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
         fitted=fitted,
         residuals=tuple(y - f for y, f in zip(calibration.readings, fitted, strict=True)),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import polar
 
 from aero_bayes.estimate.block_jackknife import jackknife_covariance
+from aero_bayes.estimate.gaussian import parameter_covariance
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
@@ -42,14 +43,6 @@ class Laplace:
         return np.asarray(
             self.mean + rng.standard_normal((count, self.mean.size)) * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T
         )
-
-
-def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArray:
-    """Inverse of a Hessian that contains the priors; a direction flatter than its prior gets the prior's width."""
-    scaled = hessian * prior_sd[:, None] * prior_sd[None, :]
-    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
-    return np.asarray(inverse * prior_sd[:, None] * prior_sd[None, :])
 
 
 def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdjustment | None:

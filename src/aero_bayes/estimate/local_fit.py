@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from aero_bayes.checkpoint import Arrays, pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.cost_shape import cost_shape
+from aero_bayes.estimate.gaussian import log_precision, parameter_covariance
 from aero_bayes.estimate.levenberg_marquardt import (
     LocalSettings,
     QuadraticModel,
@@ -121,10 +122,9 @@ class Optimum:
         By Laplace's approximation (MacKay, 1992, Neural Computation 4, 415).
         """
         second = parameters.prior_derivatives(self.coordinates)[1][list(self.free)]
-        low, high = (bound[list(self.free)] for bound in parameters.box)
-        curvature = self.whitened.information / temperature
-        covariance, volume = _laplace(curvature + prior_curvature(second), high - low)
-        occam = 0.5 * len(covariance) * math.log(2.0 * math.pi) - 0.5 * volume
+        covariance, occam = _laplace(
+            self.whitened.information / temperature + prior_curvature(second), parameters, self.free
+        )
         return covariance, self.log_likelihood / temperature + self.log_prior + occam
 
 
@@ -276,22 +276,12 @@ def _pack(found: SearchResult[_PosteriorModel]) -> Arrays:
     return kept | {"outputs": np.array(list(found.quadratic.noise)), **pack_all(list(found.quadratic.noise.values()))}
 
 
-def _laplace(hessian: FloatArray, width: FloatArray) -> tuple[FloatArray, float]:
-    """Covariance of a Gaussian posterior and log-determinant of its precision, in a box of a given width (p,).
-
-    The Hessian is scaled to a unit diagonal first, so that its small eigenvalues are directions that the data do not
-    determine, whatever the units of the coordinates.
-    """
-    if not len(hessian):
-        return hessian, 0.0
-    own = np.diag(hessian)
-    unit = 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0))
-    values, vectors = np.linalg.eigh(hessian * np.outer(unit, unit))
-    values = np.maximum(values, 1e-12 * max(float(values[-1]), 1.0))
-    # The posterior is nowhere wider than the box: in a direction that the data do not determine it has the box's width.
-    _, volume = np.linalg.slogdet((vectors * values) @ vectors.T + np.diag(2.0 * math.pi * (unit / width) ** 2))
-    spread = unit[:, np.newaxis] * vectors / np.sqrt(values)
-    return spread @ spread.T, float(volume) - 2.0 * float(np.log(unit).sum())
+def _laplace(hessian: FloatArray, parameters: ParameterSet, free: Sequence[int]) -> tuple[FloatArray, float]:
+    """Covariance of the Gaussian approximation over the free columns, and the logarithm of its volume."""
+    columns = list(free)
+    low, high = (bound[columns] for bound in parameters.box)
+    volume = 0.5 * (len(columns) * math.log(2.0 * math.pi) - log_precision(hessian, high - low))
+    return parameter_covariance(hessian, parameters.prior_sd()[columns]), volume
 
 
 def local_fit(
@@ -336,8 +326,7 @@ def local_fit(
             "that is unstable without its controller needs the controller in the model"
         )
     here = found.quadratic
-    covariance, volume = _laplace(here.hessian, high - low)
-    occam = 0.5 * len(covariance) * math.log(2.0 * math.pi) - 0.5 * volume
+    covariance, occam = _laplace(here.hessian, objective.parameters, free)
     likelihood = here.whitened.log_likelihood
     return Optimum(
         tuple(free), cost_function.full(found.point), dict(here.noise), likelihood, here.log_prior,

@@ -70,7 +70,7 @@ def find_modes(search: GlobalSearch, here: Optimum, swarm: SwarmResult | None) -
         with suppress(CannotFinishError):
             settings = replace(search.local_settings, hold_noise=True)
             end = local_fit(objective, point, here.free, noise=here.noise, settings=settings, known=[here, *found])
-            if end.reason is not Stop.KNOWN_OPTIMUM and _is_another(objective, [here, *found], end):
+            if end.reason is not Stop.KNOWN_OPTIMUM and is_another(objective, [here, *found], end):
                 found.append(end)
     temperature = likelihood_temperature(here)
     level = [o.laplace(parameters, temperature)[1] for o in (here, *found)]
@@ -148,7 +148,7 @@ def _particles(here: Optimum, box: tuple[FloatArray, FloatArray], swarm: SwarmRe
     return found
 
 
-def _is_another(objective: Objective, known: Sequence[Optimum], end: Optimum) -> bool:
+def is_another(objective: Objective, known: Sequence[Optimum], end: Optimum) -> bool:
     """Whether a fit ended in an optimum that is apart from all known ones, within their reach and behind a barrier."""
     columns = list(end.free)
     for other in known:

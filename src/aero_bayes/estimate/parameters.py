@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from aero_bayes.arguments import names_of
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.default_bounds import default_bounds, first_given, model_bound
-from aero_bayes.estimate.priors import LogUniform, Prior, Uniform
+from aero_bayes.estimate.priors import LogUniform, Prior, Uniform, search_sd
 from aero_bayes.estimate.unfittable import no_parameter_text
 from aero_bayes.simulation.interface import ParameterTarget, ProblemTarget
 from aero_bayes.simulation.model import Model
@@ -235,21 +235,9 @@ class ParameterSet:
         """Independent draws from the priors in SI units, shape (size, p)."""
         return np.stack([item.prior.sample(rng, size) for item in self.items], axis=1)
 
-    def prior_sd(self, rng: np.random.Generator | None = None) -> FloatArray:
-        """Standard deviation of each prior in search coordinates, shape (p,), by quadrature on its own axis."""
-        low, high = self.box
-        sd = np.empty(len(self))
-        for j, item in enumerate(self.items):
-            u = np.linspace(low[j], high[j], 4001)
-            x = np.exp(u) if item.scale == "log" else u * (item.upper - item.lower)
-            slope = x if item.scale == "log" else np.full(u.shape, item.upper - item.lower)
-            x = np.clip(x, item.lower, item.upper)
-            log_density = item.prior.log_pdf(x) + np.log(slope)
-            weight = np.exp(log_density - log_density.max())
-            weight /= weight.sum()
-            mean = np.sum(weight * u)
-            sd[j] = math.sqrt(max(float(np.sum(weight * (u - mean) ** 2)), 1e-300))
-        return sd
+    def prior_sd(self) -> FloatArray:
+        """Standard deviation of each prior in search coordinates, shape (p,)."""
+        return np.array([search_sd(p.prior, p.lower, p.upper, p.scale) for p in self.items])
 
     def with_start(self, values: FloatArray) -> ParameterSet:
         """The same parameters with other starting values."""

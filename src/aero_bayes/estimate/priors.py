@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from functools import lru_cache
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +24,8 @@ _LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 class Prior(Protocol):
     """What a parameter's prior must answer; ``lower`` and ``upper`` bound its support."""
+
+    def __hash__(self) -> int: ...
 
     @property
     def lower(self) -> float: ...
@@ -286,3 +289,17 @@ class LogNormal:
         if self.sigma < 0.4:
             return f"{middle} ± {100 * self.sigma:.2g} %"
         return f"{middle} within a factor {math.exp(self.sigma):.2g}"
+
+
+@lru_cache(maxsize=4096)
+def search_sd(prior: Prior, lower: float, upper: float, scale: Literal["log", "linear"]) -> float:
+    """Standard deviation of a prior in its search coordinate, by quadrature; kept, as every local fit asks for it."""
+    width = upper - lower
+    low, high = (math.log(lower), math.log(upper)) if scale == "log" else (lower / width, upper / width)
+    u = np.linspace(low, high, 4001)
+    x = np.exp(u) if scale == "log" else u * width
+    log_density = prior.log_pdf(np.clip(x, lower, upper)) + np.log(x if scale == "log" else width)
+    weight = np.exp(log_density - log_density.max())
+    weight /= weight.sum()
+    mean = np.sum(weight * u)
+    return math.sqrt(max(float(np.sum(weight * (u - mean) ** 2)), 1e-300))

@@ -18,7 +18,7 @@ from aero_bayes.report.text import (
     symbol,
     tidy,
 )
-from aero_bayes.schema import McmcJson
+from aero_bayes.schema import McmcJson, ModeDrawsJson
 
 #: Above this, ensembles do not agree.
 R_HAT_LIMIT = 1.01
@@ -115,8 +115,14 @@ def sampler_facts(mcmc: McmcJson) -> list[tuple[str, str]]:
         ("autocorrelation time (steps)", significant(mcmc.tau)),
         ("accepted moves", NO_VALUE if mcmc.acceptance is None else f"{significant(100 * mcmc.acceptance, 2)} %"),
         ("time", duration(mcmc.seconds)), ("stopped because", mcmc.reason),
+        ("draws of each answer", "; ".join(_mode_words(mode) for mode in mcmc.modes) or NO_VALUE),
     ]  # fmt: skip
     return [(label, value) for label, value in facts if value not in {NO_VALUE, ""}]
+
+
+def _mode_words(mode: ModeDrawsJson) -> str:
+    values = ", ".join(f"{name} = {significant(value)}" for name, value in mode.values.items())
+    return f"{count(mode.draws)} at {values}{'' if mode.converged else ' (not converged)'}"
 
 
 def fit_error_table(run: RunDirectory) -> Markup | None:

@@ -88,7 +88,9 @@ class PosteriorDraws:
         if status is Status.UNIDENTIFIED:
             note = "the data says no more of it than the prior"
             return replace(estimate, value=q50, status=status, sd=None, q05=None, q50=None, q95=None, note=note)
-        return replace(estimate, value=q50, status=status, sd=float(np.std(x)), q05=q05, q50=q50, q95=q95, note="")
+        # Between two modes the median is a value that fits nothing: the reported one stays.
+        value, note = (estimate.value, "the interval is that of all answers") if self.fit.modes else (q50, "")
+        return replace(estimate, value=value, status=status, sd=float(np.std(x)), q05=q05, q50=q50, q95=q95, note=note)
 
     @property
     def noise(self) -> dict[str, OutputNoise]:

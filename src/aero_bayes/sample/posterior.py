@@ -18,6 +18,7 @@ from aero_bayes.estimate.value_comparison import chosen_estimates
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sample.draws import PosteriorDraws
 from aero_bayes.sample.inferencedata import save, to_inference_data
+from aero_bayes.sample.modes import ModeDraws
 from aero_bayes.simulation.interface import Outcome
 
 if TYPE_CHECKING:
@@ -50,7 +51,8 @@ class Posterior(PosteriorDraws, EstimateTable):
         Which was not.
     seed : int
     trace : ndarray, shape (ensembles, steps, d)
-        Mean over the walkers of each ensemble after each step, in SI units, for trace plots.
+        Mean over the walkers of each ensemble after each step, in SI units, for trace plots; with several modes, those
+        of all of them, one mode after the other.
     acceptance : float
         Share of proposals that were taken.
     steps, walkers, evaluations : int
@@ -58,6 +60,8 @@ class Posterior(PosteriorDraws, EstimateTable):
     outcomes : mapping of Outcome to int
         How many simulations ended how.
     seconds : float
+    mode_draws : tuple of ModeDraws
+        With several modes: how many draws are of each, the reported one first.
 
     Examples
     --------
@@ -83,6 +87,7 @@ class Posterior(PosteriorDraws, EstimateTable):
     evaluations: int
     outcomes: Mapping[Outcome, int]
     seconds: float
+    mode_draws: tuple[ModeDraws, ...] = ()
 
     def to_dict(self) -> Json:
         """The keys of result.json that a posterior fills, those of its fit included."""
@@ -107,6 +112,7 @@ class Posterior(PosteriorDraws, EstimateTable):
                 "reason": self.reason,
                 "acceptance": self.acceptance,
                 "evaluations": self.evaluations,
+                "modes": [row.to_dict() for row in self.mode_draws],
                 "per_parameter": {
                     name: {"r_hat": d.r_hat, "ess_bulk": d.ess_bulk, "ess_tail": d.ess_tail, "tau": d.tau}
                     for name, d in self.diagnoses.items()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
@@ -19,6 +20,16 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.sample.mcmc import Chain, run_chain
+from aero_bayes.sample.modes import (
+    ModeDraws,
+    NearestAdjustment,
+    Region,
+    mixed,
+    mode_fits,
+    mode_rows,
+    mode_shares,
+    worst,
+)
 from aero_bayes.sample.moves import WarpedStudentT
 from aero_bayes.sample.posterior import Posterior
 from aero_bayes.sample.predictive import posterior_predictive
@@ -91,35 +102,55 @@ def _sample(
     simulator: Simulator,
 ) -> Posterior:
     began = time.perf_counter()
-    joint = fit.joint_target(simulator)
-    proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, settings.dof, joint.axes)
-    chain = run_chain(joint, proposal, settings, seed, checkpoint=checkpoint, identity=identity(fit), progress=progress)
-    if chain.points.shape[1] < 8:
+    fits = mode_fits(fit, simulator) if fit.modes else (fit,)
+    joints = [one.joint_target(simulator) for one in fits]
+    regions = [Region(joint, fits, k) for k, joint in enumerate(joints)]
+    own = replace(settings, time_limit=settings.time_limit / len(fits))
+    chains = [
+        run_chain(
+            joint if len(fits) == 1 else region,
+            WarpedStudentT.of(one.laplace.mean, one.laplace.covariance, settings.dof, joint.axes),
+            own, seed, checkpoint=checkpoint, identity=identity(one), progress=progress,
+        )
+        for one, joint, region in zip(fits, joints, regions, strict=True)
+    ]  # fmt: skip
+    if any(chain.points.shape[1] < 8 for chain in chains):
         raise CannotFinishError(f"the time limit of {settings.time_limit:g} s passed before the sampler had settled")
     rng = np.random.default_rng([seed, 1])
-    points, density = _thin(chain, settings.draws)
+    points, density = _thin(chains[0], settings.draws)
+    told: list[ModeDraws] = []
+    if len(fits) > 1:
+        shares = mode_shares(fits, regions, chains, rng)
+        points, density, counts = mixed([_thin(chain, settings.draws) for chain in chains], shares, rng)
+        told = mode_rows(fits, chains, shares, counts)
+        joints[0].target.spread = NearestAdjustment.of_fits(fits)
+    joint = joints[0]
     each = max(1, settings.predictive // len(points))
     rows = np.unique(np.linspace(0, points.shape[1] - 1, each).astype(np.int64))
     predictive = posterior_predictive(
         joint, points[:, rows].reshape(-1, points.shape[-1]), fit.predictor.band_factors, rng
     )
+    short = [f"answer {k + 1} of {len(chains)}: {c.reason}" for k, c in enumerate(chains) if not c.converged]
+    steps = min(chain.points.shape[1] for chain in chains)
+    trace = np.concatenate([chain.points[:, :steps].mean(axis=2) for chain in chains])
     return Posterior(
         fit=fit,
         names=joint.names,
         draws=_physical(joint, points),
         log_posterior=density,
-        trace=_physical(joint, chain.points.mean(axis=2)),
-        diagnoses=dict(zip(joint.names, chain.diagnoses, strict=True)),
+        trace=_physical(joint, trace),
+        diagnoses=dict(zip(joint.names, worst(chains), strict=True)),
         predictive=predictive,
-        converged=chain.converged and not fit.modes,
-        reason=f"it describes one answer only. {fit.modes_sentence}".rstrip(".") if fit.modes else chain.reason,
-        acceptance=chain.acceptance,
-        steps=chain.points.shape[1],
-        walkers=chain.points.shape[2],
-        evaluations=chain.evaluations,
-        outcomes=dict(joint.target.outcomes),
-        seconds=max(chain.seconds, time.perf_counter() - began),
+        converged=all(chain.converged for chain in chains),
+        reason=short[0] if short and len(chains) > 1 else chains[0].reason,
+        acceptance=float(np.mean([chain.acceptance for chain in chains])),
+        steps=steps,
+        walkers=chains[0].points.shape[2],
+        evaluations=sum(chain.evaluations for chain in chains),
+        outcomes=dict(sum((Counter(one.target.outcomes) for one in joints), Counter())),
+        seconds=max(sum(chain.seconds for chain in chains), time.perf_counter() - began),
         seed=seed,
+        mode_draws=tuple(told),
     )
 
 

@@ -177,6 +177,13 @@ class ConvergenceJson(JsonTable):
     tau: JsonNumber
 
 
+class ModeDrawsJson(ModeJson):
+    """How many draws are of one of several modes, and whether its chain has converged."""
+
+    draws: int
+    converged: bool
+
+
 class McmcJson(JsonTable):
     """The sampler."""
 
@@ -192,6 +199,7 @@ class McmcJson(JsonTable):
     reason: str = ""
     acceptance: JsonNumber = None
     evaluations: int | None = None
+    modes: list[ModeDrawsJson] = []
     per_parameter: dict[str, ConvergenceJson] = {}
 
 

@@ -1,0 +1,41 @@
+"""The Gaussian approximation of a posterior: its covariance by one rule for all users, and its volume."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+#: Least eigenvalue of a Hessian that is scaled to a unit diagonal, as a share of the largest: below, it is rounding.
+MIN_EIGENVALUE = 1e-12
+
+
+def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArray:
+    """Inverse (f, f) of a Hessian that contains the priors; a direction flatter than its prior gets the prior's width.
+
+    ``prior_sd`` (f,) are standard deviations of the priors in the same coordinates.
+    """
+    scaled = hessian * prior_sd[:, None] * prior_sd[None, :]
+    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
+    return np.asarray(inverse * prior_sd[:, None] * prior_sd[None, :])
+
+
+def log_precision(hessian: FloatArray, width: FloatArray) -> float:
+    """Log-determinant of the precision of a Gaussian posterior in a box of a given width (f,).
+
+    The Hessian (f, f) is scaled to a unit diagonal first, so that its small eigenvalues are directions that the data do
+    not determine, whatever the units of the coordinates.
+    """
+    if not len(hessian):
+        return 0.0
+    own = np.diag(hessian)
+    unit = 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0))
+    values, vectors = np.linalg.eigh(hessian * np.outer(unit, unit))
+    values = np.maximum(values, MIN_EIGENVALUE * max(float(values[-1]), 1.0))
+    # The posterior is nowhere wider than the box: in a direction that the data do not determine it has the box's width.
+    limited = (vectors * values) @ vectors.T + np.diag(2.0 * math.pi * (unit / width) ** 2)
+    return float(np.linalg.slogdet(limited)[1]) - 2.0 * float(np.log(unit).sum())
