@@ -148,6 +148,11 @@ def test_command(coil: Path, table: dict[str, np.ndarray], tmp_path: Path):
     assert "n = 3" in ran.output
     assert "n = 2" in ran.output
     assert "Listed values" in (out / "report.html").read_text()
+    # The loop holds what the fit chose.
     loop = CliRunner().invoke(main, ["close-loop", "--train", str(data), *options, "--out", str(tmp_path / "loop")])
-    assert loop.exit_code == 2
-    assert "coil.toml, line 6" in loop.output
+    assert loop.exit_code == 0, loop.output
+    assert "n = 3, offset = false, law = Square is reported" in loop.output
+    result = json.loads((tmp_path / "loop" / "result.json").read_text())
+    assert result["loop"]["outcome"] == "adequate"
+    assert result["parameters"]["R"]["value"] == pytest.approx(1.7, rel=0.02)
+    assert "n = 3" in (tmp_path / "loop" / "Coil_chosen.mo").read_text()

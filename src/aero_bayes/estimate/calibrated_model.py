@@ -57,6 +57,8 @@ class CalibratedModel:
         What stands above all of them.
     added : mapping of str to str
         Modelica files that were written for it and are needed too: name and text.
+    suffix : str
+        What the name of the class has behind that of its base.
 
     Examples
     --------
@@ -71,11 +73,12 @@ class CalibratedModel:
     remarks: Mapping[str, str] = field(default_factory=dict)
     header: tuple[str, ...] = ()
     added: Mapping[str, str] = field(default_factory=dict)
+    suffix: str = "fitted"
 
     @property
     def name(self) -> str:
         """Name of the class."""
-        return f"{self.base.name.rpartition('.')[2]}_fitted"
+        return f"{self.base.name.rpartition('.')[2]}_{self.suffix}"
 
     @property
     def text(self) -> str:

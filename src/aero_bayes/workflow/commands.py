@@ -46,7 +46,15 @@ from aero_bayes.workflow.job import (
     open_job,
     which_model,
 )
-from aero_bayes.workflow.loop import averaged_part, extended_job, loop_part, loop_series, loop_settings, run_loop
+from aero_bayes.workflow.loop import (
+    averaged_part,
+    extended_job,
+    loop_part,
+    loop_series,
+    loop_settings,
+    run_loop,
+    with_chosen_values,
+)
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
 from aero_bayes.workflow.progress import ProgressBar
@@ -92,10 +100,14 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
     began = time.perf_counter()
     job = open_job(train, options, tests=test)
     with resumable(job, "close-loop"):
+        values: Json = {}
         with ProgressBar(options.quiet) as progress:
+            if job.values:
+                found = fit_job(job, progress)
+                job, values = with_chosen_values(job, found), {"fit": {"values": [t.to_dict() for t in found.trials]}}
             loop = run_loop(job, progress)
         series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
-        parts = [preamble(job, "close-loop"), loop_part(job, loop)]
+        parts = [preamble(job, "close-loop"), loop_part(job, loop), values]
         _finish(job, "close-loop", began, parts, series, loop.calibrated)
 
 
@@ -108,6 +120,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
     with resumable(job, "all") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             base = fit_job(job, progress, checkpoint)
+            job = with_chosen_values(job, base)
             loop = run_loop(job, progress) if job.modelica else None
             final = extended_job(job, loop) if loop is not None else job
             found = base if final is job else fit_job(final, progress, checkpoint, again=True)

@@ -9,9 +9,11 @@ import numpy as np
 
 from aero_bayes.check.residual_tests import reports_by_recording, structured_residuals
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.noise_report import noise_at_interval
 from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import Override
+from aero_bayes.estimate.result import Fit
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.load_model import load_model
@@ -47,6 +49,26 @@ def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
         out_dir=job.options.out,
         progress=lambda what, share: progress(f"loop: {what}", share),
     )
+
+
+def with_chosen_values(job: Job, found: Fit) -> Job:
+    """The job with the likeliest of its listed values held, as a fit of it found them; the same if none are listed.
+
+    Values that are not Real are modifiers of a class that is written beside the results.
+    """
+    if not found.trials:
+        return job
+    best, source = found.trials[0], job.model.source
+    held = {name: number for name, number in best.numbers.items() if name not in best.modifiers}
+    job = replace(job, fixed={**job.fixed, **held}, values={})
+    if not best.modifiers or source is None:
+        return job
+    chosen = CalibratedModel(source, dict(best.modifiers), suffix="chosen")
+    section = job.config.model
+    files = (*section.sources, chosen.write(job.options.out))
+    model = load_model(chosen.name, sources=files, libraries=section.libraries, folder=job.options.out)
+    config = job.config.model_copy(update={"model": section.model_copy(update={"sources": files})})
+    return replace(job, name=chosen.name, model=model, config=config)
 
 
 def loop_settings(job: Job) -> LoopSettings:
@@ -110,11 +132,6 @@ def loop_settings(job: Job) -> LoopSettings:
 
 def _check(job: Job) -> None:
     fit_section = job.config.fit
-    for name in job.values:
-        raise InputError(
-            f"{job.config.place(name)}{name}: values are compared by `fit` and `posterior`; run `fit`, then close "
-            "the loop of the model that it writes, which has the likeliest of them"
-        )
     if job.engine != "native":
         raise InputError(f"the loop needs the native engine, not {job.engine}")
     if fit_section.cost != "posterior":
