@@ -8,6 +8,7 @@ import pytest
 
 from aero_bayes.data import Recording, screen
 from aero_bayes.data.findings import DataFinding
+from aero_bayes.errors import InputError
 
 
 def only(recording: Recording) -> tuple[Recording, DataFinding]:
@@ -133,3 +134,25 @@ def test_a_switched_signal_is_no_fault() -> None:
     pulses = np.where(np.arange(600) % 100 < 3, 5.0, 1.0)
     given = Recording("run", time, {"valve": valve, "pulses": pulses}, {"q": flow, "i": 2.0 * pulses + noise * 0.1})
     assert screen(given) == (given,)
+
+
+def test_a_clock_that_is_set_back_begins_a_new_part() -> None:
+    frame = heated_room.recording().to_frame()
+    frame.index = np.where(np.arange(600) < 250, frame.index, frame.index - 3600.0)
+    read = Recording.from_frame(frame, inputs=["P", "T_amb"], outputs="T", name="run", units=heated_room.UNITS)
+    assert np.all(np.diff(read.time) > 0.0)
+    first, second = screen(read)
+    assert (first.rows, second.rows) == (250, 350)
+    assert (first.resumes, second.resumes) == (False, True)
+    (finding,) = second.findings
+    assert (finding.kind, finding.mended) == ("clock", True)
+    assert "29880 s to 26400 s" in finding.what
+    assert "251" in finding.where
+    assert screen(read.rows_where(np.arange(600) >= 250, "late"))[0].rows == 350
+
+
+def test_a_wrong_time_is_no_step_of_the_clock() -> None:
+    frame = heated_room.recording().to_frame()
+    frame.index = np.where(np.arange(600) == 250, 0.0, frame.index)
+    with pytest.raises(InputError, match="251, column time: runs backwards"):
+        Recording.from_frame(frame, inputs=["P", "T_amb"], outputs="T")

@@ -89,3 +89,14 @@ def test_a_small_error_of_the_solver_does_not_explain_what_the_model_lacks(pendu
 def test_an_exact_solution_has_no_error(tmp_path: Path) -> None:
     found = heated_room.fit(heated_room.recording(), heated_room.model(tmp_path))
     assert found.solver_difference["T"] < 1e-3 * heated_room.SD
+
+
+def test_an_error_that_moves_no_parameter_is_no_finding(pendulum: aero_bayes.Model) -> None:
+    found = fitted(swing(), pendulum, 1e-6)
+    harmless = replace(found, solver_difference={"phi": 0.15 * SD}, solver_shift={"w": 0.002, "d": 0.1})
+    assert not harmless.diagnosis["solver"].found
+    assert "0.1 of its standard deviation" in harmless.diagnosis["solver"].what
+    # To first order the shift is what a fit at the tighter tolerance finds.
+    again = fitted(swing(), pendulum, 1e-7)
+    moved = abs(np.log(again.value("d") / found.value("d"))) / found.laplace.sd[found.laplace.names.index("d")]
+    assert found.solver_shift["d"] == pytest.approx(moved, rel=0.2)

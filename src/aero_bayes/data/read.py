@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.data.cells import plain_seconds
 from aero_bayes.data.checks import check_recording
+from aero_bayes.data.clock import with_steady_clock
 from aero_bayes.data.file_forms import column_names, read_columns
 from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.recording import Recording
@@ -99,6 +100,7 @@ def read_recording(
         path=file,
         first_row=given.first_row,
     )
+    recording = with_steady_clock(recording)
     for name, rows in given.bad.items():
         what = f"{int(rows.sum())} readings of {name} are marked as bad by the column of its quality."
         recording = hide(recording, name, rows, "quality", what)

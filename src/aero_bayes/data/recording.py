@@ -56,6 +56,8 @@ class Recording:
         Name of the recording that it is a part of, where one was cut at a gap.
     first_row : int
         Row of the file with the first sample, the first line being 1; 1 for arrays.
+    cuts : tuple of int
+        Samples at which a part begins anew, since the clock was set back before them.
 
     Examples
     --------
@@ -89,6 +91,7 @@ class Recording:
     resumes: bool = False
     part_of: str = ""
     first_row: int = 1
+    cuts: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _numbers(self.name, "time", self.time))
@@ -136,6 +139,8 @@ class Recording:
         >>> aero_bayes.Recording.from_frame(frame, inputs="F", outputs="position", name="train")
         <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
         """
+        from aero_bayes.data.clock import with_steady_clock
+
         if not hasattr(frame, "columns"):
             raise InputError(f"frame: expected a data frame of pandas, got {type(frame).__name__}")
         roles = [names_of(inputs, "inputs"), names_of(outputs, "outputs")]
@@ -146,7 +151,7 @@ class Recording:
                 raise InputError(f"frame: column {column} appears more than once, expected once")
         time = seconds(frame["time"] if "time" in frame.columns else frame.index)
         given, measured = ({c: numbers(frame[c], name) for c in names} for names in roles)
-        found = cls(name, time, given, measured, {"time": "s", **(units or {})})
+        found = with_steady_clock(cls(name, time, given, measured, {"time": "s", **(units or {})}))
         check_recording(found)
         return found
 
@@ -276,6 +281,7 @@ class Recording:
             self,
             name=name,
             first_row=self.first_row + first,
+            cuts=tuple(int(np.sum(keep[:row])) for row in self.cuts if keep[:row].any() and keep[row:].any()),
             time=self.time[keep],
             inputs={column: values[keep] for column, values in self.inputs.items()},
             outputs={column: values[keep] for column, values in self.outputs.items()},

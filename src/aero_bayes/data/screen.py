@@ -141,7 +141,8 @@ def _with_told(recording: Recording, name: str, unit: str) -> Recording:
 
 def _parts(recording: Recording) -> tuple[Recording, ...]:
     """The recording cut at its gaps; parts of a few samples are left out."""
-    rows = gap_rows(recording.time, recording.inputs)
+    gaps = gap_rows(recording.time, recording.inputs)
+    rows = np.union1d(gaps, np.array(recording.cuts, dtype=np.intp))
     if rows.size == 0:
         return (recording,)
     edges = [0, *rows.tolist(), recording.rows]
@@ -150,18 +151,20 @@ def _parts(recording: Recording) -> tuple[Recording, ...]:
         return (recording,)
     lost = recording.rows - sum(b - a for a, b in spans)
     left = f" {lost} samples in parts of fewer than {MIN_PART_ROWS} are left out." if lost else ""
-    times = ", ".join(f"{recording.time[r - 1]:.6g} s to {recording.time[r]:.6g} s" for r in rows)
-    numbers = runs_of((rows + recording.first_row).tolist())
-    finding = DataFinding(
-        "gap", recording.name, "", f"The logger has no sample from {times}; the inputs are not known there.",
-        f"{_source(recording)}: before rows {numbers}",
-        f"Each part begins anew with its own initial state.{left}", True,
-    )  # fmt: skip
+    findings = recording.findings
+    if gaps.size:
+        times = ", ".join(f"{recording.time[r - 1]:.6g} s to {recording.time[r]:.6g} s" for r in gaps)
+        gap = DataFinding(
+            "gap", recording.name, "", f"The logger has no sample from {times}; the inputs are not known there.",
+            f"{_source(recording)}: before rows {runs_of((gaps + recording.first_row).tolist())}",
+            f"Each part begins anew with its own initial state.{left}", True,
+        )  # fmt: skip
+        findings = (*findings, gap)
     found = []
     for k, (a, b) in enumerate(spans):
         keep = np.zeros(recording.rows, dtype=bool)
         keep[a:b] = True
         name = f"{recording.name} (part {k + 1})" if len(spans) > 1 else recording.name
         part = recording.rows_where(keep, name)
-        found.append(replace(part, findings=(*recording.findings, finding), resumes=a > 0, part_of=recording.name))
+        found.append(replace(part, findings=findings, resumes=a > 0, part_of=recording.name, cuts=()))
     return tuple(found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import cast
 
-from aero_bayes.check.residual_tests import check_residuals
+from aero_bayes.diagnosis.left_over import LeftOver
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.result import Fit
@@ -13,15 +13,14 @@ from aero_bayes.estimate.result import Fit
 MIN_ROUNDED_SHARE = 0.25
 
 
-def check_noise(fit: Fit) -> DiagnosisRow:
+def check_noise(fit: Fit, left: LeftOver) -> DiagnosisRow:
     """Tell which outputs have noise that is not white."""
     unequal = fit.calibration.spreads
     if unequal:
         return _unequal_row(fit)
-    reports = check_residuals(fit.calibration, fit.series, fit.optimum, {})
-    if reports and all(report.exact for report in reports):
-        left = ", ".join(f"{o} {rms:.1g}" for o, rms in fit.rms.items())
-        return DiagnosisRow("noise", False, f"There is no noise at all: what is left ({left}) is rounding.")
+    if left.reports and all(report.exact for report in left.reports):
+        sizes = ", ".join(f"{o} {rms:.1g}" for o, rms in fit.rms.items())
+        return DiagnosisRow("noise", False, f"There is no noise at all: what is left ({sizes}) is rounding.")
     rounded = _rounded(fit)
     if rounded:
         units = {v.name: v.unit for v in fit.calibration.model.outputs}

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from aero_bayes.display import table_html
-
-if TYPE_CHECKING:
-    from aero_bayes.estimate.result import Fit
 
 Cause = Literal["data", "solver", "search", "noise", "model"]
 #: In this order causes are looked at. The model comes last: it is blamed only where the others are clear.
@@ -34,6 +31,8 @@ class DiagnosisRow:
     explains : bool
         Whether it may explain a structured residual that is left, so that no missing effect is looked for in there. A
         fault that was mended does not.
+    more : tuple of str
+        Further findings, a sentence each.
     """
 
     cause: Cause
@@ -42,20 +41,25 @@ class DiagnosisRow:
     where: str = ""
     done: str = ""
     explains: bool = False
+    more: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
-        """All of the row as text."""
+        """The row as text, with its first finding and how many there are beside it."""
         where = f" ({self.where})" if self.where else ""
-        return f"{self.what.removesuffix('.')}{where}.{' ' if self.done else ''}{self.done}"
+        return f"{self.what.removesuffix('.')}{where}.{' ' if self.done else ''}{self.done}{more_words(self.more)}"
 
     def to_dict(self) -> dict[str, object]:
         """As ``diagnosis`` in result.json holds it."""
-        return {"cause": self.cause, "found": self.found, "what": self.what, "where": self.where, "done": self.done}
+        return {
+            "cause": self.cause, "found": self.found, "what": self.what, "where": self.where, "done": self.done,
+            "more": list(self.more),
+        }  # fmt: skip
 
 
-#: What fills one row of a diagnosis.
-DiagnosisCheck = Callable[["Fit"], DiagnosisRow]
+def more_words(more: Sequence[str]) -> str:
+    """How many findings a row of a diagnosis has beside its first one."""
+    return f" And {len(more)} more, see the diagnosis." if more else ""
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,9 @@ class Diagnosis:
         return [row.to_dict() for row in self.rows]
 
     def _repr_html_(self) -> str:
-        rows = [(r.cause, "found" if r.found else "clear", r.what, r.where, r.done) for r in self.rows]
+        rows = [
+            (r.cause, "found" if r.found else "clear", " ".join((r.what, *r.more)), r.where, r.done) for r in self.rows
+        ]
         return table_html(("cause", "", "what", "where", "done"), rows, "Diagnosis")
 
     def __repr__(self) -> str:

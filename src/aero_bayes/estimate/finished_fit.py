@@ -140,6 +140,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         stages=tuple(stage_report(s, calibration.parameters, objective.series) for s in result.stages),
         swarm=result.swarm,
         iterations=result.iterations,
+        start_levels=result.start_levels,
         outcomes={o: int(objective.outcomes[o]) for o in Outcome},
         warnings=structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise),
         seconds=seconds,

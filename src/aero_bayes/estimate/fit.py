@@ -43,9 +43,10 @@ from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL, CostKind, GlobalSearchSettings
-from aero_bayes.estimate.solver_difference import solver_difference
+from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.value_comparison import best_values
+from aero_bayes.estimate.wrong_units import with_unit_finding
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.ripple import Ripple, find_ripples
@@ -188,15 +189,12 @@ def fit(
     with threadpool_limits(limits=1, user_api="blas"):
         cache = Checkpoint.at(checkpoint)
 
+        def calibrated(given: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> Calibration:
+            free = chosen_parameters(model, chosen, overrides)
+            return calibrate(given, model, free, fixed=fixed, noise=settings.noise, settings=settings.calibration)
+
         def fitted(candidate: Combination) -> Fit:
-            calibration = calibrate(
-                cleaned,
-                candidate.model,
-                chosen_parameters(candidate.model, chosen, overrides),
-                fixed={**settings.fixed, **candidate.fixed},
-                noise=settings.noise,
-                settings=settings.calibration,
-            )
+            calibration = calibrated(cleaned, candidate.model, {**settings.fixed, **candidate.fixed})
             rng = np.random.default_rng(seed)
             return fit_calibration(calibration, opened, settings, rng, progress, checkpoint=cache)
 
@@ -210,8 +208,15 @@ def fit(
             found = _with_noise_kinds(found, opened, settings, progress)
         judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
         here = partial(open_simulator, engine=settings.engine, workers=0)  # one run needs no workers
-        moved = solver_difference(found.calibration, found.values, found.fitted, here)
-        return replace(found, identifiability=judged, solver_difference=moved)
+        found = with_solver_difference(replace(found, identifiability=judged), here)
+        local = replace(settings, method="local")
+        own = found.calibration
+        return with_unit_finding(
+            found,
+            lambda given: calibrated(given, own.model, own.fixed),
+            lambda other: fit_calibration(other, opened, local, np.random.default_rng(seed)),
+            here,
+        )
 
 
 def _without_outliers(
@@ -284,6 +289,7 @@ def _continued(first: Fit, refitted: Fit) -> Fit:
     return replace(
         refitted,
         modes=first.modes,
+        start_levels=first.start_levels,
         trials=first.trials,
         stages=first.stages,
         iterations=first.iterations + refitted.iterations,

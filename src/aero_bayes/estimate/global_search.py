@@ -55,12 +55,13 @@ class FittedStage:
 
 @dataclass(frozen=True, eq=False)
 class GlobalSearchResult:
-    """The optimum, with the results of the swarm and the stages on the way."""
+    """The optimum, with the swarm, the stages, and the log-posteriors of the local fits from several starts."""
 
     optimum: Optimum
     swarm: pso.SwarmResult | None
     stages: tuple[FittedStage, ...]
     iterations: int
+    start_levels: tuple[float, ...] = ()
 
 
 class GlobalSearch:
@@ -75,6 +76,7 @@ class GlobalSearch:
         self.stages: list[FittedStage] = []
         self.iterations = 0
         self.seen: list[FloatArray] = []
+        self.start_levels: tuple[float, ...] = ()
 
     def _kind(self, output: str) -> NoiseKind:
         wanted = self.objective.calibration.noise.kind(output)
@@ -135,7 +137,7 @@ class GlobalSearch:
             FittedStage(Stage(tuple(self.objective.parameters.names[j] for j in free), self.objective.outputs),
                      -here.log_likelihood - here.log_prior, here)
         )  # fmt: skip
-        return GlobalSearchResult(here, swarm, tuple(self.stages), self.iterations)
+        return GlobalSearchResult(here, swarm, tuple(self.stages), self.iterations, self.start_levels)
 
     def refit(self, start: FloatArray, free: Sequence[int], noise: Mapping[str, OutputNoise]) -> Optimum:
         """Fit locally from a point near the optimum and check the noise again."""
@@ -328,7 +330,9 @@ class GlobalSearch:
                 f"model {objective.calibration.model.name} could not be simulated at any starting point: "
                 f"{self.objective.commonest_failure}"
             )
-        return max(found, key=lambda o: o.log_likelihood + o.log_prior)
+        levels = [o.log_likelihood + o.log_prior for o in found]
+        self.start_levels = tuple(levels)
+        return found[int(np.argmax(levels))]
 
     def _stages(self, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
         """The user's stages, or stages by causality: parameters that move few outputs come first."""

@@ -53,6 +53,14 @@ class Mode:
         return f"{', '.join(f'{n} = {self.values[n]:.4g}' for n in names)} ({100.0 * self.share:.0f} % likely)"
 
 
+def modes_sentence(modes: Sequence[Mode], names: Sequence[str]) -> str:
+    """What a reader should know of other optima, by the values of some parameters; empty where there is none."""
+    if not modes:
+        return ""
+    others = "; ".join(mode.text(names) for mode in modes)
+    return f"{len(modes) + 1} answers fit the recordings about as well. One of them is reported; also: {others}."
+
+
 def find_modes(search: GlobalSearch, here: Optimum, swarm: SwarmResult | None) -> tuple[Mode, ...]:
     """Other optima within reach of the reported one, likeliest first.
 

@@ -59,7 +59,7 @@ def _check_temperatures(recording: Recording, model: Model) -> None:
         if start > MIN_KELVIN_START and first < MAX_CELSIUS_READING:
             raise InputError(
                 f"{recording.path or recording.name}, column {v.name}: reads {low:.4g} to {high:.4g}, where the model "
-                f'starts at {start:.4g} K: looks like degC; say so by [data.columns.{v.name}] unit = "degC"'
+                f'starts at {start:.4g} K: looks like degC or degF; say so, as by [data.columns.{v.name}] unit = "degC"'
             )
 
 

@@ -20,7 +20,7 @@ from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.fit_statistics import FitStatistics
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.laplace_estimates import laplace_estimates
-from aero_bayes.estimate.modes import Mode
+from aero_bayes.estimate.modes import Mode, modes_sentence
 from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameter_estimates import Estimate, EstimateTable, estimates_html
@@ -87,6 +87,10 @@ class Fit(FitStatistics, EstimateTable):
         Other optima that fit about as well as the one reported.
     solver_difference : mapping of str to float
         RMS by which each output moves at ten times tighter tolerances of the solver, in its SI unit.
+    solver_shift : mapping of str to float
+        By how many of its standard deviations each free parameter moves with them, to first order.
+    start_levels : tuple of float
+        Log-posterior of the local fit from each start of the search, on fewer samples and under white noise.
     trials : tuple of ValueTrial
         Values that were listed for parameters and each fitted, likeliest first; the first are those of this fit.
 
@@ -138,6 +142,8 @@ class Fit(FitStatistics, EstimateTable):
     states: tuple[SmoothedStates, ...] = ()
     modes: tuple[Mode, ...] = ()
     solver_difference: Mapping[str, float] = field(default_factory=dict)
+    solver_shift: Mapping[str, float] = field(default_factory=dict)
+    start_levels: tuple[float, ...] = ()
     trials: tuple[ValueTrial, ...] = ()
 
     def target(self, simulator: Simulator) -> Target:
@@ -177,13 +183,8 @@ class Fit(FitStatistics, EstimateTable):
     @property
     def modes_sentence(self) -> str:
         """What a reader should know of other optima; empty where there is none."""
-        if not self.modes:
-            return ""
-        names = self.calibration.parameters.names
-        own = [names[j] for j in self.free if self.calibration.parameters.items[j].recording is None]
-        others = "; ".join(mode.text(own) for mode in self.modes)
-        count = len(self.modes) + 1
-        return f"{count} answers fit the recordings about as well. One of them is reported; also: {others}."
+        items = self.calibration.parameters.items
+        return modes_sentence(self.modes, [items[j].name for j in self.free if items[j].recording is None])
 
     @property
     def trials_sentence(self) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -10,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
+from aero_bayes.estimate.result import Fit
+from aero_bayes.sensors.whitening import whiten
 from aero_bayes.simulation.interface import Outcome
 
 FloatArray = NDArray[np.float64]
@@ -20,42 +20,60 @@ FloatArray = NDArray[np.float64]
 TIGHTER = 0.1
 
 
-def solver_difference(
-    calibration: Calibration, values: FloatArray, fitted: Sequence[FloatArray], open_simulator: OpenSimulator
-) -> dict[str, float]:
-    """Simulate the optimum at a tenth of the problem's tolerances and compare it with what was fitted.
+def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
+    """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit.
 
     Parameters
     ----------
-    calibration : Calibration
-    values : ndarray, shape (p,)
-        SI values of all its parameters.
-    fitted : sequence of ndarray, shape (n, m)
-        Outputs at these values of each experiment, at the problem's own tolerances.
+    fit : Fit
     open_simulator : callable
         Opens a simulator for a problem.
 
     Returns
     -------
-    dict of str to float
-        RMS difference by output at the samples, in its unit. Empty with process noise, whose filter corrects the
+    Fit
+        With ``solver_difference`` and ``solver_shift``. They stay empty with process noise, whose filter corrects the
         states at each reading, and where the second run fails in every recording.
     """
+    calibration = fit.calibration
     if calibration.process is not None:
-        return {}
+        return fit
     own = calibration.solver
     solver = replace(
         own,
         relative_tolerance=TIGHTER * own.relative_tolerance,
         absolute_tolerance=TIGHTER * own.absolute_tolerance,
     )
-    squares: dict[str, list[FloatArray]] = {output: [] for output in calibration.outputs}
+    moved = [np.zeros_like(y) for y in fit.fitted]
     with suppress(CannotFinishError), open_simulator(replace(calibration, solver=solver).problem()) as simulator:
-        runs = simulator.simulate(values[np.newaxis])
-        for e, (tight, usual) in enumerate(zip(runs.outputs, fitted, strict=True)):
-            if runs.outcomes[0, e] == Outcome.OK:
-                for k, output in enumerate(calibration.outputs):
-                    squares[output].append((tight[0][:, k] - usual[:, k]) ** 2)
-    joined = {output: np.concatenate([*parts, np.zeros(0)]) for output, parts in squares.items()}
-    finite = {output: rows[np.isfinite(rows)] for output, rows in joined.items()}
-    return {output: float(np.sqrt(np.mean(rows))) for output, rows in finite.items() if rows.size}
+        runs = simulator.simulate(fit.values[np.newaxis])
+        for e, (tight, usual) in enumerate(zip(runs.outputs, fit.fitted, strict=True)):
+            moved[e] = tight[0] - usual if runs.outcomes[0, e] == Outcome.OK else np.full_like(usual, np.nan)
+    sizes = {}
+    for k, output in enumerate(calibration.outputs):
+        rows = np.concatenate([y[:, k] for y in moved])
+        if np.isfinite(rows).any():
+            sizes[output] = float(np.sqrt(np.nanmean(rows**2)))
+    return replace(fit, solver_difference=sizes, solver_shift=_shift(fit, moved) if sizes else {})
+
+
+def _shift(fit: Fit, moved: list[FloatArray]) -> dict[str, float]:
+    """By how many of its standard deviations each free parameter moves where the outputs do by ``moved`` (n, m).
+
+    To first order: one step of Gauss and Newton from the optimum.
+    """
+    white = np.concatenate(
+        [
+            whiten(
+                np.nan_to_num(moved[s.experiment][s.sampling.index, s.column])[np.newaxis],
+                s.sampling,
+                fit.optimum.noise[s.output],
+            )[0][0]
+            for s in fit.series
+        ]
+    )
+    covariance = fit.optimum.laplace(fit.calibration.parameters)[0]
+    step = covariance @ (fit.optimum.whitened.slopes @ white)
+    sd = fit.laplace.sd[: len(step)]
+    names = fit.laplace.names[: len(step)]
+    return {name: abs(float(s)) for name, s in zip(names, step / np.maximum(sd, 1e-300), strict=True)}

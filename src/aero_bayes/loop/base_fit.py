@@ -19,14 +19,13 @@ from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.solver_difference import solver_difference
+from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.step_parameters import acts_in_steps, settle_blind, with_slope
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.search.models import FittedModel, with_setting
@@ -97,12 +96,10 @@ def fit_base_model(context: LoopContext) -> BaseFit:
     plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(context, plain, close.parameters.from_search(fit.coordinates), fit)
-    plain, fit = _with_noise_kinds(context, plain, fit)
     floors = noise_floors([*context.recordings.train, *context.recordings.test], context.recordings.outputs)
     context.statistics.end_stage("base fit")
     found = _finished(context, plain, fit)
-    moved = solver_difference(plain, found.values, found.fitted, context.open)
-    found = replace(found, outcomes=dict(context.statistics.outcomes), solver_difference=moved)
+    found = replace(with_solver_difference(found, context.open), outcomes=dict(context.statistics.outcomes))
     return BaseFit(
         plain, fit, _reports(context, plain, fit, floors), floors, _start_warnings(close, plain, fit), found,
         found.diagnosis,
@@ -113,16 +110,6 @@ def _finished(context: LoopContext, plain: Calibration, fit: Optimum) -> Fit:
     with context.open(plain.problem()) as simulator:
         search = GlobalSearch(context.objective(plain, simulator), context.settings.global_search)
         return finished_fit(search, GlobalSearchResult(fit, None, (), 0), FitSettings(), 0.0)
-
-
-def _with_noise_kinds(context: LoopContext, plain: Calibration, fit: Optimum) -> tuple[Calibration, Optimum]:
-    """Calibration and fit with the spread of each reading, where what is left is noise that differs among readings."""
-    with context.open(plain.problem()) as simulator:
-        search = GlobalSearch(context.objective(plain, simulator), context.settings.global_search)
-        models = choose_spreads(plain.noise, search.objective.series, fit)
-        found = refit_with_spread(search, fit, models) if models else None
-        context.statistics.add_simulations(search.objective)
-    return (plain, fit) if found is None else (found[0].objective.calibration, found[1])
 
 
 def _fitted_without_outliers(context: LoopContext, calibration: Calibration) -> tuple[Calibration, Optimum]:

@@ -117,7 +117,9 @@ def _draw(axes: Axes, panel: Panel, colours: Mapping[str, str]) -> None:
             case Band():
                 axes.fill_between(layer.x, layer.low, layer.high, color=colour, alpha=layer.opacity, linewidth=0)
             case Dots():
-                axes.plot(layer.x, layer.y, ".", color=colour, markersize=2 * layer.size, alpha=layer.opacity)
+                low, high = axes.get_ylim() if layer.source else (-np.inf, np.inf)
+                size = layer.size if layer.source else 2 * layer.size
+                axes.plot(layer.x, np.clip(layer.y, low, high), ".", color=colour, markersize=size, alpha=layer.opacity)
     for level in panel.levels:
         axes.axhline(level, color=colours["muted"], linewidth=0.8, dashes=(4, 3))
     if panel.y_limits:

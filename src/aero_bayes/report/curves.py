@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aero_bayes.report.drawing import Band, FloatArray, Layer, Line, Panel, Source, Terms
+from aero_bayes.report.drawing import Band, Dots, FloatArray, Layer, Line, Panel, Source, Terms
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM_COLOUR
@@ -156,6 +156,7 @@ def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
         (MEASURED, "measured", True),
         (WARM_COLOUR, "before", bool(base)),
         (ACCENT, "after" if base else "fitted", bool(fitted)),
+        (INK, "dots: not fitted; at the edge where beyond it", bool(run.signals("unfitted", recording))),
         (ACCENT, "shaded: 90 % prediction interval of a reading", bool(run.signals("lower", recording))),
     ]
     return tuple((colour, label) for colour, label, there in entries if there)
@@ -177,6 +178,9 @@ def _output_panels(
              cloud=0.8 if label == "measured" else 0.0)
         for colour, label, found in shown if found
     ]  # fmt: skip
+    if unfitted := summed(run, recording, (1, f"unfitted/{name}")):
+        seen = np.isfinite(unfitted[0])
+        curves.append(Dots(time[seen], factor * unfitted[0][seen], INK, 4.0, 0.8, unfitted[1]))
     low, high = (summed(run, recording, (1, f"{edge}/{name}")) for edge in ("lower", "upper"))
     if low and high:
         source = Source(low[1].time, low[1].terms, high[1].terms)

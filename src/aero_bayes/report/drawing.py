@@ -41,7 +41,7 @@ class Source:
         return {self.time, *(key for _, key in (*self.terms, *self.upper))}
 
     def spec(self, kind: str, label: str, *, held: bool = False) -> dict[str, object]:
-        """As the script reads it; ``kind`` is line, area or mean."""
+        """As the script reads it; ``kind`` is line, area, mean or dots."""
         found: dict[str, object] = {"k": kind, "t": self.time, "y": self.terms}
         return found | ({"u": self.upper} if self.upper else {}) | ({"n": label} if label else {}) \
             | ({"held": 1} if held else {})  # fmt: skip
@@ -85,13 +85,14 @@ class Band:
 
 @dataclass(frozen=True)
 class Dots:
-    """Single points."""
+    """Single points; those with a ``source`` are readings, drawn at the edge of the panel where they are beyond it."""
 
     x: FloatArray
     y: FloatArray
     colour: str
     size: float = 1.6
     opacity: float = 0.5
+    source: Source | None = None
 
 
 Layer = Line | Band | Dots
@@ -223,10 +224,9 @@ def _scale(panel: Panel) -> tuple[tuple[float, float], list[float]]:
 
 
 def _reach(panel: Panel) -> tuple[float, float]:
-    drawn = [
-        part for layer in panel.layers for part in ((layer.low, layer.high) if isinstance(layer, Band) else (layer.y,))
-    ]
-    seen = [layer.x for layer in panel.layers for _ in range(2 if isinstance(layer, Band) else 1)]
+    layers = [layer for layer in panel.layers if not (isinstance(layer, Dots) and layer.source)]
+    drawn = [part for layer in layers for part in ((layer.low, layer.high) if isinstance(layer, Band) else (layer.y,))]
+    seen = [layer.x for layer in layers for _ in range(2 if isinstance(layer, Band) else 1)]
     if panel.x_limits is not None:
         first, last = panel.x_limits
         drawn = [y[(x >= first) & (x <= last)] for x, y in zip(seen, drawn, strict=True)]
@@ -275,7 +275,10 @@ def _draw_panel(canvas: Canvas, panel: Panel, frame: _PanelFrame, ticks: Sequenc
                 area = frame.across(x), frame.down(low), frame.down(high)
                 canvas.area(*area, layer.colour, layer.opacity, layer.edge, data)
             case Dots():
-                canvas.dots(frame.across(layer.x), frame.down(layer.y), layer.colour, layer.size, layer.opacity)
+                down, data = frame.down(layer.y), layer.source.spec("dots", "") if layer.source else None
+                if data:
+                    down = np.clip(down, frame.top + layer.size, frame.top + frame.height - layer.size)
+                canvas.dots(frame.across(layer.x), down, layer.colour, layer.size, layer.opacity, data)
     if cut:
         canvas.end()
 

@@ -61,7 +61,7 @@ def plate(
     """
     keys = frozenset(
         key for p in panels for layer in p.layers
-        if isinstance(layer, Line | Band) and layer.source for key in layer.source.keys
+        if layer.source for key in layer.source.keys
     )  # fmt: skip
     narrow = draw(panels, NARROW_WIDTH, alt, x_label) if width > 600 else None
     table = data_table(panels, x_label, alt)

@@ -52,6 +52,7 @@ def diagnosis_table(run: RunDirectory) -> Markup | None:
         if row.found:
             marked.append(len(rows))
         detail = Markup("{}<small>{}</small>").format(sentence(row.what), sentence(row.where))
+        detail += Markup("").join(Markup("<p>{}</p>").format(sentence(text)) for text in row.more)
         rows.append((row.cause, "found" if row.found else "clear", detail, sentence(row.done) or NO_VALUE))
     columns = ("cause", "state", "what was found", "what was done")
     return html_table(columns, rows, "Diagnosis, in the order of blame", marked) if rows else None

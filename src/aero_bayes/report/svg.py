@@ -60,13 +60,16 @@ class Canvas:
         outline = "".join(_polyline(ring[:, 0], ring[:, 1]) + "Z" for ring in rings)
         self._path(outline, f"fill:var(--{colour});fill-opacity:{opacity:g};fill-rule:evenodd")
 
-    def dots(self, x: FloatArray, y: FloatArray, colour: str, size: float, opacity: float) -> None:
+    def dots(
+        self, x: FloatArray, y: FloatArray, colour: str, size: float, opacity: float,
+        data: Mapping[str, object] | None = None,
+    ) -> None:  # fmt: skip
         """Round points."""
         marks = "".join(f"M{a} {b}h0" for a, b in zip(_rounded(x), _rounded(y), strict=True))
         style = (
             f"fill:none;stroke:var(--{colour});stroke-opacity:{opacity:g};stroke-width:{size:g};stroke-linecap:round"
         )
-        self._path(marks, style)
+        self._path(marks, style, data)
 
     def text(
         self, x: float, y: float, words: str, colour: str = MUTED, size: float = 11.5, anchor: str = "start"

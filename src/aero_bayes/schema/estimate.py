@@ -135,6 +135,7 @@ class DiagnosisJson(JsonTable):
     what: str
     where: str = ""
     done: str = ""
+    more: list[str] = []
 
 
 class ProfileJson(JsonTable):

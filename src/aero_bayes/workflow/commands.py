@@ -34,6 +34,7 @@ from aero_bayes.workflow.curves import (
     only_measured,
     ripple_series,
     state_series,
+    unfitted_series,
 )
 from aero_bayes.workflow.describe import diagnosis_line, fit_verdict, preamble, residual_table, values_line
 from aero_bayes.workflow.job import (
@@ -106,7 +107,8 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
                 found = fit_job(job, progress)
                 job, values = with_chosen_values(job, found), {"fit": {"values": [t.to_dict() for t in found.trials]}}
             loop = run_loop(job, progress)
-        series = measured_series((*job.recordings, *job.tests)) | loop_series(job, loop)
+        given = (*job.recordings, *job.tests)
+        series = measured_series(given) | unfitted_series(job.read, given) | loop_series(job, loop)
         parts = [preamble(job, "close-loop"), loop_part(job, loop), values]
         _finish(job, "close-loop", began, parts, series, loop.calibrated)
 
@@ -197,7 +199,9 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
     for entry in result["recordings"]:
         entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
-    series = measured_series(job.recordings) | fitted_series(found) | ripple_series(job.recordings, found)
+    used = [{r.name: r for r in found.calibration.recordings}.get(r.name, r) for r in job.recordings]
+    series = measured_series(used) | unfitted_series(job.read or job.recordings, used)
+    series |= fitted_series(found) | ripple_series(job.recordings, found)
     names = [state.name for state in found.calibration.model.states]
     states = dict(zip(found.calibration.names, found.states, strict=False))
     return result, series | state_series(names, states)

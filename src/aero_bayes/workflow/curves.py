@@ -25,6 +25,25 @@ def measured_series(recordings: Sequence[Recording]) -> Series:
     return series
 
 
+def unfitted_series(read: Sequence[Recording], used: Sequence[Recording]) -> Series:
+    """``unfitted/<rec>/<output>``: readings that were taken out of a recording before it was fitted, if any.
+
+    ``read`` are the recordings as they were read, ``used`` the ones that were fitted, or parts of them.
+    """
+    series: Series = {}
+    raw = {recording.name: recording for recording in read}
+    for recording in used:
+        whole = raw.get(recording.part_of or recording.name)
+        if whole is None:
+            continue
+        rows = np.searchsorted(whole.time, recording.time)
+        for output, values in recording.outputs.items():
+            taken = np.isnan(values) & np.isfinite(whole.outputs[output][rows])
+            if taken.any():
+                series[f"unfitted/{recording.name}/{output}"] = np.where(taken, whole.outputs[output][rows], np.nan)
+    return series
+
+
 def fitted_series(fit: Fit) -> Series:
     """``fitted/<rec>/<output>`` for the outputs that were recorded."""
     series: Series = {}

@@ -8,6 +8,7 @@ from typing import Any
 
 from aero_bayes.check.residual_tests import check_residuals, reports_by_recording
 from aero_bayes.data import Recording, noise_floors
+from aero_bayes.estimate.diagnosis import more_words
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.value_comparison import ValueTrial, trials_sentence
 from aero_bayes.workflow.job import Job
@@ -113,7 +114,8 @@ def fit_verdict(
 def cause_sentence(row: Mapping[str, Any]) -> str:
     """A row of a diagnosis as text: the cause, what was found, where, and what was done."""
     where = f" ({row['where']})" if row["where"] else ""
-    return f"{row['cause'].capitalize()}: {row['what'].removesuffix('.')}{where}. {row['done']}".strip()
+    text = f"{row['cause'].capitalize()}: {row['what'].removesuffix('.')}{where}. {row['done']}".strip()
+    return f"{text}{more_words(row.get('more', ()))}"
 
 
 def diagnosis_line(diagnosis: Sequence[Mapping[str, Any]]) -> str:

@@ -52,7 +52,7 @@ class Panel {
     let low = Infinity, high = -Infinity;
     for (const layer of this.layers) {
       this.reduce(layer, range, wide);
-      for (let c = 0; c < layer.x.length; c++) { if (layer.lows[c] < low) low = layer.lows[c]; if (layer.highs[c] > high) high = layer.highs[c]; }
+      if (layer.k !== "dots") for (let c = 0; c < layer.x.length; c++) { if (layer.lows[c] < low) low = layer.lows[c]; if (layer.highs[c] > high) high = layer.highs[c]; }
     }
     if (this.fixed || !(high >= low)) [low, high] = this.y;
     else {
@@ -84,6 +84,11 @@ class Panel {
       context.lineWidth = bare ? 1.2 : parseFloat(style.strokeWidth) || 1;
       context.lineJoin = "bevel";
       const at = (c) => this.left + x[c], known = (c) => highs[c] >= lows[c];
+      if (layer.k === "dots") {
+        const size = parseFloat(style.strokeWidth), edge = (v) => Math.min(Math.max(this.down(v), this.top + size), this.top + this.height - size);
+        for (let c = 0; c < x.length; c++) if (known(c)) { context.beginPath(); context.arc(at(c), edge(highs[c]), size / 2, 0, 7); context.fill(); }
+        continue;
+      }
       if (layer.k === "area" && !fine) {
         const wide = x[1] - x[0];
         for (let c = 0; c < x.length; c++) if (known(c)) { const top = this.down(highs[c]); context.fillRect(at(c), top, wide, Math.max(1, this.down(lows[c]) - top)); }
