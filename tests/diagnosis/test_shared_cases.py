@@ -7,10 +7,14 @@ import os
 from pathlib import Path
 from typing import Any
 
+import pandas
 import pytest
 from click.testing import CliRunner
 
+import aero_bayes
 from aero_bayes.cli import main
+from aero_bayes.data import ColumnMap, Layout
+from aero_bayes.errors import InputError
 
 CASES = Path(os.environ.get("AERO_BAYES_CASES", Path(__file__).parents[2].parent / "shared" / "cases"))
 pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason=f"no cases at {CASES}")
@@ -48,6 +52,59 @@ def test_06_a_dead_sensor(tmp_path: Path) -> None:
     assert causes(result) == ["data"]
     assert "-999" in result["diagnosis"][0]["what"]
     assert "52 to 53, 302" in result["diagnosis"][0]["where"]
+
+
+READINGS = Layout.of(["P", "T_amb"], ["T"])
+
+
+@pytest.mark.parametrize(("name", "needs"), [("run.xlsx", "openpyxl"), ("run.parquet", "pyarrow")])
+def test_07_tables_of_excel_and_parquet(name: str, needs: str) -> None:
+    pytest.importorskip(needs)
+    read = aero_bayes.read_recording(CASES / "07_excel_parquet" / name, layout=READINGS)
+    plain = aero_bayes.read_recording(CASES / "plain.csv", layout=READINGS)
+    assert read.time - read.time[0] == pytest.approx(plain.time - plain.time[0], abs=1e-3)
+    assert read.outputs["T"] == pytest.approx(plain.outputs["T"])
+
+
+@pytest.mark.parametrize("resolution", ["s", "ms", "us", "ns"])
+@pytest.mark.parametrize("zone", [None, "UTC", "Europe/Berlin"])
+def test_07_dates_in_any_resolution_are_seconds(resolution: str, zone: str | None) -> None:
+    plain = aero_bayes.read_recording(CASES / "plain.csv", layout=READINGS)
+    began = pandas.Timestamp("2026-10-24T18:00", tz=zone)  # over the end of summer time
+    index = (began + pandas.to_timedelta(plain.time, unit="s")).as_unit(resolution)
+    frame = plain.to_frame().set_index(index)
+    read = aero_bayes.Recording.from_frame(frame, inputs=["P", "T_amb"], outputs=["T"])
+    assert read.time == pytest.approx(plain.time, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["clock.csv", "excel_serial.csv", "fortran.csv", "labview.lvm", "ms_epoch.csv", "sep.csv", "spaces.csv",
+     "thousands_de.csv", "thousands_en.csv"],
+)  # fmt: skip
+def test_30_forms_of_a_log_are_read(form: str) -> None:
+    clock = {"time": ColumnMap("X_Value")} if form == "labview.lvm" else {}
+    read = aero_bayes.read_recording(CASES / "30_csv_dialects" / form, clock, layout=READINGS)
+    plain = aero_bayes.read_recording(CASES / "plain.csv", layout=READINGS)
+    assert read.time - read.time[0] == pytest.approx(plain.time[: read.rows] - plain.time[0], abs=0.05)
+    assert read.outputs["T"] == pytest.approx(plain.outputs["T"][: read.rows], abs=0.01)
+    assert read.inputs["P"] == pytest.approx(plain.inputs["P"][: read.rows])
+
+
+@pytest.mark.parametrize(
+    ("form", "words"), [("long.csv", "pivot"), ("two_clocks.csv", "resample"), ("dup_col.csv", "T")]
+)
+def test_30_what_cannot_be_read_is_refused_in_a_line(form: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as refused:
+        aero_bayes.read_recording(CASES / "30_csv_dialects" / form, layout=READINGS)
+    assert "\n" not in str(refused.value)
+
+
+def test_30_readings_that_the_logger_calls_bad_are_not_fitted(tmp_path: Path) -> None:
+    result = fitted("30_csv_dialects", "quality.toml", "quality.csv", tmp_path)
+    assert_room(result, 0.03)
+    assert causes(result) == ["data"]
+    assert "marked as bad" in result["diagnosis"][0]["what"]
 
 
 def test_18_an_angle_modulo_a_turn(tmp_path: Path) -> None:

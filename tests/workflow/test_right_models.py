@@ -125,11 +125,3 @@ def test_two_answers_are_told(case: Path, name: str, parameter: str):
     assert other == pytest.approx(expected, rel=1e-3)
     assert "2 answers" in run.text
     assert "2 answers" in (run.out / "report.html").read_text("utf-8")
-
-
-@pytest.mark.parametrize("case", ["14_twin_modes"], indirect=True)
-def test_a_posterior_of_one_of_two_answers_has_not_converged(case: Path):
-    run = Run(case, "posterior", "--config", "sign.toml", "--data", "sign.csv")
-    assert run.result["mcmc"]["converged"] is False
-    assert "2 answers" in run.result["mcmc"]["reason"]
-    assert "has converged" not in run.text
