@@ -32,10 +32,21 @@ def log_precision(hessian: FloatArray, width: FloatArray) -> float:
     """
     if not len(hessian):
         return 0.0
-    own = np.diag(hessian)
-    unit = 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0))
-    values, vectors = np.linalg.eigh(hessian * np.outer(unit, unit))
-    values = np.maximum(values, MIN_EIGENVALUE * max(float(values[-1]), 1.0))
+    unit, values, vectors = _scaled(hessian)
     # The posterior is nowhere wider than the box: in a direction that the data do not determine it has the box's width.
     limited = (vectors * values) @ vectors.T + np.diag(2.0 * math.pi * (unit / width) ** 2)
     return float(np.linalg.slogdet(limited)[1]) - 2.0 * float(np.log(unit).sum())
+
+
+def unlimited_sd(hessian: FloatArray) -> FloatArray:
+    """Standard deviations (f,) of a Gaussian by its Hessian alone: huge along a direction that is not determined."""
+    unit, values, vectors = _scaled(hessian)
+    return np.asarray(unit * np.sqrt(np.sum(vectors**2 / values, axis=1)))
+
+
+def _scaled(hessian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Units (f,) in which a Hessian has a unit diagonal, its eigenvalues there, never zero, and its eigenvectors."""
+    own = np.diag(hessian)
+    unit = 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0))
+    values, vectors = np.linalg.eigh(hessian * np.outer(unit, unit))
+    return unit, np.maximum(values, MIN_EIGENVALUE * max(float(values[-1]), 1.0)), vectors

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.gaussian import unlimited_sd
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.local_fit import Optimum, local_fit
@@ -160,7 +161,8 @@ def is_another(objective: Objective, known: Sequence[Optimum], end: Optimum) -> 
     """Whether a fit ended in an optimum that is apart from all known ones, within their reach and behind a barrier."""
     columns = list(end.free)
     for other in known:
-        sd = np.sqrt(np.maximum(np.diag(other.covariance), 1e-300))
+        # Along a ridge it is huge, which the covariance, within the width of the priors, is not.
+        sd = unlimited_sd(other.whitened.information)
         if np.max(np.abs(end.coordinates - other.coordinates)[columns] / sd) < MIN_DISTANCE:
             return False
         way = np.array([other.coordinates + t * (end.coordinates - other.coordinates) for t in ON_THE_WAY])
