@@ -103,12 +103,14 @@ def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, 
     moved = maximum_filter1d(fitted[at], BESIDE) - minimum_filter1d(fitted[at], BESIDE)
     near = after_changes(inputs)[at] if inputs else none[at]
     far &= ~near | (np.abs(off) > MIN_TIMES_MOVED * moved)
+    every = far.copy()
     for start, stop in runs(far):
         too_long = stop - start > (1 if near[start:stop].any() else MOST_IN_A_ROW)
         if too_long or not _off_the_curve(residual, off, start, stop):
             far[start:stop] = False
-    unusual = int(((np.abs(off) > UNUSUAL * size) & (np.abs(off) <= OUTLIER * size)).sum())
-    if not far.any() or far.mean() > MAX_SHARE or far.sum() <= unusual - NORMAL_UNUSUAL * at.size:
+    # Where most of what is far off is no outlier, the fit is poor, and says nothing of the rest.
+    unusual = int(((np.abs(off) > UNUSUAL * size) & (np.abs(off) <= OUTLIER * size)).sum()) + int((every & ~far).sum())
+    if not far.any() or every.mean() > MAX_SHARE or far.sum() <= unusual - NORMAL_UNUSUAL * at.size:
         return none
     found = none.copy()
     found[at[far]] = True
