@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from aero_bayes.estimate.diagnosis import Diagnosis
     from aero_bayes.estimate.fit import fit
     from aero_bayes.export import export_fmu
-    from aero_bayes.fleet import Rig, fleet
+    from aero_bayes.fleet import Rig
+    from aero_bayes.fleet.whole import fleet
     from aero_bayes.library import open_run, write_report
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
     from aero_bayes.plot_backend import PlotBackend
@@ -85,7 +86,8 @@ _HOMES = {
     "errors": "CannotFinishError InputError",
     "estimate": "Fit FitSettings RecordingPrediction fit",
     "export": "export_fmu",
-    "fleet": "Rig fleet",
+    "fleet": "Rig",
+    "fleet.whole": "fleet",
     "library": "open_run write_report",
     "loop": "LoopResult LoopSettings close_loop",
     "report.run_directory": "RunDirectory",

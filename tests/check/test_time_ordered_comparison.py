@@ -7,17 +7,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 import simulated_aero as bench
-from aero_bayes.check import (
-    block_edges,
-    block_log_likelihood,
-    compare_elpd,
-    leave_future_out,
-    leave_one_out,
-    leave_one_recording_out,
-    pooled_blocks,
-    time_ordered_scores,
-    waic,
-)
+from aero_bayes.check import block_edges, block_log_likelihood
+from aero_bayes.check.comparison import compare_elpd, leave_future_out, leave_one_out, pooled_blocks, waic
+from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered_scores
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
 from aero_bayes.export import export_fmu

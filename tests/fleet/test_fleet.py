@@ -13,7 +13,9 @@ from click.testing import CliRunner
 from aero_bayes.cli import main
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
-from aero_bayes.fleet import Rig, Table, attempt, fleet, read_fleet, tasks_of
+from aero_bayes.fleet import Rig, Table, read_fleet
+from aero_bayes.fleet.task import attempt
+from aero_bayes.fleet.whole import fleet, tasks_of
 from aero_bayes.schema import FleetJson, undeclared
 from simulated_rigs import draw_fleet, write_fleet
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
-from aero_bayes.fleet import NamedEffect, estimate_prevalence, shared_out
+from aero_bayes.fleet.prevalence import NamedEffect, estimate_prevalence, shared_out
 
 LEVELS = np.array([0.05, 0.5, 0.95])
 

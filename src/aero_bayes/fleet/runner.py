@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.fleet.table import Row, Table
@@ -83,48 +83,80 @@ def run_tasks(
             table.flush()
             progress(1)
         return
-    ended: queue.SimpleQueue[Future[tuple[Row, Row]]] = queue.SimpleQueue()
-    running: dict[Future[tuple[Row, Row]], tuple[Task, int]] = {}
-    # A pool of processes breaks as a whole when one of them dies: whose fault it was shows when each is alone.
-    suspects: deque[tuple[Task, int]] = deque()
+    running = _Running(executor, attempt, table, made_of, progress)
+    try:
+        for task in wanted():
+            running.send(task)
+            while running.full:
+                running.receive()
+        while running.left:
+            running.receive()
+    finally:
+        running.cancel()
 
-    def send(task: Task, tries: int) -> None:
+
+class _Running(Generic[Task]):
+    """Tasks on their way, each with how often it was sent; rows are written as they come back."""
+
+    def __init__(
+        self,
+        executor: Executor,
+        attempt: Callable[[Task], Row],
+        table: Table,
+        made_of: Callable[[Task], str],
+        progress: Progress,
+    ) -> None:
+        self._executor, self._attempt, self._table = executor, attempt, table
+        self._made_of, self._progress = made_of, progress
+        self._ended: queue.SimpleQueue[Future[tuple[Row, Row]]] = queue.SimpleQueue()
+        self._sent: dict[Future[tuple[Row, Row]], tuple[Task, int]] = {}
+        # A pool of processes breaks as a whole when one of them dies: whose fault it was shows when each is alone.
+        self._suspects: deque[tuple[Task, int]] = deque()
+
+    @property
+    def full(self) -> bool:
+        """Whether no further task is to be sent before one has ended."""
+        return len(self._sent) >= int(getattr(self._executor, "window", MAX_PENDING_TASKS))
+
+    @property
+    def left(self) -> bool:
+        """Whether a task has not ended yet; a suspect is sent where nothing else runs."""
+        if not self._sent and self._suspects:
+            self.send(*self._suspects.popleft())
+        return bool(self._sent)
+
+    def send(self, task: Task, tries: int = 1) -> None:
+        """Give a task to the executor."""
         try:
-            future = executor.submit(_timed, attempt, task)
+            future = self._executor.submit(_timed, self._attempt, task)
         except RuntimeError as error:  # broken, or shut down
             raise CannotFinishError(f"the workers are gone ({error}); run the same command again to continue") from None
-        running[future] = task, tries
-        future.add_done_callback(ended.put)
+        self._sent[future] = task, tries
+        future.add_done_callback(self._ended.put)
 
-    def receive() -> None:
-        future = ended.get()
-        task, tries = running.pop(future)
+    def receive(self) -> None:
+        """Wait for the next task that ends; write its row, or try it again if its worker died."""
+        future = self._ended.get()
+        task, tries = self._sent.pop(future)
         problem = future.exception() if not future.cancelled() else RuntimeError("cancelled")
+        if problem is not None and tries < MAX_TRIES:
+            again = task, tries + 1
+            self._suspects.append(again) if isinstance(problem, BrokenExecutor) else self.send(*again)
+            return
         if problem is None:
             row, cost = future.result()
-            table.put(row, cost | {"tries": tries}, made_of(task))
-        elif tries < MAX_TRIES:
-            suspects.append((task, tries + 1)) if isinstance(problem, BrokenExecutor) else send(task, tries + 1)
-            return
+            self._table.put(row, cost | {"tries": tries}, self._made_of(task))
         else:
             # If workers died, the row has no fingerprint, so that the task is tried again.
             row = failure(task.key, f"its worker died {tries} times ({type(problem).__name__})")
-            table.put(row, {"tries": tries}, WORKER_DIED)
-        if ended.empty():
-            table.flush()
-        progress(1)
+            self._table.put(row, {"tries": tries}, WORKER_DIED)
+        if self._ended.empty():
+            self._table.flush()
+        self._progress(1)
 
-    try:
-        for task in wanted():
-            send(task, 1)
-            while len(running) >= int(getattr(executor, "window", MAX_PENDING_TASKS)):
-                receive()
-        while running or suspects:
-            if not running:
-                send(*suspects.popleft())
-            receive()
-    finally:
-        for future in running:
+    def cancel(self) -> None:
+        """Cancel what has not begun."""
+        for future in self._sent:
             future.cancel()
 
 
