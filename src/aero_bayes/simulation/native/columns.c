@@ -122,14 +122,14 @@ static int visit(Run *r, int j, double *rest)
     return status;
 }
 
-/* Corrections until they change the end no more; returns how much they still do. */
+/* Corrections until they change the end no more; returns how much they still do. They shrink as those of the states. */
 static double correct(Run *r, const StepTable *t, const double *rest)
 {
     Exponential *k = r->exponential;
     const size_t size = width(r), bytes = sizeof(double) * size;
-    double *before = r->sv, *add = r->su, change = INFINITY;
-    for (int round = 0; round < MOST_ROUNDS && change > CHANGE; round++) {
-        double *at = r->sv + size;
+    double *before = r->sv, *add = r->su, *at = before + size, error = INFINITY;
+    memset(before, 0, bytes);
+    for (int round = 0; round < MOST_ROUNDS && error > CHANGE; round++) {
         for (int j = 0; j < NODES_X; j++) {
             double *s = at + (size_t)j * size;
             memcpy(s, k->s_linear[j], bytes);
@@ -139,18 +139,19 @@ static double correct(Run *r, const StepTable *t, const double *rest)
             memcpy(k->g[j], rest + (size_t)j * size, bytes);
             apply(r, k->g[j], k->nearness[j], at + (size_t)j * size);
         }
-        memcpy(r->s1, k->s_linear[2], bytes);
         memset(add, 0, bytes);
         add_remainders(r, &t->node[2], add);
-        for (size_t i = 0; i < size; i++) r->s1[i] += add[i];
-        if (round) {
-            for (size_t i = 0; i < size; i++) before[i] = add[i] - before[i];
-            change = sensitivity_error(r, before);
+        for (size_t i = 0; i < size; i++) {
+            r->s1[i] = k->s_linear[2][i] + add[i];
+            before[i] = add[i] - before[i];
         }
+        const double change = sensitivity_error(r, before);
+        error = round ? change : k->contraction >= 0.0 ? 3.0 * k->contraction * change : INFINITY;
+        if (!(change < INFINITY)) return NAN;
         memcpy(before, add, bytes);
     }
     k->linear_columns = k->linear_model && sensitivity_error(r, add) <= CLOSE_TO_LINEAR;
-    return change <= CHANGE ? change : INFINITY;
+    return error <= CHANGE ? error : INFINITY;
 }
 
 /* S at the end of the step that the states have just taken, to r->s1; its error in units of the tolerance. */

@@ -79,24 +79,27 @@ int cross_segment_end(Run *r, Segment *g)
         r->next_break++;
     }
     const int timed = r->next_event <= r->t + r->resolution;
+    const int events = timed || g->event || (jump && !r->fmu->eventless);
     const int shifts = jump && r->sensitive && delay_column(r);
     const int idle = g->asked && !jump && !timed && r->n;
     const int watch = (r->sensitive && (timed || g->event)) || idle;
     const int look = (timed || g->event) && r->n && !r->time_dependent;
     if (shifts || watch) {
         if (is_error(status = rhs(r, r->t, r->x, r->f1))) return outcome_of(r->fmu, status);
-    } else if ((jump || timed || g->event) && is_error(status = set_point(r, r->t, r->x)))
+    } else if (events && is_error(status = set_point(r, r->t, r->x)))
         return outcome_of(r->fmu, status);
     memcpy(r->u_before, r->u0, sizeof *r->u0 * (size_t)r->e->n_signals);
     if (jump || kink) inputs_enter(r, r->t);
-    if (jump || timed || g->event) {
+    if (events) {
         if ((outcome = enter_event(r, jump || kink))) return outcome;
         if (r->nz && is_error(status = indicators(r, r->t, r->x, r->z0))) return outcome_of(r->fmu, status);
-        g->have_f = g->have_jac = g->have_node = 0;
-        g->fresh = 1;
-    } else if (kink) {
+    } else if (jump || kink) {
         if (is_error(status = inputs_apply(r, r->t))) return outcome_of(r->fmu, status);
         g->have_node = 0;
+    }
+    if (events || jump) {
+        g->have_f = g->have_jac = g->have_node = 0;
+        g->fresh = 1;
     }
     if (r->sensitive && (jump || kink)) sensitivity_activate(r, r->t);
     if (shifts || watch || look) {

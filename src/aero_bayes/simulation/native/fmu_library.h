@@ -20,6 +20,7 @@ typedef struct Fmu {
     void *environment; /* FMI 3.0's own functions */
     int used; /* instance needs a reset before the next run */
     int begin;
+    int eventless; /* its equations hold without events: an input may jump without event mode */
     int instantiated, spent; /* it was instantiated and can be no more in this process */
     fmi_instantiate instantiate;
     fmi_free_instance free_instance;
