@@ -5,12 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fmu_builder import build
 
-from aero_bayes.simulation import Model, WorkerPool
+from aero_bayes.simulation import InputSignal, Model, WorkerPool
 
 MakeModel = Callable[..., Model]
+
+
+@pytest.fixture(params=["rare jumps", "held samples", "straight lines"])
+def drive(request: pytest.FixtureRequest) -> Callable[[np.ndarray], tuple[InputSignal, ...]]:
+    """``drive(time)`` is an input ``u`` that jumps once, or one that moves at each of these times."""
+
+    def make(time: np.ndarray) -> tuple[InputSignal, ...]:
+        if request.param == "rare jumps":
+            return (InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, 3.0])),)
+        level = 2.0 + np.sin(5.0 * time) + 0.3 * np.cos(37.0 * time)
+        return (InputSignal("u", time, level, "hold" if request.param == "held samples" else "linear"),)
+
+    return make
 
 
 @pytest.fixture(scope="session")

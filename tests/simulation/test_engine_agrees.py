@@ -39,7 +39,7 @@ def compare(problem: Problem, values: np.ndarray, pool, active=None, slack: floa
         np.testing.assert_allclose(s / scale, r / scale, atol=slack * 1e-4)
 
 
-def test_test_models(test_fmu, here):
+def test_test_models(test_fmu, here, drive):
     time = np.linspace(0.0, 2.0, 57)
     for name, outputs, targets, values in (
         ("VanDerPol", ("x0", "x1"), (ParameterTarget("mu"), StartTarget("x1")), [[2.0, 0.3]]),
@@ -48,7 +48,7 @@ def test_test_models(test_fmu, here):
         ("Circuit", ("i0", "v2", "power"), (ParameterTarget("R"), ParameterTarget("C")), [[8.0, 2e-3]]),
     ):
         model = test_fmu(name)
-        inputs = (InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, 3.0])),) if model.inputs else ()
+        inputs = drive(time) if model.inputs else ()
         problem = Problem(model, (Experiment(time + 1e-4, outputs, inputs),), (targets,), settings=TIGHT)
         compare(problem, np.array(values), here, slack=10.0 if model.event_indicators else 1.0)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from test_model_load import replaced, rewrite
@@ -22,6 +24,7 @@ from aero_bayes.simulation import (
 )
 
 TIGHT = SolverSettings(1e-8, 1e-8)
+Drive = Callable[[np.ndarray], tuple[InputSignal, ...]]
 CASES: list[tuple[str, tuple[str, ...], tuple[ProblemTarget, ...], list[float]]] = [
     ("VanDerPol", ("x0", "x1"), (ParameterTarget("mu"), StartTarget("x1")), [2.0, 0.3]),
     ("BouncingBall", ("h", "v"), (ParameterTarget("e"),), [0.6]),
@@ -34,18 +37,19 @@ CASES: list[tuple[str, tuple[str, ...], tuple[ProblemTarget, ...], list[float]]]
 ]
 
 
-def problem(model: Model, outputs: tuple[str, ...], targets: tuple[ProblemTarget, ...]) -> Problem:
-    inputs = (InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, 3.0])),) if model.inputs else ()
-    return Problem(model, (Experiment(np.linspace(0.0, 2.0, 57) + 1e-4, outputs, inputs),), (targets,), settings=TIGHT)
+def problem(model: Model, outputs: tuple[str, ...], targets: tuple[ProblemTarget, ...], drive: Drive) -> Problem:
+    time = np.linspace(0.0, 2.0, 57) + 1e-4
+    inputs = drive(time) if model.inputs else ()
+    return Problem(model, (Experiment(time, outputs, inputs),), (targets,), settings=TIGHT)
 
 
 @pytest.mark.parametrize(("name", "outputs", "targets", "values"), CASES, ids=[case[0] for case in CASES])
 @pytest.mark.parametrize("directional", [True, False])
-def test_the_same_numbers_as_fmi_2(test_fmu, here, name, outputs, targets, values, directional):
+def test_the_same_numbers_as_fmi_2(test_fmu, here, drive, name, outputs, targets, values, directional):
     found = []
     for defines in ((), ("FMI3",)):
         model = test_fmu(name, directional=directional, defines=defines)
-        with NativeSimulator(problem(model, outputs, targets), pool=here) as simulator:
+        with NativeSimulator(problem(model, outputs, targets, drive), pool=here) as simulator:
             found.append(simulator.simulate(np.array([values]), active=range(len(values))))
         assert model.fmi_version == (3 if defines else 2)
     two, three = found
@@ -55,8 +59,8 @@ def test_the_same_numbers_as_fmi_2(test_fmu, here, name, outputs, targets, value
 
 
 @pytest.mark.parametrize(("name", "outputs", "targets", "values"), CASES, ids=[case[0] for case in CASES])
-def test_agrees_with_fmpy(test_fmu, here, name, outputs, targets, values):
-    case = problem(test_fmu(name, defines=("FMI3",)), outputs, targets)
+def test_agrees_with_fmpy(test_fmu, here, drive, name, outputs, targets, values):
+    case = problem(test_fmu(name, defines=("FMI3",)), outputs, targets, drive)
     with open_simulator(case, pool=here) as native, open_simulator(case, "fmpy") as reference:
         a, b = (s.simulate(np.array([values])).outputs[0][0] for s in (native, reference))
     assert np.all(np.abs(a - b).max(axis=0) <= 1e-5 * np.ptp(b, axis=0))
