@@ -218,7 +218,7 @@ typedef struct {
 
 typedef struct {
     double h;
-    Flow node[NODES_X], between, early, inside[MOST_INSIDE]; /* up to the points, and to samples within the step */
+    Flow node[NODES_X], between, inside[MOST_INSIDE]; /* up to the points, and to samples within the step */
     int n_inside;
 } StepTable;
 
@@ -230,12 +230,12 @@ typedef struct {
     int pause, last_pause; /* segments to leave to the other method */
     int rounds, ramps;
     double contraction; /* of the corrections, or -1 */
-    double error; /* of the last step */
-    int level;    /* halvings of a segment */
+    double error, worst; /* of the last step; of this segment's */
+    int level, since_longer; /* halvings of a segment; segments since fewer were tried */
     Linear system;
     double *b; /* Jacobian by the inputs */
     double *x[NODES_X], *linear[NODES_X], *d[NODES_X]; /* at the points: states, and remainders */
-    double *x0, *f0, *ramp, *v, *change, *end, *first, *second, *third, *middle, *unit;
+    double *x0, *f0, *ramp, *v, *change, *end, *first, *second, *middle;
     StepTable table[MOST_TABLES], *now;
     /* sensitivities: is there room for them; have the last ones no remainder; is it left out */
     int columns, linear_columns, bare_columns;
@@ -338,7 +338,6 @@ double rodas_step(Run *, double h, const double *ft);
 void rodas_dense(Run *);
 int lu_factor(double *a, int n, int *pivot, Sparse *factors);
 void lu_solve(const Sparse *factors, const int *pivot, double *b);
-double unit_of(const Run *, int i, const double *x, const double *x1);
 double scaled_norm(const Run *, const double *v, const double *x, const double *x1);
 double first_step(Run *, double limit);
 double first_step_of(double slope, double bend, double limit);

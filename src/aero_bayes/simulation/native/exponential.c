@@ -17,27 +17,22 @@ static const double lagrange[NODES_X][3] = {{1.6, -4.0, 4.8}, {-1.0, 7.0, -12.0}
 /* Lagrange's polynomials at a point between, where the parabola is tried on the model; and the third power's there by its
  * value at the beginning. */
 #define BETWEEN (1.0 / 3.0)
+static const double between[NODES_X] = {8.0 / 15.0, 2.0 / 3.0, -0.2};
 #define CUBIC_BETWEEN (-1.0 / 3.0)
 
-#define OLD_JACOBIAN 0.5       /* error from which a newer Jacobian is worth its matrices, */
-#define FAR_FROM_JACOBIAN 1e-2 /* where corrections shrink by no more than this */
-#define OF_CORRECTIONS 0.01    /* error that may be left to corrections not made: it is of the same sign step after step */
-#define WEIGHT_OF_END 0.1      /* in the parabola's integral */
-/* Kinks of the remainder. Wherever one is within the step, its error at the end is less than OFF_PARABOLA times the
- * parabola's defect at the beginning and OFF_BETWEEN times that of the third power at BETWEEN together. */
-#define OFF_BETWEEN 0.5
-#define KINK 30.0 /* size of the remainders, in units of the tolerance, from which a kink that shows by neither matters */
-/* A defect that is gone by EARLY acts for a small part of the step; what is left there may reach to the first point. */
-#define EARLY (1.0 / 32.0)
-#define OFF_EARLY 0.1
-#define STILL_THERE 0.25 /* share of the defect at the beginning that is not gone */
+#define OF_SMOOTH 0.3         /* and the share of it that counts where the remainder was seen to be smooth; less misses kinks */
+#define OLD_JACOBIAN 0.5     /* error from which a newer Jacobian is worth its matrices, */
+#define FAR_FROM_JACOBIAN 5e-3 /* where the corrections shrink by no more than this */
+#define MUCH_SMALLER 0.1       /* error at which a step of twice the length is likely to do */
+#define OF_CORRECTIONS 0.3   /* error that may be left to corrections not made */
 #define STIFF 0.5 /* size of h A from which sensitivities move too fast within a step for a parabola */
 
 enum {
     CHECK_EACH = 16,   /* a linear model is looked at between its samples, and the iteration's contraction measured anew */
-    MOST_ROUNDS = 6,
+    MOST_ROUNDS = 4,
     LONGEST_PAUSE = 64, /* segments that are left to the other method after failures */
     MOST_LEVELS = 3,    /* halvings of a segment */
+    TRY_LONGER = 4,     /* segments after which one halving less is tried */
     LASTED = 8          /* steps of a Jacobian that are worth the derivatives of its matrices */
 };
 #define MOST_MEMORY 64e6 /* bytes of them */
@@ -68,10 +63,10 @@ int exponential_open(Run *r)
 {
     if (r->exponential) return 1;
     const size_t n = (size_t)r->n, rows = (n + 3) / 4 * 4, size = n * rows, inputs = (size_t)r->e->n_signals;
-    const size_t matrices = MOST_TABLES * (NODES_X + 2 + MOST_INSIDE) * 9 + 9;
+    const size_t matrices = MOST_TABLES * (NODES_X + 1 + MOST_INSIDE) * 9 + 9;
     const int columns = (double)(matrices * n * n * (size_t)r->ld) * sizeof(double) <= MOST_MEMORY, ld = columns ? r->ld : 0;
     Exponential *k = calloc(1, sizeof *k);
-    const size_t count = matrices * n * (rows + n * (size_t)ld) + inputs * rows + (3 * NODES_X + 11) * rows +
+    const size_t count = matrices * n * (rows + n * (size_t)ld) + inputs * rows + (3 * NODES_X + 9) * rows +
                          NODES_X * size + (2 * NODES_X + 2) * n * (size_t)ld;
     double *at = k ? calloc(count + 8, sizeof *at) : NULL;
     if (!at) {
@@ -86,7 +81,7 @@ int exponential_open(Run *r)
     k->b = take(&at, inputs * rows);
     for (int t = 0; t < MOST_TABLES; t++) {
         for (int j = 0; j < NODES_X; j++) lay_out_flow(&k->table[t].node[j], &at, k, ld);
-        lay_out_flow(&k->table[t].between, &at, k, ld), lay_out_flow(&k->table[t].early, &at, k, ld);
+        lay_out_flow(&k->table[t].between, &at, k, ld);
         for (int j = 0; j < MOST_INSIDE; j++) lay_out_flow(&k->table[t].inside[j], &at, k, ld);
     }
     for (int j = 0; j < NODES_X; j++) {
@@ -97,7 +92,7 @@ int exponential_open(Run *r)
     k->s_slope = take(&at, n * (size_t)ld), k->s_ramp = take(&at, n * (size_t)ld);
     k->f0 = take(&at, rows), k->x0 = take(&at, rows), k->ramp = take(&at, rows), k->v = take(&at, rows);
     k->change = take(&at, rows), k->end = take(&at, rows), k->first = take(&at, rows), k->second = take(&at, rows);
-    k->middle = take(&at, rows), k->third = take(&at, rows), k->unit = take(&at, rows);
+    k->middle = take(&at, rows);
     r->exponential = k;
     return 1;
 }
@@ -114,7 +109,7 @@ void exponential_begin(Run *r)
 {
     Exponential *k = r->exponential;
     if (!k) return;
-    k->level = k->stale = 0;
+    k->level = k->stale = k->since_longer = 0;
     k->known = k->pause = k->last_pause = k->linear_model = k->linear_columns = 0;
     k->age = LASTED;
 }
@@ -151,7 +146,6 @@ static StepTable *table_of(Run *r, double h)
     StepTable *t = &k->table[k->n_tables++];
     t->h = h;
     t->n_inside = 0;
-    t->early.theta = 0.0;
     const Linear *m = &k->system;
     const Matrix third = t->between.transition;
     phi_flow(m, t->node[0].transition, h, point_of[0]);
@@ -163,22 +157,17 @@ static StepTable *table_of(Run *r, double h)
     return t;
 }
 
-static void find_flow(Run *r, const StepTable *t, Flow *f, double theta)
-{
-    const Linear *m = &r->exponential->system;
-    f->theta = theta;
-    phi_flow(m, f->transition, t->h, theta);
-    weigh_flow(m, f, t->h);
-}
-
 static Flow *flow_inside(Run *r, StepTable *t, double theta)
 {
+    Exponential *k = r->exponential;
     const double near = larger(1e-3 * r->rtol, 1e-13);
     for (int i = 0; i < t->n_inside; i++)
         if (fabs(t->inside[i].theta - theta) <= near) return &t->inside[i];
     if (t->n_inside == MOST_INSIDE) t->n_inside = 0;
     Flow *f = &t->inside[t->n_inside++];
-    find_flow(r, t, f, theta);
+    f->theta = theta;
+    phi_flow(&k->system, f->transition, t->h, theta);
+    weigh_flow(&k->system, f, t->h);
     return f;
 }
 
@@ -198,7 +187,6 @@ static int renew_jacobian(Run *r, double h)
             if (!isfinite(r->jac[i * n + j])) return FMI_DISCARD;
             k->system.a.value[j * rows + i] = r->jac[i * n + j];
         }
-   
     const int worth = r->sensitive && (k->age >= LASTED || h * phi_norm(&k->system) > STIFF);
     k->system.ld = worth ? r->ld : 0;
     k->known = 1;
@@ -255,124 +243,71 @@ static int remainder_at(Run *r, double h, double theta, const double *x, double 
 
 static int find_remainder(Run *r, double h, int j) { return remainder_at(r, h, point_of[j], r->exponential->x[j], r->exponential->d[j]); }
 
-/* In units of the tolerance for a step from r->x to k->end as it was when the units were set. */
-static double norm_in_units(const Exponential *k, const double *v)
-{
-    double sum = 0.0;
-    for (int i = 0; i < k->rows; i++) sum += v[i] * v[i] * k->unit[i];
-    return sqrt(sum);
-}
-
-static void set_units(Run *r)
-{
-    Exponential *k = r->exponential;
-    for (int i = 0; i < r->n; i++) {
-        const double unit = unit_of(r, i, r->x, k->end);
-        k->unit[i] = 1.0 / (unit * unit * (double)r->n);
-    }
-}
-
 /* Size at the step's end, in units of the tolerance, of a slope that acts all the step long. */
 static double effect(Run *r, const StepTable *t, const double *slope)
 {
     Exponential *k = r->exponential;
     memset(k->v, 0, sizeof *k->v * (size_t)k->rows);
     kernels->apply(k->v, t->node[2].of_slope.value, slope, r->n, k->rows);
-    return norm_in_units(k, k->v);
+    return scaled_norm(r, k->v, r->x, k->end);
 }
 
-/* The end with the remainders at hand; by how much that changed it, in units of the tolerance. */
-static double correct_end(Run *r, const StepTable *t)
-{
-    Exponential *k = r->exponential;
-    double *add = k->first;
-    memset(add, 0, sizeof *add * (size_t)k->rows);
-    add_remainders(r, &t->node[2], add);
-    for (int i = 0; i < r->n; i++) {
-        k->change[i] = add[i] - k->change[i];
-        k->end[i] = k->linear[2][i] + add[i];
-    }
-    const double change = norm_in_units(k, k->change);
-    memcpy(k->change, add, sizeof *add * (size_t)k->rows);
-    return change;
-}
-
-/* The remainder at a point, with the state there by the remainders at hand. */
-static int visit(Run *r, const StepTable *t, int j)
-{
-    Exponential *k = r->exponential;
-    memcpy(k->x[j], k->linear[j], sizeof *k->x[j] * (size_t)k->rows);
-    add_remainders(r, &t->node[j], k->x[j]);
-    r->status = find_remainder(r, t->h, j);
-    return is_error(r->status);
-}
-
-/* From the remainder at the end, where the linearisation leads, those at the other points, and then each anew until the
- * end changes no more: in turn the two within the step and the one at its end. What is not known yet is guessed by the
- * parabola through zero and what is. Returns the error that is left, in units of the tolerance. `rounds`, where it is
- * not zero, tells how many there are. */
+/* Corrections by the remainders until they change the end no more. Returns their error in units of the tolerance; the end
+ * is left in k->end. Where `rounds` is not zero there are so many. */
 static double iterate(Run *r, const StepTable *t, int rounds)
 {
     Exponential *k = r->exponential;
-    double before = 0.0, whole = 0.0;
-    for (int i = 0; i < k->rows; i++) k->d[0][i] = point_of[0] * k->d[2][i], k->d[1][i] = point_of[1] * k->d[2][i];
-    memset(k->change, 0, sizeof *k->change * (size_t)k->rows);
+    const size_t bytes = sizeof(double) * (size_t)k->rows;
+    double size = 0.0;
+    memset(k->change, 0, bytes);
     for (int round = 1;; round++) {
-        if (round % 2) {
-            if (visit(r, t, 0)) return NAN;
-            for (int i = 0; round == 1 && i < k->rows; i++) k->d[1][i] = 1.6 * k->d[0][i] + 0.4 * k->d[2][i];
-            if (round == 1) whole = correct_end(r, t);
-            if (visit(r, t, 1)) return NAN;
-        } else if (visit(r, t, 2))
-            return NAN;
-        const double now = correct_end(r, t);
+        double *add = k->first;
+        memset(add, 0, bytes);
+        add_remainders(r, &t->node[2], add);
+        for (int i = 0; i < r->n; i++) {
+            k->change[i] = add[i] - k->change[i];
+            k->end[i] = k->linear[2][i] + add[i];
+        }
+        const double now = scaled_norm(r, k->change, r->x, k->end);
+        memcpy(k->change, add, bytes);
         k->rounds = round;
         if (!(now < INFINITY)) return NAN;
-        if (round == 2) k->contraction = whole > 0.0 ? now / (WEIGHT_OF_END * whole) : 0.0;
-        const double error = k->contraction * (now + (round == 1 ? WEIGHT_OF_END * whole : before));
-        before = now;
-        if (rounds ? round == rounds : round == MOST_ROUNDS) return rounds || k->contraction < 0.5 ? error : INFINITY;
+        if (round > 1) k->contraction = size > 0.0 ? now / size : 0.0;
+        size = now;
+        if (rounds ? round == rounds : round == MOST_ROUNDS) return rounds || k->contraction < 0.5 ? now : INFINITY;
         const int measured = round > 1 || (k->contraction >= 0.0 && k->age % CHECK_EACH);
-        if (!rounds && measured && error <= OF_CORRECTIONS) return error;
+        const double error = measured ? 3.0 * k->contraction * now : now;
+        if (!rounds && error <= OF_CORRECTIONS) return error;
+        for (int j = 0; j < NODES_X; j++) {
+            memcpy(k->x[j], k->linear[j], bytes);
+            add_remainders(r, &t->node[j], k->x[j]);
+        }
+        for (int j = 0; j < NODES_X; j++) {
+            r->status = find_remainder(r, t->h, j);
+            if (is_error(r->status)) return NAN;
+        }
     }
-}
-
-/* What the parabola leaves of the remainder at a fraction of the step, to `off`. */
-static int defect_at(Run *r, const StepTable *t, const Flow *f, double theta, double *off)
-{
-    Exponential *k = r->exponential;
-    linear_at(r, f, k->middle);
-    add_remainders(r, f, k->middle);
-    r->status = remainder_at(r, t->h, theta, k->middle, off);
-    for (int j = 0; j < NODES_X; j++) {
-        const double w = lagrange[j][0] + theta * (lagrange[j][1] + 0.5 * theta * lagrange[j][2]);
-        for (int i = 0; i < k->rows; i++) off[i] -= w * k->d[j][i];
-    }
-    return is_error(r->status);
 }
 
 /* Error at the end from the form of the remainder, in units of the tolerance. The parabola does not pass through zero at
- * the beginning: by that and by its distance from the model at a point between, kinks show wherever they are. Where what
- * is missing is gone soon after the beginning, it is what a fast state adds while it settles, and hardly counts. */
-static double error_of_parabola(Run *r, StepTable *t, double left)
+ * the beginning. Where that is much, the third power through that too is tried on the model at a point between: a smooth
+ * remainder it meets, and then the end is far more exact than the beginning. */
+static double error_of_parabola(Run *r, const StepTable *t)
 {
     Exponential *k = r->exponential;
-    double *defect = k->first, *off = k->second, *cubic = k->third;
+    double *defect = k->first, *off = k->second;
     for (int i = 0; i < k->rows; i++)
         defect[i] = at_start[0] * k->d[0][i] + at_start[1] * k->d[1][i] + at_start[2] * k->d[2][i];
-    const double whole = effect(r, t, defect);
-    double error = OFF_PARABOLA * whole;
-    if (error <= OLD_JACOBIAN && left <= KINK) return error;
-    if (defect_at(r, t, &t->between, BETWEEN, off)) return NAN;
-    for (int i = 0; i < k->rows; i++) cubic[i] = off[i] + CUBIC_BETWEEN * defect[i];
-    error += OFF_BETWEEN * effect(r, t, cubic);
-    if (error <= OLD_JACOBIAN || !(EARLY * whole < 1.0)) return error;
-    const double between = OFF_BETWEEN * effect(r, t, off);
-    if (between >= 1.0) return error;
-    if (t->early.theta == 0.0) find_flow(r, t, &t->early, EARLY);
-    if (defect_at(r, t, &t->early, EARLY, off)) return NAN;
-    const double later = effect(r, t, off);
-    return later > STILL_THERE * whole ? error : OFF_EARLY * later + 0.5 * EARLY * whole + between;
+    const double error = OFF_PARABOLA * effect(r, t, defect);
+    if (error <= OLD_JACOBIAN || !(OF_SMOOTH * error < 1.0)) return error;
+    double *x = k->middle;
+    linear_at(r, &t->between, x);
+    add_remainders(r, &t->between, x);
+    r->status = remainder_at(r, t->h, BETWEEN, x, off);
+    if (is_error(r->status)) return NAN;
+    for (int i = 0; i < k->rows; i++)
+        off[i] -= between[0] * k->d[0][i] + between[1] * k->d[1][i] + between[2] * k->d[2][i] - CUBIC_BETWEEN * defect[i];
+    return OF_SMOOTH * error + OFF_PARABOLA * effect(r, t, off);
 }
 
 /* One step with the matrices at hand; its error in units of the tolerance. */
@@ -388,7 +323,6 @@ static double attempt(Run *r, StepTable *t, int rounds)
     linear_at(r, &t->node[2], k->linear[2]);
     memcpy(k->x[2], k->linear[2], bytes);
     memcpy(k->end, k->linear[2], bytes);
-    set_units(r);
     r->status = find_remainder(r, t->h, 2);
     if (is_error(r->status)) return NAN;
     k->rounds = 0;
@@ -398,12 +332,18 @@ static double attempt(Run *r, StepTable *t, int rounds)
         k->rounds = ONLY_END;
         return left;
     }
-    for (int j = 0; j < 2; j++) linear_at(r, &t->node[j], k->linear[j]);
+    int linear = left <= CLOSE_TO_LINEAR;
+    for (int j = 0; j < 2; j++) {
+        linear_at(r, &t->node[j], k->linear[j]);
+        memcpy(k->x[j], k->linear[j], bytes);
+        r->status = find_remainder(r, t->h, j);
+        if (is_error(r->status)) return NAN;
+        linear = linear && effect(r, t, k->d[j]) <= CLOSE_TO_LINEAR;
+    }
+    k->linear_model = linear;
     const double error = iterate(r, t, rounds);
     if (!(error < INFINITY)) return error;
-    const double inside = effect(r, t, k->d[1]);
-    k->linear_model = larger(larger(left, inside), effect(r, t, k->d[0])) <= CLOSE_TO_LINEAR;
-    return error + error_of_parabola(r, t, left + inside);
+    return error + error_of_parabola(r, t);
 }
 
 /* Does an event indicator change its sign? The indicators at the end are left in r->z1. */
@@ -436,7 +376,8 @@ int exponential_may(Run *r, double end)
         k->pause--;
         return 0;
     }
-    if (k->level > 0) k->level--;
+    if (k->level > 0 && (k->worst < MUCH_SMALLER || ++k->since_longer >= TRY_LONGER)) k->level--, k->since_longer = 0;
+    k->worst = 0.0;
     return 1;
 }
 
@@ -488,6 +429,7 @@ double exponential_step(Run *r, double span, double left, double *recorded)
     }
     k->stale = k->age > 0 && k->error > OLD_JACOBIAN && k->contraction > FAR_FROM_JACOBIAN;
     k->age++;
+    k->worst = larger(k->worst, k->error);
     k->last_pause = 0;
     memcpy(r->x1, k->end, sizeof *r->x1 * (size_t)r->n);
     *recorded = k->rounds + (renewed ? RENEWED : 0);

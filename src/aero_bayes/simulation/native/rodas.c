@@ -102,21 +102,16 @@ void lu_solve(const Sparse *lu, const int *restrict pivot, double *restrict b)
     }
 }
 
-/* The tolerance of a state in a step from x to x1. A nominal value of 1 is one that nobody declared: there the absolute
- * tolerance follows what the state has been so far, which for a motion through millimetres is far less. */
-double unit_of(const Run *r, int i, const double *x, const double *x1)
-{
-    const double now = larger(fabs(x[i]), fabs(x1[i])), known = r->nominal[i];
-    const double size = known == 1.0 ? fmin(known, larger(larger(r->largest[i], now), LEAST_SIZE)) : known;
-    return r->atol * size + r->rtol * now;
-}
-
-/* In units of the tolerance. */
+/* In units of the tolerance. A nominal value of 1 is one that nobody declared: there the absolute tolerance follows what
+ * the state has been so far, which for a motion through millimetres is far less. */
 double scaled_norm(const Run *r, const double *v, const double *x, const double *x1)
 {
     double sum = 0.0;
     for (int i = 0; i < r->n; i++) {
-        const double e = v[i] / unit_of(r, i, x, x1);
+        const double now = larger(fabs(x[i]), fabs(x1[i]));
+        const double known = r->nominal[i];
+        const double size = known == 1.0 ? fmin(known, larger(larger(r->largest[i], now), LEAST_SIZE)) : known;
+        const double e = v[i] / (r->atol * size + r->rtol * now);
         sum += e * e;
     }
     return sqrt(sum / (double)(r->n ? r->n : 1));
