@@ -33,6 +33,8 @@ from aero_bayes.sensors.noise_estimation import update_output_noise
 
 FloatArray = NDArray[np.float64]
 
+#: Smallest noise as a share of an output's range: data without noise leave no more than the rounding of numbers.
+ROUNDING = 1e-13
 #: A fit converges to a known optimum if its quadratic model predicts at least this share of its largest decrease there,
 #: and at least this share of the predicted decrease is real.
 MIN_PREDICTED_SHARE, MIN_REALISED_SHARE = 0.9, 0.5
@@ -156,12 +158,13 @@ def fit_noise(
     noise = {}
     for output in objective.outputs:
         own = [k for k, series in enumerate(objective.series) if series.output == output]
-        floor = settings.floors.get(output, 0.0)
+        scale = float(objective.calibration.scale[objective.calibration.outputs.index(output)])
+        floor = max(settings.floors.get(output, 0.0), ROUNDING * scale)
         if settings.kinds.get(output, "auto") == "white":
             count = sum(residual[k].size for k in own)
             equal = [objective.series[k].sampling.equalised(residual[k]) for k in own]
             rms = math.sqrt(sum(float(r @ r) for r in equal) / max(count, 1))
-            noise[output] = OutputNoise(max(rms, floor, 1e-300))
+            noise[output] = OutputNoise(max(rms, floor))
             continue
         noise[output] = update_output_noise(
             [residual[k] for k in own], [objective.series[k].sampling for k in own], floor=floor,

@@ -24,7 +24,7 @@ static const double between[NODES_X] = {8.0 / 15.0, 2.0 / 3.0, -0.2};
 #define OLD_JACOBIAN 0.5     /* error from which a newer Jacobian is worth its matrices, */
 #define FAR_FROM_JACOBIAN 5e-3 /* where the corrections shrink by no more than this */
 #define MUCH_SMALLER 0.1       /* error at which a step of twice the length is likely to do */
-#define OF_CORRECTIONS 0.3   /* error that may be left to corrections not made */
+#define OF_CORRECTIONS 0.003   /* error that may be left to corrections not made: it has the same sign step after step */
 #define STIFF 0.5 /* size of h A from which sensitivities move too fast within a step for a parabola */
 
 enum {
