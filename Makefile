@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-platforms test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-long test-platforms test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation coverage coverage-wrong docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -81,10 +81,13 @@ check-routes: setup ## what this machine has (compilers, omc, libraries, FMI), a
 	$(BIN)/python benchmarks/check_routes.py
 
 test: $(VENV)/.tested ## set up and run the tests
-	$(BIN)/python -m pytest -n 2 --durations 10
+	$(BIN)/python -m pytest -n 2 -m "not long" --durations 10
+
+test-long: $(VENV)/.tested ## the studies' tests, and longer tests of what shorter ones test
+	$(BIN)/python -m pytest -n 2 -m long --durations 10
 
 test-fast: $(VENV)/.tested ## the tests that take no longer than a minute together
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(BIN)/python -m pytest -n 2 -m "not slow and not long"
 
 test-platforms: $(VENV)/.tested ## exported FMUs of Windows (Wine) and ARM (qemu-user) give this machine's numbers
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[platforms]'

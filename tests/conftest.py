@@ -13,6 +13,8 @@ SLOW_FOLDERS = {
     "benchmarks", "design", "docs", "estimate", "export", "fleet", "known_answers", "laws", "library", "loop", "ports",
     "report", "sample", "studies", "workflow",
 }  # fmt: skip
+#: Tests of studies and benchmarks, which are not part of the package.
+STUDY_FOLDERS = {"bench", "benchmarks", "studies"}
 #: Files in these folders that make test-fast runs, so that it reaches every room; their slow tests have the mark.
 FAST_FILES = {
     "test_ablation", "test_bad_input", "test_build", "test_diagnostics", "test_diagram", "test_expression",
@@ -33,6 +35,8 @@ SLOW_FILES = {
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         in_slow_folder = bool(SLOW_FOLDERS & set(item.path.parent.parts))
+        if STUDY_FOLDERS & set(item.path.parent.parts):
+            item.add_marker(pytest.mark.long)
         if item.path.stem in SLOW_FILES or (in_slow_folder and item.path.stem not in FAST_FILES):
             item.add_marker(pytest.mark.slow)
 

@@ -133,6 +133,7 @@ def test_mistakes_get_one_line(fitted):
         Limits(amplifier=-1.0)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_separating_experiment_tells_two_thrust_laws_apart(model, short_pulse, fitted, tmp_path: Path):
     rival = Model.load(export_fmu("Aero.Systems.OneDofLinear", tmp_path / "OneDofLinear.fmu"))

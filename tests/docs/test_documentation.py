@@ -107,6 +107,7 @@ def test_the_readmes_example_prints_what_it_says(cart: Path):
     assert re.sub(r"\d[\d.,]*", "#", done.stdout) == re.sub(r"\d[\d.,]*", "#", said)
 
 
+@pytest.mark.long
 def test_the_library_page_runs(cart: Path):
     script = "".join(blocks("docs/howto/python.md", "python"))
     done = subprocess.run([sys.executable, "-c", script], cwd=cart, capture_output=True, text=True)

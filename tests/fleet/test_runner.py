@@ -35,6 +35,7 @@ def expected(folder: Path, count: int) -> str:
         return table.digest()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dask", [None, "local"])
 def test_workers_that_die_change_nothing(tmp_path: Path, dask: str | None) -> None:
     if dask:
@@ -76,6 +77,7 @@ def test_a_caller_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     assert len(again) == count - done
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])
 def test_workers_end_with_their_caller(tmp_path: Path, sent: signal.Signals) -> None:
     code = (

@@ -43,6 +43,7 @@ def shaken(name: str, seed: int) -> Recording:
     return Recording(name, time, {"F": force}, {"x": read + NOISE * rng.normal(size=time.size)})
 
 
+@pytest.mark.long
 def test_a_joint_that_yields_is_named_with_its_shape(tmp_path):
     (tmp_path / "Mass.mo").write_text(MASS, encoding="utf-8")
     settings = LoopSettings(

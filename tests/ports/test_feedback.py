@@ -216,6 +216,7 @@ def test_what_a_part_hands_on_to_the_next_is_a_port_where_nothing_comes_back(tmp
     assert not [p for p in ports_with_laws(load_flat("Cascade", [source]), shipped_laws()) if p.attachment == "signal"]
 
 
+@pytest.mark.long
 def test_a_limit_between_two_filters_that_differs_by_side_is_found_as_one_law(tmp_path):
     source = tmp_path / "Cascade.mo"
     source.write_text(CASCADE, encoding="utf-8")

@@ -144,6 +144,7 @@ class Walk(MHMove):
         return points + self.width * random.uniform(-1.0, 1.0, points.shape), np.zeros(len(points))
 
 
+@pytest.mark.long
 def test_a_move_of_ones_own() -> None:
     settings = replace(QUICK, ess=1000.0)
     own = run_chain(
@@ -171,6 +172,7 @@ def test_no_finite_start_is_said() -> None:
         run_chain(lambda x: np.full(len(x), -np.inf), interrupted_run.PROPOSAL, interrupted_run.SETTINGS, 1)
 
 
+@pytest.mark.long
 def test_kill_nine_at_any_moment_changes_no_bit(tmp_path: Path) -> None:
     whole = run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, interrupted_run.SETTINGS, 5, identity="banana")
     path = tmp_path / "chain.npz"

@@ -81,6 +81,7 @@ def test_a_fit_says_why_it_cannot_be_made(test_fmu):
         aero_bayes.fit(recording, model, parameters=free, settings=FitSettings(method="local"), workers=1)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_co_simulation_once_a_process(test_fmu, pool):
     """A reset that does all is used; where it does not, every process does one run."""

@@ -58,6 +58,7 @@ def assert_contract(result: dict[str, Any], command: str) -> None:
     assert result["versions"]["numpy"] == np.__version__
 
 
+@pytest.mark.long
 def test_posterior_recovers_the_bench(adequate: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     config = tmp_path / "study.toml"

@@ -62,6 +62,7 @@ def told(folder: Path) -> Any:
     return timeless(json.loads((folder / "result.json").read_text("utf-8")))
 
 
+@pytest.mark.long
 def test_a_posterior_that_was_stopped_ends_as_if_it_had_not_been(rig: Path):
     whole = begin(rig, "whole")
     whole.communicate(timeout=300)
