@@ -179,7 +179,7 @@ def test_an_fmu_with_co_simulation_only_is_refused(plant: Model, tmp_path: Path)
         for name in old.namelist():
             data = old.read(name)
             if name == "modelDescription.xml":
-                data = data.replace(b"<ModelExchange", b"<NoExchange")
+                data = data.replace(b"<ModelExchange", b"<NoExchange").replace(b"</ModelExchange", b"</NoExchange")
             new.writestr(name, data)
     done = CliRunner().invoke(main, ["ports", "--model", str(path)])
     assert done.exit_code == 2

@@ -84,7 +84,7 @@ def close(
 
 
 def unseen(result: LoopResult) -> tuple[float, float]:
-    ((before,), (after,)) = (role.pooled("test").values() for role in (result.before, result.after))
+    ((before,), (after,)) = (role.pooled("test").values() for role in (result.predicted_before, result.predicted_after))
     return before, after
 
 

@@ -125,7 +125,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "solver.time_limit": (1.0, 2.0),
 }  # fmt: skip
 #: Keys that a loop refuses when they have their second value.
-REFUSED = {"parameters.*.values", "fit.cost", "noise.process", "solver.engine"}
+REFUSED = {"fit.cost", "noise.process", "solver.engine"}
 READ_FIRST = ("model", "data", "parameters")
 
 RIG = """model {name}
@@ -243,7 +243,7 @@ def reaches(command: str, job: Job) -> list[Any]:
     signals = [{**r.inputs, **r.outputs} for r in job.recordings]
     readings = [{name: y.tobytes() for name, y in own.items()} for own in signals]
     if command == "close-loop":
-        return [readings, job.name, job.config.model.sources, loop_settings(job)]
+        return [readings, job.name, job.config.model.sources, job.values, loop_settings(job)]
     stages = [fit_settings(job), prediction_settings(job)]
     stages += [sample_settings(job)] if command == "posterior" else []
     return [readings, job.name, job.model.parameters, job.parameters, job.fixed, *stages]

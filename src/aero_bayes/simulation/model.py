@@ -131,7 +131,22 @@ class Model(ModelDescription):
         return replace(model, declared=declaration_of(model.name))
 
     def causality_of(self, name: str) -> str:
-        """What the FMU calls a variable: ``calculatedParameter``, ``local``, ...; empty where it has none."""
+        """Tell what the FMU calls a variable: ``calculatedParameter``, ``local``, ...
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        str
+            Empty where the FMU has no such variable.
+
+        Examples
+        --------
+        >>> model.causality_of("k")
+        'parameter'
+        """
         _, (text,) = archive.read_texts(self.path)
         variables = parse_description(self.path, text).find("ModelVariables")
         found = [v for v in (variables if variables is not None else ()) if v.get("name") == name]
