@@ -36,6 +36,7 @@ def typed(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_the_tutorials_commands_find_the_friction(cart: Path):
     """Every command of the tutorial runs, also where it was walked before, and prints every line that it promises.
 

@@ -20,6 +20,8 @@ from fleet.fleet_tasks import Count, killed_half_way, one_always_dies, plain, wo
 from aero_bayes.errors import InputError
 from aero_bayes.fleet import Table, open_executor, run_tasks
 
+pytestmark = pytest.mark.long
+
 assert killed_half_way  # run by a process of its own below
 
 
@@ -35,7 +37,6 @@ def expected(folder: Path, count: int) -> str:
         return table.digest()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("dask", [None, "local"])
 def test_workers_that_die_change_nothing(tmp_path: Path, dask: str | None) -> None:
     if dask:
@@ -77,7 +78,6 @@ def test_a_caller_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     assert len(again) == count - done
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])
 def test_workers_end_with_their_caller(tmp_path: Path, sent: signal.Signals) -> None:
     code = (

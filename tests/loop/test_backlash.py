@@ -41,6 +41,7 @@ def drive(name, seed):
     return Recording(name, 0.01 * np.arange(torque.size), {"tau": torque}, {"w_m": speeds[:, 0], "w_l": speeds[:, 1]})
 
 
+@pytest.mark.long
 def test_play_takes_the_damper_out_of_action_too(tmp_path):
     source = tmp_path / "Drive.mo"
     source.write_text(DRIVE, encoding="utf-8")

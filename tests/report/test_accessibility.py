@@ -13,6 +13,8 @@ from headless_chromium import Browser
 
 from aero_bayes.report import write_comparison
 
+pytestmark = pytest.mark.long
+
 AXE = (Path(axe_core_python.__file__).parent / "axe.min.js").read_text("utf-8")
 RUN = """axe.run(document, {resultTypes: ['violations', 'incomplete']}).then(found => JSON.stringify(
     [...found.violations.map(v => [v.id, v.nodes[0].html, v.nodes[0].failureSummary]),

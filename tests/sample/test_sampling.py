@@ -23,6 +23,8 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.sample import Adaptation, Chain, SampleSettings, run_chain
 from aero_bayes.sample.moves import StretchMove, WarpedStudentT
 
+pytestmark = pytest.mark.long
+
 QUICK = SampleSettings(walkers=16, ess=1500.0, max_rounds=6, max_steps=3000)
 CORRELATED = np.array([[1.0, 0.95, 0.3], [0.95, 1.0, 0.2], [0.3, 0.2, 2.0]])
 
@@ -144,7 +146,6 @@ class Walk(MHMove):
         return points + self.width * random.uniform(-1.0, 1.0, points.shape), np.zeros(len(points))
 
 
-@pytest.mark.long
 def test_a_move_of_ones_own() -> None:
     settings = replace(QUICK, ess=1000.0)
     own = run_chain(
@@ -172,7 +173,6 @@ def test_no_finite_start_is_said() -> None:
         run_chain(lambda x: np.full(len(x), -np.inf), interrupted_run.PROPOSAL, interrupted_run.SETTINGS, 1)
 
 
-@pytest.mark.long
 def test_kill_nine_at_any_moment_changes_no_bit(tmp_path: Path) -> None:
     whole = run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, interrupted_run.SETTINGS, 5, identity="banana")
     path = tmp_path / "chain.npz"
