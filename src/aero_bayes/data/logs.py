@@ -6,7 +6,6 @@ has its own times; those of one recording are brought to common ones.
 
 from __future__ import annotations
 
-import hashlib
 import io
 from collections import Counter
 from pathlib import Path
@@ -39,8 +38,7 @@ def names_of(path: Path) -> list[str]:
 
 def read(path: Path, request: Request) -> Columns:
     """The signals that a recording asks for."""
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return pick_signals(path, _signals(path), request, digest, "; map it with columns in the configuration")
+    return pick_signals(path, _signals(path), request)
 
 
 def _signals(path: Path) -> Signals:

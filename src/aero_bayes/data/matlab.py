@@ -24,7 +24,6 @@ objects, which the package mat-io reads (``aero-bayes[matlab]``).
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import json
 import os
@@ -82,15 +81,13 @@ def read(path: Path, request: Request) -> Columns:
             f"{free / 2**20:,.0f} MiB are free: write it as CSV, thin it, or run on a larger machine"
         )
     signals, opaque = _read(path, free)
-    hint = "; map it with columns in the configuration"
-    if opaque:
-        hint = (
-            f"; {', '.join(opaque)} cannot be read: pip install 'aero-bayes[matlab]' for tables, timetables and "
-            "timeseries, or save [ts.Time ts.Data] instead"
-        )
-    with path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return pick_signals(path, signals, request, digest, hint)
+    if not opaque:
+        return pick_signals(path, signals, request)
+    hint = (
+        f"; {', '.join(opaque)} cannot be read: pip install 'aero-bayes[matlab]' for tables, timetables and "
+        "timeseries, or save [ts.Time ts.Data] instead"
+    )
+    return pick_signals(path, signals, request, hint)
 
 
 def names_of(path: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,8 @@ FloatArray = NDArray[np.float64]
 
 #: Decimals of a time in s within which two instants are one.
 SAME_INSTANT = 9
+#: What to do about a signal that is not there, unless its file cannot give it.
+MAP_COLUMNS = "; map it with columns in the configuration"
 
 
 def _sample(row: int) -> str:
@@ -90,17 +93,15 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
     return None
 
 
-def pick_signals(path: Path, signals: Signals, request: Request, sha256: str, hint: str) -> Columns:
+def pick_signals(path: Path, signals: Signals, request: Request, hint: str = MAP_COLUMNS) -> Columns:
     """The signals that a recording asks for, at one time.
 
     Parameters
     ----------
     path : Path
-        For messages.
+        The file, for its hash and for messages.
     signals : Signals
     request : Request
-    sha256 : str
-        Hash of the file.
     hint : str
         What to do about a signal that is not there.
 
@@ -109,6 +110,8 @@ def pick_signals(path: Path, signals: Signals, request: Request, sha256: str, hi
     InputError
         For a signal that is not there, or of another length than the times.
     """
+    with path.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     named = {}
     for name in (*request.wanted, *request.optional):
         if (called := column_called(request.sources[name], signals.vectors)) is not None:
