@@ -59,6 +59,8 @@ class CalibratedModel:
         Modelica files that were written for it and are needed too: name and text.
     suffix : str
         What the name of the class has behind that of its base.
+    stop : float, optional
+        End of the default experiment in s.
 
     Examples
     --------
@@ -74,6 +76,7 @@ class CalibratedModel:
     header: tuple[str, ...] = ()
     added: Mapping[str, str] = field(default_factory=dict)
     suffix: str = "fitted"
+    stop: float | None = None
 
     @property
     def name(self) -> str:
@@ -87,6 +90,8 @@ class CalibratedModel:
         modifiers = _modifiers(_tree(self.parameters, self.remarks))
         extends = [f"  extends {self.base.name}(", *(f"    {m}" for m in modifiers), "  );"]
         lines += extends if modifiers else [f"  extends {self.base.name};"]
+        if self.stop is not None and self.stop > 0.0:
+            lines.append(f"  annotation (experiment(StopTime = {self.stop:.12g}));")
         title = f'model {self.name} "{self.base.name} with the values of a fit"'
         return "\n".join(["within ;", title, *lines, f"end {self.name};", ""])
 
@@ -106,7 +111,9 @@ class CalibratedModel:
             sources = [*self.base.files, *(scratch / name for name in self.added)]
             libraries = self.base.libraries
             try:
-                return export_fmu(self.name, Path(path), sources=[*sources, written], libraries=libraries)
+                return export_fmu(
+                    self.name, Path(path), sources=[*sources, written], libraries=libraries, stop=self.stop
+                )
             except InputError:
                 numbers = {name: v for name, v in self.parameters.items() if not isinstance(v, str)}
                 if len(numbers) < len(self.parameters) or not any("[" in name for name in numbers):
@@ -114,7 +121,7 @@ class CalibratedModel:
             # The embedded compiler cannot give components that are declared with `each` values of their own: they
             # are set after the model has been made flat.
             flat = rename_model(load_flat(self.base.name, sources, libraries), self.name)
-            return export_flat(set_elements(flat, numbers), path)
+            return export_flat(set_elements(flat, numbers), path, stop=self.stop)
 
 
 def calibrated_model(
@@ -174,7 +181,7 @@ def calibrated_model(
     header += [f"Load {join_names(needed)} first."] if needed else []
     values_given: dict[str, float | str] = {**_whole_arrays(model, given), **(chosen or {})}
     told = (*header, *_beside(calibration, values))
-    return CalibratedModel(base, values_given, remarks, told, dict(added or {}))
+    return CalibratedModel(base, values_given, remarks, told, dict(added or {}), stop=calibration.stop)
 
 
 def _started(calibration: Calibration, values: FloatArray, given: Mapping[str, float]) -> dict[str, list[float]]:

@@ -184,6 +184,11 @@ class Calibration:
         spread = np.nanmax(stacked, axis=0) - np.nanmin(stacked, axis=0)
         return np.where(spread > 0.0, spread, 1.0)
 
+    @property
+    def stop(self) -> float:
+        """When the longest recording ends, in s."""
+        return max(float(e.time[-1]) for e in self.experiments)
+
     @cached_property
     def intervals(self) -> tuple[float, ...]:
         """Sample interval of each experiment in s."""

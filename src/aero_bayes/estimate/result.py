@@ -23,7 +23,8 @@ from aero_bayes.estimate.laplace_estimates import laplace_estimates
 from aero_bayes.estimate.modes import Mode, modes_sentence
 from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.objective import Series
-from aero_bayes.estimate.parameter_estimates import Estimate, EstimateTable, estimates_html
+from aero_bayes.estimate.other_tools import OtherTools
+from aero_bayes.estimate.parameter_estimates import Estimate, estimates_html
 from aero_bayes.estimate.prediction import FittedPredictor, RecordingPrediction
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.stage_report import StageReport
@@ -43,7 +44,7 @@ Json = dict[str, object]
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(FitStatistics, EstimateTable):
+class Fit(FitStatistics, OtherTools):
     """A fitted calibration.
 
     Parameters

@@ -1,0 +1,220 @@
+"""Values of a fit in the files of other tools: a Modelica class, MATLAB, a Dymola script."""
+
+from __future__ import annotations
+
+import re
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.display import with_unit
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibrated_model import CalibratedModel
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.laplace import Laplace
+from aero_bayes.estimate.parameter_estimates import EstimateTable
+from aero_bayes.files import whole_file
+from aero_bayes.simulation.interface import ParameterTarget, StartTarget
+
+FloatArray = NDArray[np.float64]
+#: Longest name that MATLAB takes (its ``namelengthmax``).
+MATLAB_NAME = 63
+
+
+class OtherTools(EstimateTable):
+    """A fit that other tools can read; :class:`Fit` describes the fields."""
+
+    calibration: Calibration
+    laplace: Laplace
+    values: FloatArray
+    free: tuple[int, ...]
+
+    @property
+    @abstractmethod
+    def calibrated(self) -> CalibratedModel:
+        """The model with all values of the fit, as Modelica."""
+
+    @property
+    def parameter_covariance(self) -> FloatArray:
+        """Covariance of the fitted parameters in SI units, shape (len(free), len(free)), to first order.
+
+        Examples
+        --------
+        >>> k = fit.free.index(fit.calibration.parameters.index("k"))
+        >>> bool(np.isclose(fit.parameter_covariance[k, k] ** 0.5, fit["k"].sd))  # N/m
+        True
+        """
+        count = len(self.free)
+        slopes = self.calibration.parameters.jacobian(self.values)[list(self.free)]
+        found = self.laplace.covariance[:count, :count] * np.outer(slopes, slopes)
+        return np.asarray(0.5 * (found + found.T))  # rounding leaves it not quite symmetric, which MATLAB refuses
+
+    def to_modelica(self) -> str:
+        """The Modelica class with all values of the fit, as text; it extends the class that was fitted.
+
+        Raises
+        ------
+        InputError
+            Where the model came as an FMU, so that its source is not known.
+
+        Examples
+        --------
+        >>> print(fit.to_modelica().splitlines()[1])
+        model Rig_fitted "Rig with the values of a fit"
+        """
+        return self.calibrated.text
+
+    def to_matlab(self, path: Path | str) -> Path:
+        """Write values, standard deviations, covariance and units for MATLAB, as a structure ``fitted``.
+
+        Parameters
+        ----------
+        path : path
+            With the ending ``.mat`` (version 5), or ``.m`` for a script that says the same. What the data do not
+            determine has ``NaN`` for its ``sd``. ``fitted.parameter`` has the values by name, with ``_`` where MATLAB
+            allows no other sign; ``fitted.covariance`` belongs to ``fitted.covariance_of``.
+
+        Returns
+        -------
+        Path
+            ``path``.
+
+        Raises
+        ------
+        InputError
+            For another ending, or a folder that is not there.
+
+        Examples
+        --------
+        >>> from scipy.io import loadmat
+        >>> read = loadmat(fit.to_matlab("fit.mat"), simplify_cells=True)["fitted"]
+        >>> bool(read["parameter"]["k"] == fit.value("k")), read["unit"][0], read["covariance"].shape
+        (True, 'N/m', (3, 3))
+        """
+        path = _target(path, (".m", ".mat"))
+        content = self._matlab_content()
+        with whole_file(path) as temporary:
+            if path.suffix == ".mat":
+                from scipy.io import savemat
+
+                savemat(temporary, {"fitted": {key: _cells(value) for key, value in content.items()}}, oned_as="column")
+            else:
+                lines = [f"% {line}" for line in self._about()] + ["clear fitted"]
+                lines += [line for key, value in content.items() for line in _matlab_lines(f"fitted.{key}", value)]
+                temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        return path
+
+    def to_dymola(self, path: Path | str) -> Path:
+        """Write a Dymola script (``.mos``) that translates the fitted class's model, sets the values and simulates.
+
+        Parameters
+        ----------
+        path : path
+            With the ending ``.mos``. Initial values of the first recording are set as well; its delays are comments.
+
+        Returns
+        -------
+        Path
+            ``path``.
+
+        Raises
+        ------
+        InputError
+            For another ending, or a folder that is not there.
+
+        Examples
+        --------
+        >>> script = fit.to_dymola("set_values.mos").read_text()
+        >>> [line for line in script.splitlines() if line.startswith("simulateModel")]
+        ['simulateModel("Rig", stopTime=40);']
+        """
+        path = _target(path, (".mos",))
+        calibration = self.calibration
+        source = calibration.model.source
+        files = source.files if source is not None else ()
+        name = source.name if source is not None else calibration.model.name
+        lines = [f"// {line}" for line in self._about()]
+        lines += [f'openModel("{file.as_posix()}");' for file in files] + [f'translateModel("{name}");']
+        units = {v.name: v.unit for v in calibration.model.parameters}
+        given = [(held, value, units.get(held, "")) for held, value in calibration.fixed.items()]
+        for p, value in zip(calibration.parameters, self.values.tolist(), strict=True):
+            if isinstance(p.target, ParameterTarget | StartTarget) and p.acts_in(0):
+                told = p.target.name if isinstance(p.target, ParameterTarget) else p.target.state
+                given.append((told, value, p.unit))
+            elif p.acts_in(0):
+                lines.append(f"// {with_unit(f'{p.name} = {value!r}', p.unit)}: {p.description}, not in the model")
+        lines += [with_unit(f"{told} = {value!r};  //", unit).removesuffix("  //") for told, value, unit in given]
+        lines.append(f'simulateModel("{name}", stopTime={calibration.stop:.12g});')
+        with whole_file(path) as temporary:
+            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        return path
+
+    def _about(self) -> list[str]:
+        data = ", ".join(self.calibration.names)
+        return [f"{self.calibration.model.name}, fitted to {data} by aero-bayes", "Values in SI units."]
+
+    def _matlab_content(self) -> dict[str, Any]:
+        table = self.parameters
+        entries = list(table.values())
+        names = self.calibration.parameters.names
+        return {
+            "model": self.calibration.model.name,
+            "name": [e.name for e in entries],
+            "value": np.array([e.value for e in entries]),
+            **{
+                key: np.array([np.nan if (v := getattr(e, key)) is None else v for e in entries])
+                for key in ("sd", "q05", "q95")
+            },
+            "unit": [e.unit for e in entries],
+            "status": [str(e.status) for e in entries],
+            "covariance": self.parameter_covariance,
+            "covariance_of": [names[column] for column in self.free],
+            "parameter": dict(zip(_matlab_names(list(table)), (e.value for e in entries), strict=True)),
+        }
+
+
+def _target(path: Path | str, endings: Sequence[str]) -> Path:
+    path = Path(path)
+    if path.suffix not in endings:
+        raise InputError(f"{path}: expected a name that ends in {' or '.join(endings)}")
+    if not path.parent.is_dir():
+        raise InputError(f"{path.parent}: no such folder")
+    return path
+
+
+def _matlab_names(names: Sequence[str]) -> list[str]:
+    """Names as MATLAB allows them, each once."""
+    found: list[str] = []
+    for name in names:
+        plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[: MATLAB_NAME - 4]
+        plain = plain if plain[:1].isalpha() else f"p_{plain}"
+        others = (f"{plain}_{k}" for k in range(2, len(names) + 2))
+        found.append(plain if plain not in found else next(other for other in others if other not in found))
+    return found
+
+
+def _cells(value: Any) -> Any:
+    """Lists of texts as MATLAB's cell arrays."""
+    return np.array(value, dtype=object) if isinstance(value, list) else value
+
+
+def _matlab_lines(name: str, value: Any) -> list[str]:
+    """Assignments that give a variable of MATLAB a value, a list of texts, a matrix or fields."""
+    if isinstance(value, Mapping):
+        return [line for key, v in value.items() for line in _matlab_lines(f"{name}.{key}", v)]
+    return [f"{name} = {_matlab_text(value)};"]
+
+
+def _matlab_text(value: Any) -> str:
+    if isinstance(value, str):
+        return "'{}'".format(value.replace("'", "''"))
+    if isinstance(value, list):
+        return f"{{{'; '.join(map(_matlab_text, value))}}}"
+    rows = np.asarray(value, dtype=float)
+    if rows.ndim == 0:
+        return "NaN" if np.isnan(rows) else repr(float(rows))
+    return f"[{'; '.join(' '.join(_matlab_text(x) for x in np.atleast_1d(row)) for row in rows)}]"
