@@ -13,7 +13,7 @@ give the parameter's unit. The sizes (<code>f_n</code>, <code>v_n</code>, ...) a
 <li><code>annotation (__aero_bayes(refines = \"coulomb_friction\"))</code> marks a finer law of another one, <code>__aero_bayes(not_for = \"K A\")</code> one that makes no sense
 for a temperature, nor where a current flows.</li>
 <li><code>__aero_bayes(both_signs = \"v\")</code> marks a law that only a signal of both signs shows, <code>__aero_bayes(nonnegative = \"h\")</code> one that only a signal
-that never falls below zero can have.</li>
+that never falls below zero can have, <code>__aero_bayes(delay = \"T_d\")</code> one that delays its input by <code>T_d</code> and does nothing else.</li>
 <li>The law's id is the model's name in snake case: <code>CoulombFriction</code> is <code>coulomb_friction</code>.</li>
 </ul>
 </html>"));

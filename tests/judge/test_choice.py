@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import closed_form
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from aero_bayes.judge import Choice, ChoiceSettings, Chooser, Comparison, Judge
 from aero_bayes.laws import CandidateTerm
 from aero_bayes.search import CandidateModel, FitNoise, Library, Parts, Structure, StructureSearch, StructureSettings
 from aero_bayes.sensors import OutputNoise
-from aero_bayes.simulation import ParameterTarget, open_simulator
+from aero_bayes.simulation import DelayTarget, ParameterTarget, open_simulator
 
 TIME = np.arange(600) * 0.05
 NOISE = 0.3
@@ -44,19 +46,20 @@ class OneModel:
         return self.model
 
 
-def chosen(missing, seed: int, settings: ChoiceSettings | None = None, samples: int = 600) -> Choice:
-    """The choice where a signal (n,) is missing from the first model."""
-    rng, time = np.random.default_rng(seed), TIME[:samples]
+def chosen(missing, seed: int, settings: ChoiceSettings | None = None, samples: int = 600, targets=None) -> Choice:
+    """The choice where a signal (n,) is missing from the first model; some parameters may have other targets."""
+    rng, time, targets = np.random.default_rng(seed), TIME[:samples], targets or {}
     y = BASIS[:2].T @ [1.0, 2.0] + missing + NOISE * rng.normal(size=600)
     parameters = [
-        Parameter(n, "1", 0.0, -50.0, 50.0, Normal(0.0, 3.0), "linear", "", ParameterTarget(n)) for n in "abcdefgh"
+        Parameter(n, "1", 0.0, -50.0, 50.0, Normal(0.0, 3.0), "linear", "", targets.get(n, ParameterTarget(n)))
+        for n in "abcdefgh"
     ]
     problem = closed_form.calibration([(time, y[:samples, None])], ["y"], parameters)
     simulator = closed_form.FormulaSimulator(problem.problem(), lambda t, p: (p @ BASIS[:, :samples])[:, None])
     cache = OneModel(Objective(problem, simulator))
     searching = StructureSearch(
-        cache, Library([tuple(TERMS)], {}, ("curve@u",)), StructureSettings(), FIT, {("run 0", "y"): NOISE},
-        Parts(restarts=()),
+        cache, Library([tuple(TERMS)], {}, tuple(t for t in TERMS if t.startswith("curve"))), StructureSettings(), FIT,
+        {("run 0", "y"): NOISE}, Parts(restarts=()),
     )  # fmt: skip
     root = cache.model.fit(Structure(), cache.model.at({}, ()), FitNoise({"y": OutputNoise(NOISE)}), FIT)
     return Chooser(settings or ChoiceSettings(), FIT, searching.complete, searching.alone).choose(searching.run(root))
@@ -75,6 +78,20 @@ def test_the_place_with_its_curve_is_the_answer_where_no_law_does_as_well():
     choice = chosen(2.0 * BASIS[2] + 1.5 * BASIS[6], 2)
     assert choice.terms == ("curve@u",)
     assert choice.looks_like("curve@u") == "line@u"
+
+
+def test_a_delay_that_moves_an_input_is_not_told_from_one_elsewhere_by_the_error_of_an_approximation(monkeypatch):
+    """The second delay is off by a little, which the data show clearly and which is not material."""
+    basis, terms = BASIS.copy(), {"delay@v": TERMS["square@v"], "delay@w": TERMS["twin@w"]}
+    basis[4] += 0.06 * np.sin(2.3 * TIME)
+    monkeypatch.setattr(f"{__name__}.BASIS", basis)
+    monkeypatch.setattr(f"{__name__}.TERMS", {f: replace(t, id=f) for f, t in terms.items()})
+    moving = chosen(4.0 * basis[3], 1, targets={"d": DelayTarget("v")})
+    (other,) = (s for s in moving.comparison.squares if s.terms == ("delay@w",))
+    assert moving.terms == ("delay@v",)
+    assert moving.comparison.clearly_better(moving.structure, other)
+    assert moving.alike("delay@v") == ("delay@v", "delay@w")
+    assert {s.terms for s in moving.rivals} == {("delay@v",), ("delay@w",)}
 
 
 def test_two_laws_are_named_where_both_are_missing_and_each_stands_for_its_class():

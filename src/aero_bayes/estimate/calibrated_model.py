@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -132,6 +132,7 @@ def calibrated_model(
     source: ModelicaSource | None = None,
     added: Mapping[str, str] | None = None,
     chosen: Mapping[str, str] | None = None,
+    delays: Collection[str] = (),
 ) -> CalibratedModel:
     """The class with the values (p,) of a calibration's parameters, and those that it holds.
 
@@ -148,6 +149,8 @@ def calibrated_model(
         Modelica files that were written for it: name and text.
     chosen : mapping of str to str, optional
         Values of parameters that are not Real, as Modelica writes them.
+    delays : collection of str
+        Delays of inputs for which the class has parameters of their names.
 
     Raises
     ------
@@ -161,9 +164,10 @@ def calibrated_model(
             f"{model.path.name}: a model with fitted values is compiled from its Modelica source, which is not known "
             "of this FMU; set the values of fit.to_frame() where the FMU is used"
         )
-    fitted = {p.target.name: (p.name, v) for p, v in zip(calibration.parameters, values.tolist(), strict=True)
-              if isinstance(p.target, ParameterTarget)}  # fmt: skip
-    units = {v.name: v.unit for v in model.parameters}
+    own = list(zip(calibration.parameters, values.tolist(), strict=True))
+    fitted = {p.target.name: (p.name, v) for p, v in own if isinstance(p.target, ParameterTarget)}
+    fitted |= {p.name: (p.name, v) for p, v in own if p.name in delays}
+    units = {v.name: v.unit for v in model.parameters} | {p.name: p.unit for p, _ in own if p.name in delays}
     remarks = {name: "held" for name in calibration.fixed}
     for target, (name, _) in fitted.items():
         remarks[target] = _interval_text(intervals.get(name), units.get(target, ""))
@@ -180,7 +184,7 @@ def calibrated_model(
     needed = [*(file.name for file in base.files), *(added or {})]
     header += [f"Load {join_names(needed)} first."] if needed else []
     values_given: dict[str, float | str] = {**_whole_arrays(model, given), **(chosen or {})}
-    told = (*header, *_beside(calibration, values))
+    told = (*header, *_beside(calibration, values, delays))
     return CalibratedModel(base, values_given, remarks, told, dict(added or {}), stop=calibration.stop)
 
 
@@ -200,13 +204,13 @@ def _started(calibration: Calibration, values: FloatArray, given: Mapping[str, f
     return found
 
 
-def _beside(calibration: Calibration, values: FloatArray) -> list[str]:
+def _beside(calibration: Calibration, values: FloatArray, delays: Collection[str]) -> list[str]:
     """What belongs to the recordings and is not written into the model: initial values and delays."""
     lines, estimated = [], set()
     for p, value in zip(calibration.parameters, values.tolist(), strict=True):
         if isinstance(p.target, StartTarget):
             estimated.add(p.target.state)
-        if not isinstance(p.target, ParameterTarget):
+        if not isinstance(p.target, ParameterTarget) and p.name not in delays:
             lines.append(f"{p.name} = {with_unit(f'{value:.12g}', p.unit)}: {p.description}, not in the model")
     for name, experiment in zip(calibration.names, calibration.experiments, strict=True):
         held = {state: value for state, value in experiment.start.items() if state not in estimated}

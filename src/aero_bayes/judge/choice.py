@@ -10,6 +10,7 @@ from aero_bayes.judge.comparison import Comparison, Share
 from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.structure import Structure
+from aero_bayes.simulation.interface import DelayTarget
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,8 @@ class Choice:
         A curve at its port and a refinement hold it as a special case: they are not listed.
         """
         explored, rest = self.explored, set(self.structure.terms) - {term}
-        others = [s for s in self.near if len(s) == len(self.structure) and rest < set(s.terms) and term not in s.terms]
+        near = [*self.near, *self._approximated(term)]
+        others = [s for s in near if len(s) == len(self.structure) and rest < set(s.terms) and term not in s.terms]
         swapped = [next(iter(set(s.terms) - rest)) for s in sorted(others, key=lambda s: self.comparison.scores[s])]
         own = explored.ports.get(term)
         kept = [
@@ -94,6 +96,20 @@ class Choice:
             if explored.refines.get(o) != term and not (o in explored.curves and explored.ports.get(o) == own)
         ]
         return tuple(dict.fromkeys((term, *kept)))
+
+    def _approximated(self, term: str) -> list[Structure]:
+        """Structures with a delay elsewhere in place of one that moves an input.
+
+        At other places a delay is solved by a rational approximation, which a step shows: a difference that is not
+        material does not tell the places apart.
+        """
+        model, law = self.fitted.model, term.rpartition("@")[0]
+        targets = [model.objective.parameters.items[j].target for j in model.candidates[term].columns]
+        if not law or not any(isinstance(target, DelayTarget) for target in targets):
+            return []
+        close = Judge(self.explored, self.comparison, self.settings).close_to(self.structure)
+        swapped = {s: s.new_terms(self.structure) for s in close}
+        return [s for s, new in swapped.items() if len(new) == 1 and new[0].rpartition("@")[0] == law]
 
     @property
     def unsure(self) -> Structure | None:
@@ -217,7 +233,8 @@ class Choice:
         """The chosen structure, and each that the data do not tell from it by a term in place of another."""
         swaps = [self.structure.minus(t).plus(o) for t in self.structure.terms for o in self.alike(t)[1:]]
         terms = {s.terms for s in swaps}
-        return (self.structure, *(s for s in self.near if s.terms in terms))
+        near = dict.fromkeys((*self.near, *(s for t in self.structure.terms for s in self._approximated(t))))
+        return (self.structure, *(s for s in near if s.terms in terms))
 
     @property
     def wins(self) -> float:

@@ -32,10 +32,10 @@ def candidate_groups(placed: Mapping[str, PlacedLaw]) -> tuple[tuple[str, ...], 
     curves = [id_ for id_, p in placed.items() if p.law.curve_input and id_ not in single]
     laws = {id_: p for id_, p in placed.items() if not p.law.curve_input and id_ not in single}
     replaceable = tuple(id_ for id_, p in laws.items() if p.port.replaceable is not None)
-    static = tuple(id_ for id_, p in laws.items() if p.port.replaceable is None and not p.law.has_states)
+    static = tuple(id_ for id_, p in laws.items() if p.port.replaceable is None and not p.has_states)
     by_port: dict[str, list[str]] = {}
     for id_, p in laws.items():
-        if p.law.has_states and p.port.replaceable is None:
+        if p.has_states and p.port.replaceable is None:
             by_port.setdefault(p.port.id, []).append(id_)
     groups = [
         replaceable,

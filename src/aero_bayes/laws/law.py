@@ -126,6 +126,8 @@ class Law:
     both_signs, nonnegative : str
         An input that must take both signs in the recordings for the law to be seen, and one that must never fall below
         zero where the law can act. Empty if there is none.
+    delay : str
+        Of a law that delays its input and does nothing else, the parameter that is the delay. Empty for any other law.
     interface : LawInterface
     text : str
         Its source, its own declarations and those of the partial model together.
@@ -156,6 +158,7 @@ class Law:
     constraint: str = ""
     both_signs: str = ""
     nonnegative: str = ""
+    delay: str = ""
 
     @cached_property
     def differentiated(self) -> frozenset[str]:
@@ -262,6 +265,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         threshold=annotation_text(cls.annotation, "threshold"),
         both_signs=annotation_text(cls.annotation, "both_signs"),
         nonnegative=annotation_text(cls.annotation, "nonnegative"),
+        delay=annotation_text(cls.annotation, "delay"),
         interface=interface,
         text=text,
         cls=merged,

@@ -45,7 +45,14 @@ from aero_bayes.laws.model_family import (
     to_significant_digits,
 )
 from aero_bayes.laws.model_sources import read_sources, reserved_names
-from aero_bayes.laws.placed_law import PlacedLaw, at_same_ports, describe_law, place_law, place_laws
+from aero_bayes.laws.placed_law import (
+    PlacedLaw,
+    at_same_ports,
+    describe_law,
+    place_law,
+    place_laws,
+    with_moved_input,
+)
 from aero_bayes.laws.redeclare import can_be_combined, load_with_redeclarations, split_by_replaceable
 from aero_bayes.laws.replaceable_laws import laws_for_constraint
 from aero_bayes.laws.starting_values import fitted_parameters, starting_values
@@ -196,7 +203,8 @@ class ModelicaFamily:
         kept = [c for c in kept if c.id in required or is_possible(c.law, nominals.get(c.port.id, {}))]
         highest = max((float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs), default=1.0)
         self._placed.clear()
-        for placed in place_laws(kept, self._taken(), nominals):
+        recorded = set.intersection(*({s.name for s in e.inputs} for e in calibration.experiments))
+        for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self._taken(), nominals)):
             self._placed[placed.id] = placed
             self._starts[placed.id] = starting_values(placed, self.declared.effects.get(placed.id), highest)
             self._read.update(_read_by(placed))
@@ -254,11 +262,16 @@ class ModelicaFamily:
         inside = any(self._placed[id_].port.replaceable is not None for id_ in ids)
         also = {id_ for id_, placed in self._placed.items() if can_be_combined(placed) and id_ not in curves}
         placed_laws = self._ordered(id_ for id_ in self._placed if id_ in ids or (inside and id_ in also))
-        model = self._with(placed_laws)
+        model = self._simulated(placed_laws)
         own = [
             (CandidateTerm(u.id, self.port_name(u.port), self.starts(u.id)), self.parameters(u.id)) for u in placed_laws
         ]
         return ModelWithCandidates(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
+
+    def _simulated(self, placed_laws: Sequence[PlacedLaw]) -> Model:
+        """Return the model with those laws whose equations are solved."""
+        solved = [placed for placed in placed_laws if not placed.moved_input]
+        return self._with(solved) if solved else self.base_model()
 
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         inside, others = split_by_replaceable(placed_laws)
@@ -316,7 +329,11 @@ class ModelicaFamily:
         return [*inside, *sorted(others, key=lambda u: not u.law.needs_derivative)]
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> ExtendedModel:
-        """Return the model with chosen laws, written as Modelica and exported."""
+        """Return the model with chosen laws, written as Modelica and exported.
+
+        The text has all of them, as any tool can run it; what is simulated has no equations of a delay that moves a
+        recorded input.
+        """
         taken = self._taken()
         placed_laws: list[PlacedLaw] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
@@ -326,10 +343,12 @@ class ModelicaFamily:
                 old.law, old.port, taken, nominals=old.nominals, values=own, neighbour=old.neighbour, alias=old.alias
             )
             taken |= {placed.instance, *placed.names.values()}
-            placed_laws.append(placed)
+            placed_laws.append(replace(placed, moved_input=old.moved_input))
             self._read.update(_read_by(placed))
             names[old.id] = tuple((old.names[p.name], placed.names[p.name]) for p in old.parameters())
         written, model = self._write(placed_laws, values, folder)
+        if any(placed.moved_input for placed in placed_laws):
+            model = self._simulated(placed_laws)
         parameters = tuple(p for placed in placed_laws for p in fitted_parameters(placed))
         widths = {u.id: u.law.widths for u in placed_laws}
         return ExtendedModel(written.name, written.path, written.text, written.diff, model, parameters, names, widths)

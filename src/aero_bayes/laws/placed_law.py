@@ -33,6 +33,8 @@ class PlacedLaw:
         The port that receives an exchanged or overflowing quantity, or the reaction of a force.
     alias : str
         A declared name.
+    moved_input : str
+        The recorded input that is moved in time in place of the law's equations. Empty if those are solved.
     """
 
     law: Law
@@ -43,11 +45,17 @@ class PlacedLaw:
     values: Mapping[str, float] = field(default_factory=dict)
     neighbour: Port | None = None
     alias: str = ""
+    moved_input: str = ""
 
     @property
     def id(self) -> str:
         """The alias, or ``law@port``."""
         return self.alias or f"{self.law.id}@{self.port.id}"
+
+    @property
+    def has_states(self) -> bool:
+        """Whether it adds states to the model."""
+        return self.law.has_states and not self.moved_input
 
     @property
     def all_nominals(self) -> dict[str, float]:
@@ -145,6 +153,13 @@ def place_laws(
         placed_laws.append(place_law(c.law, c.port, used, nominals=own, neighbour=c.neighbour, alias=c.alias))
         used |= {placed_laws[-1].instance, *placed_laws[-1].names.values()}
     return tuple(placed_laws)
+
+
+def with_moved_input(placed: PlacedLaw, recorded: Collection[str]) -> PlacedLaw:
+    """Return a delay of an input that is among the recorded ones as a move of that input; other laws as they are."""
+    signal = placed.port.signals.get("u", "")
+    moved = placed.law.delay and placed.port.attachment == "input" and signal in recorded
+    return replace(placed, moved_input=signal) if moved else placed
 
 
 def at_same_ports(placed_laws: Sequence[PlacedLaw], ports: Sequence[Port]) -> list[PlacedLaw]:

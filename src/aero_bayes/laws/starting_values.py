@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection
+from dataclasses import replace
 
 from aero_bayes.declared import DeclaredEffect
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.laws.model_family import effect_parameter
 from aero_bayes.laws.placed_law import PlacedLaw
+from aero_bayes.simulation.interface import DelayTarget
 
 #: Magnitudes to start from, in nominal values: of a law with further parameters, and of a law with the magnitude only.
 #: The latter may act only beyond a threshold, which a coarse grid would step over.
@@ -29,7 +31,8 @@ def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
         bounds = limits.get("min", -1e3 * limits["nominal"]), limits.get("max", 1e3 * limits["nominal"])
         default = p.value("default", placed.all_nominals)
         about = p.description if placed.port.replaceable is not None else f"{p.description} at {placed.port.id}"
-        found.append(effect_parameter(placed.names[p.name], placed.unit(p), about, bounds, limits["nominal"], default))
+        one = effect_parameter(placed.names[p.name], placed.unit(p), about, bounds, limits["nominal"], default)
+        found.append(replace(one, target=DelayTarget(placed.moved_input)) if placed.moved_input else one)
     return found
 
 
@@ -64,7 +67,7 @@ def starting_values(
         low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
         scale = limits["nominal"]
         if k == 0:
-            static = len(parameters) == 1 and low >= 0.0 and not placed.law.has_states
+            static = len(parameters) == 1 and low >= 0.0 and not placed.has_states
             sizes = [
                 m * scale
                 for m in (START_MAGNITUDES_WITHOUT_SHAPE if static or placed.law.threshold else START_MAGNITUDES)

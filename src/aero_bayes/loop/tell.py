@@ -30,7 +30,7 @@ from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.structure_average import structure_average
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.simulation.interface import DelayTarget, ParameterTarget
 from aero_bayes.simulation.model import ModelicaSource
 
 FloatArray = NDArray[np.float64]
@@ -121,7 +121,9 @@ def _calibrated(
     calibration, written = conclusion.calibration, conclusion.written
     values = calibration.parameters.from_search(conclusion.refit.coordinates)
     name, added = (source.name, {}) if written is None else (written.name, {written.path.name: written.text})
-    return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added)
+    new = () if written is None else written.parameters
+    delays = [p.name for p in new if isinstance(p.target, DelayTarget)]
+    return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added, delays=delays)
 
 
 def _equivalent(conclusion: Conclusion) -> tuple[tuple[str, ...], ...]:
