@@ -20,8 +20,8 @@ from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
 
-#: Structures that are fitted again without each block: more than ten cost more than the search.
-FINALISTS = 10
+#: Structures that are fitted again without each block: more than a dozen cost more than the search.
+FINALISTS = 12
 #: Rounds in which the choice may change because of structures that were fitted for it.
 MAX_ROUNDS = 4
 #: Every how many-th block is left out first: what cannot be chosen, to judge by these, is not fitted without the rest.
@@ -186,24 +186,55 @@ def rank(explored: SearchResult) -> tuple[CommonBlocks, Comparison]:
     )
 
 
+def worth_all_readings(explored: SearchResult, settings: ChoiceSettings) -> list[Structure]:
+    """Structures, explored on a part of the recordings, that are worth a fit to all: the finalists and their likes.
+
+    Their likes are the structures that the best one does not clearly beat, and the best law in place of each curve.
+    """
+    judge = Judge(explored, rank(explored)[1], settings)
+    found = [*finalists(judge), *judge.near()[:FINALISTS]]
+    scores = judge.comparison.scores
+
+    def is_law_there(other: Structure, rest: Structure, curve: str) -> bool:
+        new = other.new_terms(rest) if other.contains(rest) else ()
+        ports = explored.ports
+        return len(new) == 1 and new[0] not in explored.curves and ports.get(new[0]) == ports.get(curve)
+
+    for structure in tuple(found):
+        for curve in set(structure.terms) & set(explored.curves):
+            laws = [s for s in scores if is_law_there(s, structure.minus(curve), curve)]
+            found += sorted(laws, key=lambda s: scores[s])[:1]
+    return [*dict.fromkeys(found)]
+
+
 def finalists(judge: Judge) -> list[Structure]:
     """Structures that are worth a refit without each block.
 
     Those near the best material structure and those that it does not materially beat, the best of each size by the
-    closed form and by the fit itself, which the closed form may misjudge, and what they must be better than.
+    closed form and by the fit itself, which the closed form may misjudge, and what they must be better than. Structures
+    of other laws come first: the same laws at other places often predict the same, and would leave no room for others.
     """
     ranking, explored = judge.comparison, judge.explored
     scores, fits = ranking.scores, explored.fits
     base = [s for s in ranking.squares if set(s.terms) == set(judge.settings.require)]
     near = judge.near()
-    found = [ranking.best(base), *near[: FINALISTS // 2], *judge.close_to(near[0])[: FINALISTS // 4]]
+    found = [ranking.best(base), *one_of_each(near)[: FINALISTS // 2], *near[: FINALISTS // 4]]
+    found += one_of_each(judge.close_to(near[0]))[: FINALISTS // 4]
     for size in sorted({len(s) for s in ranking.squares}):
         own = [s for s in ranking.squares if len(s) == size]
-        found += sorted(own, key=lambda s: scores[s])[:2]
+        found += one_of_each(sorted(own, key=lambda s: scores[s]))[:2]
         found += sorted(own, key=lambda s: -fits[s].optimum.log_likelihood)[:1]
     found = [*dict.fromkeys(found)][:FINALISTS]
     rests = [judge.rest(s, t) for s in found for t in s.terms if len(s) > 1]
     return [*dict.fromkeys((*found, *rests))]
+
+
+def one_of_each(structures: Iterable[Structure]) -> list[Structure]:
+    """The first structure with each set of laws, wherever these act."""
+    first: dict[tuple[str, ...], Structure] = {}
+    for structure in structures:
+        first.setdefault(tuple(sorted(t.rpartition("@")[0] for t in structure.terms)), structure)
+    return [*first.values()]
 
 
 def changed(one: SearchResult, other: SearchResult, only: Structure | None = None) -> bool:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -42,6 +43,15 @@ class LoopStatistics:
     def time_is_up(self) -> bool:
         """Whether the time limit has passed."""
         return time.perf_counter() > self._until
+
+    @contextmanager
+    def time_kept(self, seconds: float) -> Iterator[None]:
+        """Keep some seconds of the time for what comes after this."""
+        self._until -= seconds
+        try:
+            yield
+        finally:
+            self._until += seconds
 
     def end_stage(self, stage: str) -> None:
         """Add the time since the last stage ended to this stage."""

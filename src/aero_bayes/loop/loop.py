@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +13,11 @@ from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.choice import Choice
-from aero_bayes.judge.choose import Chooser
+from aero_bayes.judge.choose import Chooser, worth_all_readings
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
 from aero_bayes.laws.candidate_filter import CandidateFilter
@@ -36,13 +37,16 @@ from aero_bayes.loop.tell import result_of
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.explored import Library, SearchControl
-from aero_bayes.search.models import FitNoise, ModelCache, ModelSource
-from aero_bayes.search.scout import informative_share
+from aero_bayes.search.informative_part import informative_share
+from aero_bayes.search.models import FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import PythonModel, WorkerPool
 from aero_bayes.simulation.model import Model, ModelicaSource
 
 __all__ = ["LoopSettings", "close_loop"]
+
+#: Share of the time limit that is kept for fits to all readings where structures are explored on a part of them.
+TIME_FOR_ALL_READINGS = 0.3
 
 
 def close_loop(
@@ -138,25 +142,37 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
         context.statistics.time_is_up, context.map, lambda what, share: context.progress(what, 0.2 + 0.5 * share)
     )
     context.progress("trying each candidate", 0.15)
-    model = cache.of(Structure(), groups[0])
-    root = model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), replace(fit, hold_noise=True))
+    root = _first_model(cache, groups[0], base, fit)
     announce_duration(context, root, len(library.terms))
     context.statistics.end_stage("models")
     context.statistics.set_time_limit(60.0 * settings.max_minutes)
     parts = settings.search_parts
-    share = informative_share(root)
-    scouts = cache.on_beginning(share) if share < 1.0 else None
-    searching = StructureSearch(cache, library, settings.structures, fit, base.floors, parts, work, scouts)
-    explored = searching.run(root)
+
+    def search_on(models: ModelCache) -> StructureSearch:
+        return StructureSearch(models, library, settings.structures, fit, base.floors, parts, work)
+
+    searching, share = search_on(cache), informative_share(root)
+    if share < 1.0:
+        seen = cache.on_beginning(share)
+        with context.statistics.time_kept(60.0 * settings.max_minutes * TIME_FOR_ALL_READINGS):
+            on_part = search_on(seen).run(_first_model(seen, groups[0], base, fit))
+        explored = searching.go_on(root, on_part, worth_all_readings(on_part, settings.choice))
+        seen.close(context.statistics.add_simulations)
+    else:
+        explored = searching.run(root)
     chooser = Chooser(
         settings.choice, fit, searching.complete, searching.alone, context.map,
         lambda share: context.progress("leaving out blocks of readings", 0.7 + 0.05 * share),
     )  # fmt: skip
     choice = chooser.choose(explored)
-    if scouts is not None:
-        scouts.close(context.statistics.add_simulations)
     context.statistics.end_stage("search")
     return cache, choice
+
+
+def _first_model(models: ModelCache, terms: Collection[str], base: BaseFit, fit: LocalFitSettings) -> FittedModel:
+    """The first model, fitted from its values, on a model that has some terms at hand."""
+    model = models.of(Structure(), terms)
+    return model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), replace(fit, hold_noise=True))
 
 
 def _sources(model: str | Path | Model, settings: LoopSettings) -> tuple[str, LoopSettings]:

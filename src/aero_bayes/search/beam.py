@@ -20,7 +20,7 @@ from aero_bayes.search.edits import Direction, EditContext, term_directions
 from aero_bayes.search.explored import Library, SearchControl, SearchResult, ranked
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.search.parts import Parts
-from aero_bayes.search.refit import refit, refit_from_here
+from aero_bayes.search.refit import fit_from, refit, refit_from_here
 from aero_bayes.search.score import CommonNoise, Penalty, common_noise
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import KnownTerms, Start, starting_points
@@ -50,8 +50,6 @@ class StructureSearch:
     parts : Parts
         Edits, start rules and restarts.
     control : SearchControl
-    scouts : ModelCache, optional
-        The same models on a part of the recordings, where starts are looked for.
     """
 
     cache: ModelCache
@@ -61,7 +59,6 @@ class StructureSearch:
     floors: Mapping[tuple[str, str], float]
     parts: Parts
     control: SearchControl = field(default_factory=SearchControl)
-    scouts: ModelCache | None = None
 
     def __post_init__(self) -> None:
         self.fit = replace(self.fit, hold_noise=True)
@@ -70,7 +67,6 @@ class StructureSearch:
         self._restarted: set[tuple[str, Structure]] = set()
         self._level_count = 0
         self._candidate_fits: dict[tuple[Structure, tuple[str, ...]], FittedModel | None] = {}
-        self._scout_fits: dict[tuple[Structure, tuple[str, ...]], FittedModel] = {}
         self._skipped: dict[str, None] = {}
         self._ended = ""
         self._completed: set[Structure] = set()
@@ -87,17 +83,50 @@ class StructureSearch:
         CannotFinishError
             If the model cannot be simulated with what is required.
         """
+        self._begin(root)
+        if not self._noise.exact:
+            self._restart([], "the first model")
+            self._expand_all()
+        return self._result()
+
+    def go_on(self, root: FittedModel, explored: SearchResult, worth: Iterable[Structure]) -> SearchResult:
+        """Fit the structures that are worth it of those that were explored on a part of the recordings to all of them.
+
+        Where the best structure leaves only noise on the part, but more on the whole, the search goes on there.
+
+        Parameters
+        ----------
+        root : FittedModel
+            The first model, fitted to all readings.
+        explored : SearchResult
+            Of a search on a part of the recordings.
+        worth : iterable of Structure
+            Some of these.
+        """
+        self._begin(root)
+        self._skipped |= dict.fromkeys(explored.skipped)
+        self._ended = explored.ended
+        like, works = list[FittedModel](), list[Callable[[], Optimum | None]]()
+        for structure in worth:
+            with suppress(CannotFinishError):
+                model = self.cache.of(structure)
+                point = model.at(explored.fits[structure].values, structure.terms)
+                like.append(replace(root, model=model, structure=structure))
+                works.append(partial(fit_from, model, structure, point, self._noise.noise, self._settings))
+        self._fit_all(like, works)
+        self._update_noise()
+        if explored.noise.adequate and not self._noise.adequate:
+            self._expand_all()
+        return self._result()
+
+    def _begin(self, root: FittedModel) -> None:
+        """Take the first model, and what is required, and their noise."""
         self._root = root.structure.plus(*self.settings.require)
         self._noise = common_noise(root, self.floors)
         self._fits[root.structure] = root.refitted(self._noise.noise, self._settings)
         if self.settings.require:
             self._fit_required(root.structure)
         self._update_noise()
-        if self._noise.exact:
-            return self._result()
-        self._restart([], "the first model")
-        self._expand_all()
-        return self._result()
 
     def complete(self, fitted: FittedModel) -> SearchResult:
         """All that was found, and a structure without each of its terms, fitted from where the structure is, too."""
@@ -174,7 +203,6 @@ class StructureSearch:
     def _expand(self, frontier: Sequence[FittedModel], what: str) -> list[Structure]:
         """Fit the neighbours of structures; those that were fitted."""
         self._candidate_fits.clear()
-        self._scout_fits.clear()
         best, adequate, targets = self._best(), self._noise.adequate, dict[Structure, Structure]()
         for k, fitted in enumerate(frontier):
             self._expanded.add(fitted.structure)
@@ -206,16 +234,11 @@ class StructureSearch:
         """Fit structures with new terms in the order of their predicted gain; skip those that cannot matter."""
         bases = {s: found for s, origin in targets.items() if (found := self._base_model(s, origin)) is not None}
         rules = (*self.parts.start_rules, *([KnownTerms(self._best_values())] if self.parts.known_terms else []))
-        scouts = {s: self._on_part(base) for s, base in bases.items()}
-        for scout in scouts.values():
-            scout.prepare()
-        searches = [Task(partial(starting_points, rules, f, s), f.model.objective.outcomes) for s, f in scouts.items()]
+        for base in bases.values():
+            base.prepare()
+        searches = [Task(partial(starting_points, rules, f, s), f.model.objective.outcomes) for s, f in bases.items()]
         points_of = self.control.map(searches, lambda done: self.control.report(what, 0.2 + 0.3 * done))
-        starts = {
-            s: [start.for_readings(scouts[s].readings, bases[s].readings) for start in points]
-            for s, points in zip(bases, points_of, strict=True)
-            if points is not None
-        }
+        starts = {s: points for s, points in zip(bases, points_of, strict=True) if points is not None}
         self._time_is_up(what)
         order = sorted(starts, key=lambda s: (-self._predicted_evidence(bases[s], starts[s]), s.terms))
         tried: list[Structure] = []
@@ -255,17 +278,6 @@ class StructureSearch:
                 self._candidate_fits[key] = None
         return self._candidate_fits[key]
 
-    def _on_part(self, base: FittedModel) -> FittedModel:
-        """The same fit on the part of the recordings on which starts are looked for; on all of them where it fails."""
-        key = base.structure, tuple(base.model.candidates)
-        if self.scouts is not None and key not in self._scout_fits:
-            self._scout_fits[key] = base
-            with suppress(CannotFinishError):
-                model = self.scouts.of(base.structure, key[1])
-                at = model.at(base.values, base.terms)
-                self._scout_fits[key] = model.fit(base.structure, at, self._noise.noise, self._settings)
-        return self._scout_fits.get(key, base)
-
     def _directions(self, fitted: FittedModel) -> list[Direction]:
         """Linearised response to each offered term."""
         found: list[Direction] = []
@@ -274,7 +286,7 @@ class StructureSearch:
                 continue
             moved = self._with_candidates(fitted, tuple(group))
             if moved is not None:
-                found += [d for d in term_directions(self._on_part(moved)) if d.id in group]
+                found += [d for d in term_directions(moved) if d.id in group]
         return found
 
     def _rivals(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
-from aero_bayes.search.models import FitNoise, FittedModel
+from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel
 from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
@@ -80,6 +80,13 @@ def settle(fitted: FittedModel, fit: LocalFitSettings) -> Optimum:
 
 def refit_from_here(fitted: FittedModel, noise: FitNoise, settings: LocalFitSettings) -> Optimum | None:
     """The optimum of a fitted structure under another noise, from where it is."""
+    return fit_from(fitted.model, fitted.structure, fitted.optimum.coordinates, noise, settings)
+
+
+def fit_from(
+    model: CandidateModel, structure: Structure, point: FloatArray, noise: FitNoise, settings: LocalFitSettings
+) -> Optimum | None:
+    """The optimum of a structure on a model from a point (p,) in search coordinates; None where that fails."""
     with suppress(CannotFinishError):
-        return fitted.refitted(noise, settings).optimum
+        return model.fit(structure, point, noise, settings).optimum
     return None

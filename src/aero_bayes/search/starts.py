@@ -51,12 +51,6 @@ class Start:
     def predicted_gain(self) -> float:
         return max(self.expected_gain, self.simulated_gain)
 
-    def for_readings(self, few: int, many: int) -> Start:
-        """The start for more readings than its gains were found on, which grow with their number."""
-        return replace(
-            self, expected_gain=self.expected_gain * many / few, simulated_gain=self.simulated_gain * many / few
-        )
-
 
 class StartRule(Protocol):
     """Gives starting points for a structure that has terms which a fitted model lacks."""

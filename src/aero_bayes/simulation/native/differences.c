@@ -155,6 +155,7 @@ int run_differences(Run *r)
         memcpy(trial, r->values, sizeof *trial * (size_t)r->problem->p);
         plain->values = trial;
         plain->deadline = r->deadline;
+        plain->earliest = r->earliest;
         plain->record = 1;
         outcome = trajectory(plain, base);
         plain->record = 0;

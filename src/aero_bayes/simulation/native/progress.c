@@ -29,6 +29,8 @@ void progress_stamp(void)
 
 void start_time_limit(Run *r)
 {
-    r->deadline = thread_ns() + (int64_t)(1e9 * r->problem->time_limit);
+    const int64_t limit = (int64_t)(1e9 * r->problem->time_limit);
+    r->deadline = thread_ns() + limit;
+    r->earliest = now_ns() + limit;
     progress_stamp();
 }

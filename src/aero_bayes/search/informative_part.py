@@ -1,7 +1,7 @@
-"""The beginning of the recordings that tells as much, reading by reading, as the whole: where candidates are tried.
+"""The beginning of the recordings that tells as much, reading by reading, as the whole: where structures are explored.
 
-A simulation takes as long as what it covers. Where a fit of a candidate begins is found on a part of the recordings;
-the fit itself sees all of them.
+A simulation takes as long as what it covers. Structures are explored on a part of the recordings; those that may be
+chosen by it are then fitted to all of them.
 """
 
 from __future__ import annotations

@@ -9,8 +9,7 @@ import pytest
 from aero_bayes.estimate import LocalFitSettings, NoiseModel, Normal, Objective, Parameter
 from aero_bayes.laws import CandidateTerm
 from aero_bayes.search import CandidateModel, FitNoise, Structure
-from aero_bayes.search.scout import informative_share
-from aero_bayes.search.starts import Start
+from aero_bayes.search.informative_part import informative_share
 from aero_bayes.sensors import OutputNoise
 from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
@@ -77,8 +76,3 @@ def test_all_is_taken_where_the_beginning_does_not_show_a_term_or_what_is_missin
 def test_all_is_taken_of_a_short_recording():
     few = LONG[:1500]
     assert share(few, np.sin(few), np.cos(1.7 * few), 0.5 * np.cos(1.7 * few)) == 1.0
-
-
-def test_gains_grow_with_the_readings():
-    start = Start(np.zeros(1), 3.0, -2.0).for_readings(100, 400)
-    assert (start.expected_gain, start.simulated_gain) == (12.0, -8.0)
