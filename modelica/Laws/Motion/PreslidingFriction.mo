@@ -2,8 +2,8 @@ within Laws.Motion;
 model PreslidingFriction "Dry friction that yields before it slides and creeps under vibration"
   extends Laws.Interfaces.MotionLaw;
   parameter Real F_c(min = 0, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Dry friction while sliding";
-  parameter Real x_p(min = 1e-6 * x_w, max = 0.5 * x_w, nominal = 1e-3 * x_w) = 1e-3 * x_w "Displacement by which the contact yields before it slides";
-  parameter Real v_p(min = 1e-7 * v_n, max = 0.1 * v_n, nominal = 1e-4 * v_n) = 1e-4 * v_n "Speed of the vibration under which the contact creeps";
+  parameter Real x_p(min = 1e-5 * x_w, max = 0.5 * x_w, nominal = 1e-3 * x_w) = 1e-3 * x_w "Displacement by which the contact yields before it slides";
+  parameter Real v_p(min = 1e-6 * v_n, max = 0.1 * v_n, nominal = 1e-4 * v_n) = 1e-4 * v_n "Speed of the vibration under which the contact creeps";
   Real z(start = 0, fixed = true, nominal = 1) "Share of the friction that is called up";
 equation
   x_p * der(z) = v - sqrt(v ^ 2 + v_p ^ 2) * z;
