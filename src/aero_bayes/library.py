@@ -11,6 +11,7 @@ from aero_bayes.report.run_directory import RunDirectory
 
 if TYPE_CHECKING:
     from aero_bayes.estimate.result import Fit
+    from aero_bayes.loop.result import LoopResult
     from aero_bayes.sample.posterior import Posterior
 
 
@@ -41,15 +42,15 @@ def open_run(directory: Path | str) -> RunDirectory:
     return RunDirectory.read(directory)
 
 
-def write_report(found: Fit | Posterior | str | Path, path: str | Path | None = None) -> Path:
-    """Write the page of a fit, or draw that of a finished run again.
+def write_report(found: Fit | Posterior | LoopResult | str | Path, path: str | Path | None = None) -> Path:
+    """Write the page of a fit, a posterior or a loop, or draw that of a finished run again.
 
     Parameters
     ----------
-    found : Fit, Posterior or path
+    found : Fit, Posterior, LoopResult or path
         What was found, or the folder that a command wrote with ``--out``.
     path : path, optional
-        The page to write, for a fit or a posterior; that of a folder is its ``report.html``.
+        The page to write, where no folder is given; that of a folder is its ``report.html``.
 
     Returns
     -------
@@ -69,13 +70,16 @@ def write_report(found: Fit | Posterior | str | Path, path: str | Path | None = 
     'report.html'
     """
     from aero_bayes.estimate.result import Fit
+    from aero_bayes.loop.result import LoopResult
     from aero_bayes.sample.posterior import Posterior
     from aero_bayes.workflow.commands import write_page  # a second of imports that a finished run does not need
 
     if isinstance(found, str | Path):
         return write_run_page(found)
-    if not isinstance(found, Fit | Posterior):
-        raise InputError(f"expected a Fit, a Posterior or the folder of a run, got {type(found).__name__}")
+    if not isinstance(found, Fit | Posterior | LoopResult):
+        raise InputError(
+            f"expected a Fit, a Posterior, a LoopResult or the folder of a run, got {type(found).__name__}"
+        )
     if path is None:
         raise InputError("path: say where the page goes, such as fit.html")
     return write_page(found, Path(path))

@@ -22,7 +22,7 @@ from aero_bayes.simulation.worker_main import watch_parent
 T = TypeVar("T")
 R = TypeVar("R")
 #: Told the share of the tasks that is done.
-Told = Callable[[float], None]
+Told = Callable[[float], object]
 #: Seconds that a worker process may take to end.
 EXIT_TIMEOUT = 5.0
 

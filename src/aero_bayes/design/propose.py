@@ -19,6 +19,7 @@ from aero_bayes.design.signal_search import BestSignal, Progress, SearchSettings
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
+from aero_bayes.progress import watching
 from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]
@@ -151,7 +152,7 @@ def propose_experiment(
     settings : SearchSettings, optional
         Effort of the search, its seed, the engine.
     workers, progress
-        As for a fit.
+        As for a fit; an experiment that is asked for early is the best of those that were tried.
 
     Raises
     ------
@@ -177,6 +178,7 @@ def propose_experiment(
     with (
         WorkerPool(workers) as pool,
         ExperimentPredictor(fit, time, limits, settings.engine, workers, pool) as predictor,
+        watching(progress) as watched,
     ):
         aimed = _targets(fit, predictor, targets)
         known = predictor.precision()
@@ -186,7 +188,7 @@ def propose_experiment(
             predicted = predictor.predict([limits.amplifier * s for s in signals])
             return np.array([_score(p, known, before, aimed, limits) for p in predicted])
 
-        found = best_signals(score, time, rng, settings, progress)
+        found = best_signals(score, time, rng, settings, watched)
         if not np.isfinite(found[0].score):
             raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
         values, travel = within_travel(predictor, limits.amplifier * found[0].values, rng)

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from aero_bayes.design.information import Engine
 from aero_bayes.design.signal_families import FAMILIES, SignalFamily
+from aero_bayes.progress import Watched
 
 FloatArray = NDArray[np.float64]
 #: Scores of input signals on the full times, smaller is better, infinite for what is not allowed.
 Score = Callable[[Sequence[FloatArray]], FloatArray]
-Progress = Callable[[str, float, str], None]
+Progress = Callable[[str, float, str], object]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,25 +54,28 @@ def best_signals(
 ) -> list[BestSignal]:
     """Return the best signal of each family, best first; the best families are refined.
 
-    A step's spread shrinks by half every other round; a family's best only ever improves.
+    A step's spread shrinks by half every other round; a family's best only ever improves. The search ends with what it
+    has where ``progress`` returns True.
     """
-    tell = progress or (lambda phase, share, text: None)
+    tell = Watched(progress)
     steps = len(settings.among) + settings.rounds * settings.families
     found = []
     for k, family in enumerate(settings.among):
         cube = _latin(settings.start, family.size, rng)
         found.append(_best(score, family, cube, time))
-        tell("candidates", (k + 1) / steps, family.name)
+        if tell("candidates", (k + 1) / steps, family.name):
+            break
     found.sort(key=lambda f: f.score)
     for k in range(min(settings.families, len(found))):
-        for turn in range(settings.rounds):
+        for turn in range(settings.rounds if not tell.asked_to_end else 0):
             spread = settings.spread * 0.5 ** (turn // 2)
             here = found[k]
             moved = here.point + spread * rng.standard_normal((settings.candidates, here.family.size))
             again = _best(score, here.family, 1.0 - np.abs(1.0 - np.abs(moved) % 2.0), time)
             if again.score < here.score:
                 found[k] = again
-            tell("candidates", (len(settings.among) + k * settings.rounds + turn + 1) / steps, here.family.name)
+            if tell("candidates", (len(settings.among) + k * settings.rounds + turn + 1) / steps, here.family.name):
+                break
     return sorted(found, key=lambda f: f.score)
 
 

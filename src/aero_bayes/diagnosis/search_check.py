@@ -6,6 +6,7 @@ from aero_bayes.diagnosis.left_over import LeftOver
 from aero_bayes.display import join_names
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.identifiability import Status
+from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.result import Fit
 
 #: Difference of two log-posteriors up to which two fits are at the same cost; fewest starts of which it tells anything.
@@ -15,6 +16,9 @@ SAME_LEVEL, MIN_STARTS = 3.0, 4
 def check_search(fit: Fit, left: LeftOver) -> DiagnosisRow:
     """Tell which other optima there are, whether starts disagree, and which parameters ended on a bound."""
     bounds = [name for name, status in fit.identifiability.status.items() if status is Status.AT_BOUND]
+    if fit.reason is Stop.INTERRUPTED:
+        what = "The search was interrupted before it had converged, so that its residual says little of the model."
+        return DiagnosisRow("search", True, what, "", "Fit again and let it end.", explains=True)
     if fit.modes:
         where = f"also {len(bounds)} on a bound" if bounds else ""
         done = "A posterior has draws of each; bounds or a prior that exclude the others leave one answer."

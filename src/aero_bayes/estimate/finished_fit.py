@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.noise_report import structure_warnings
 from aero_bayes.estimate.objective import Evaluation, Objective
@@ -124,6 +124,8 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
     rest = [j for j, p in enumerate(calibration.parameters) if j not in sampled and p.name not in verdict.in_steps]
     values[rest] = calibration.parameters.start[rest]
     fitted = _predicted(objective, values, here)
+    interrupted = here.reason is Stop.INTERRUPTED
+    told = structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise)
     likelihood = here.whitened.log_likelihood
     return Fit(
         calibration=calibration,
@@ -142,7 +144,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         iterations=result.iterations,
         start_levels=result.start_levels,
         outcomes={o: int(objective.outcomes[o]) for o in Outcome},
-        warnings=structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise),
+        warnings=(here.reason.value,) if interrupted else told,
         seconds=seconds,
         engine=settings.engine,
         states=objective.smoothed_states(values) if objective.filtered else (),

@@ -47,6 +47,7 @@ from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.value_comparison import best_values
 from aero_bayes.estimate.wrong_units import with_unit_finding
+from aero_bayes.progress import watching
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.ripple import Ripple, find_ripples
@@ -149,7 +150,8 @@ def fit(
     workers : int, optional
         Worker processes; all cores by default.
     progress : callable, optional
-        Told a phase, how far it is (0 to 1), and the cost.
+        Told a phase, how far it is (0 to 1), and the cost; where it returns True, the fit ends with its best values so
+        far, and says so. By default a bar in a notebook, where an interrupt ends it likewise.
     checkpoint : Checkpoint or path, optional
         File to resume from and to keep up to date.
 
@@ -186,7 +188,7 @@ def fit(
         return open_simulator(problem, engine=settings.engine, workers=workers)
 
     # Sums over BLAS threads differ in their last digits, and the same seed is to give the same numbers.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with threadpool_limits(limits=1, user_api="blas"), watching(progress) as watched:
         cache = Checkpoint.at(checkpoint)
 
         def calibrated(given: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> Calibration:
@@ -196,19 +198,21 @@ def fit(
         def fitted(candidate: Combination) -> Fit:
             calibration = calibrated(cleaned, candidate.model, {**settings.fixed, **candidate.fixed})
             rng = np.random.default_rng(seed)
-            return fit_calibration(calibration, opened, settings, rng, progress, checkpoint=cache)
+            return fit_calibration(calibration, opened, settings, rng, watched, checkpoint=cache)
 
         # Outliers, ripple and kinds of noise belong to the likeliest values: all are compared on the same readings.
         found = best_values(candidates, fitted)
         filtered = found.calibration.process is not None
-        if not filtered:
-            found = _without_outliers(found, opened, settings, progress, cache)
-        if settings.cost == "posterior" and not filtered:
-            found = _with_sensors(found, opened, settings, progress, cache)
-            found = _with_noise_kinds(found, opened, settings, progress)
+        if not filtered and not watched.asked_to_end:
+            found = _without_outliers(found, opened, settings, watched, cache)
+        if settings.cost == "posterior" and not filtered and not watched.asked_to_end:
+            found = _with_sensors(found, opened, settings, watched, cache)
+            found = _with_noise_kinds(found, opened, settings, watched)
         judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
         here = partial(open_simulator, engine=settings.engine, workers=0)  # one run needs no workers
         found = with_solver_difference(replace(found, identifiability=judged), here)
+        if watched.asked_to_end:
+            return found
         local = replace(settings, method="local")
         own = found.calibration
         return with_unit_finding(
@@ -347,11 +351,8 @@ def fit_calibration(
         )
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
         result = search.run(free, open_simulator, rng)
-        linear = (
-            choose_interpolation(search, result, open_simulator, rng)
-            if settings.calibration.interpolation == "auto"
-            else None
-        )
+        chosen = settings.calibration.interpolation == "auto" and not search.progress.asked_to_end
+        linear = choose_interpolation(search, result, open_simulator, rng) if chosen else None
         if linear is not None:
             simulator = stack.enter_context(open_simulator(linear[0].problem()))
             search = GlobalSearch(search.objective.with_calibration(linear[0], simulator), settings.global_search)
@@ -366,7 +367,7 @@ def fit_calibration(
 
 def _modes(search: GlobalSearch, found: Fit, result: GlobalSearchResult) -> tuple[Mode, ...]:
     """Other optima that fit as well, where the cost is a posterior and no filter's."""
-    if search.settings.cost != "posterior" or search.objective.filtered:
+    if search.settings.cost != "posterior" or search.objective.filtered or search.progress.asked_to_end:
         return ()
     swarm = result.swarm if found.free == result.optimum.free else None
     return find_modes(search, found.optimum, swarm)

@@ -26,11 +26,12 @@ from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.step_parameters import other_plateaus
 from aero_bayes.estimate.target import Target
+from aero_bayes.progress import Watched
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 from aero_bayes.sensors.noise_estimation import estimate_noise
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str, float, float], None]
+Progress = Callable[[str, float, float], object]
 
 #: Noise of every output under Eq. 6, as a share of the smallest range of an output; it only sets the tolerances.
 EQ6_NOISE_SHARE = 1e-3
@@ -69,7 +70,7 @@ class GlobalSearch:
 
     def __init__(self, objective: Objective, settings: GlobalSearchSettings, progress: Progress | None = None) -> None:
         self.objective, self.settings = objective, settings
-        self.progress = progress or (lambda phase, share, cost: None)
+        self.progress = progress if isinstance(progress, Watched) else Watched(progress)
         calibration = objective.calibration
         self.kinds: dict[str, NoiseKind] = {o: self._kind(o) for o in calibration.outputs}
         self.white_outputs: set[str] = set()
@@ -246,7 +247,10 @@ class GlobalSearch:
         settings: LocalFitSettings,
         objective: Objective | None = None,
     ) -> Optimum:
-        found = local_fit(objective or self.objective, start, free, noise=noise, settings=settings)
+        found = local_fit(
+            objective or self.objective, start, free, noise=noise, settings=settings,
+            progress=lambda _, cost: self.progress.again(cost),
+        )  # fmt: skip
         self.iterations += found.steps
         if not any(np.array_equal(found.coordinates, x) for x in self.seen):
             self.seen.append(found.coordinates)
@@ -286,7 +290,11 @@ class GlobalSearch:
                 return pack(found, "")
 
             key = (start, tuple(free), self.settings.cost, self.settings.swarm, rng.bit_generator.state)
-            swarm = known or unpack(pso.SwarmResult, reduced_objective.cached("swarm", key, run_swarm), "")
+            swarm = known or unpack(
+                pso.SwarmResult,
+                reduced_objective.cached("swarm", key, run_swarm, lambda: not self.progress.asked_to_end),
+                "",
+            )
             starts = [] if from_start is not None else [start]
             if np.isfinite(swarm.cost):
                 for x in swarm.candidates[: self.settings.starts]:

@@ -29,6 +29,7 @@ class Stop(Enum):
     KNOWN_OPTIMUM = "given up: it was converging to an optimum that is already known"
     NO_PROGRESS = "no step lowered the cost although the model of it promised one"
     ITERATION_LIMIT = "the iteration limit was reached"
+    INTERRUPTED = "interrupted: the best values so far, which have not converged"
     FAILED_START = "the simulation failed at the starting point"
 
     @property
@@ -171,7 +172,7 @@ def levenberg_marquardt(
     low: FloatArray,
     high: FloatArray,
     settings: LocalSettings | None = None,
-    progress: Callable[[int, float], None] | None = None,
+    progress: Callable[[int, float], object] | None = None,
     shape: CostShape | None = None,
     leads_to_known: Callable[[Quadratic, FloatArray], bool] | None = None,
 ) -> SearchResult[Quadratic]:
@@ -186,7 +187,7 @@ def levenberg_marquardt(
         Bounds; a coordinate whose bounds are equal is fixed.
     settings : LocalSettings, optional
     progress : callable, optional
-        Called with the iteration and the cost.
+        Called with the iteration and the cost before each one; the search ends where it returns True.
     shape : CostShape, optional
         Where the cost has kinks, and which coordinates are logarithms.
     leads_to_known : callable, optional
@@ -201,6 +202,8 @@ def levenberg_marquardt(
     damping, growth, evaluations = settings.damping, 2.0, 1
     largest_curvature, rejected, idle = np.zeros(point.size), 0, 0
     for iteration in range(1, settings.max_iterations + 1):
+        if progress is not None and progress(iteration, here.cost) is True:
+            return SearchResult(point, here, iteration - 1, Stop.INTERRUPTED, evaluations)
         np.maximum(largest_curvature, np.diag(here.hessian), out=largest_curvature)
         scale = np.where(largest_curvature > 0.0, largest_curvature, 1.0)
         bounds = rule.bounds(point)
@@ -227,8 +230,6 @@ def levenberg_marquardt(
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain_ratio - 1.0) ** 3), 1e-12)
             rule.change_after_step(point, trial, newton, gain_ratio)
             growth, point, here, rejected = 2.0, trial, there, 0
-            if progress is not None:
-                progress(iteration, here.cost)
         updated = cost_function.update_noise(here)
         noise_gain, here = here.cost - updated.cost, updated
         idle = idle + 1 if before - here.cost < settings.min_decrease * here.unit else 0

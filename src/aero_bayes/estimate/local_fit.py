@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -295,11 +295,12 @@ def local_fit(
     noise: Mapping[str, OutputNoise] | None = None,
     settings: LocalFitSettings | None = None,
     known: Sequence[Optimum] = (),
+    progress: Callable[[int, float], object] | None = None,
 ) -> Optimum:
     """Maximise the log-posterior over the ``free`` columns from ``start`` (search coordinates of all columns).
 
     The search is :func:`levenberg_marquardt`. It stops if it is about to converge to one of the ``known`` optima, which
-    are of the same objective and columns.
+    are of the same objective and columns, and where ``progress`` returns True.
 
     Raises
     ------
@@ -314,14 +315,14 @@ def local_fit(
     def search() -> Arrays:
         shape = cost_shape(objective.parameters, free, objective.calibration.intervals)
         result = levenberg_marquardt(
-            cost_function, cost_function.base[list(free)], low, high, settings.local,
+            cost_function, cost_function.base[list(free)], low, high, settings.local, progress,
             shape=shape, leads_to_known=cost_function.leads_to_known,
         )  # fmt: skip
         results.append(result)
         return _pack(results[0])
 
     key = cost_function.base, tuple(free), noise, settings, [end.coordinates for end in known]
-    kept = objective.cached("local_fit", key, search)
+    kept = objective.cached("local_fit", key, search, lambda: results[0].reason is not Stop.INTERRUPTED)
     found = results[0] if results else cost_function.restore(kept)
     if found.quadratic is None:
         raise CannotFinishError(

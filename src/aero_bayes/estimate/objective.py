@@ -140,10 +140,17 @@ class Objective:
             calibration, simulator, outputs=outputs, outcomes=self.outcomes, result_cache=self.result_cache
         )
 
-    def cached(self, kind: str, arguments: Sequence[object], work: Callable[[], Arrays]) -> Arrays:
+    def cached(
+        self,
+        kind: str,
+        arguments: Sequence[object],
+        work: Callable[[], Arrays],
+        complete: Callable[[], bool] = lambda: True,
+    ) -> Arrays:
         """The result of ``work``, from the cache if it is there (memoised by kind, calibration and arguments).
 
-        ``work`` must depend on nothing else. Its simulations are counted either way.
+        ``work`` must depend on nothing else. Its simulations are counted either way. A result is kept only if it is
+        ``complete``.
         """
         if self.result_cache is None:
             return work()
@@ -153,7 +160,8 @@ class Objective:
             before = Counter(self.outcomes)
             found = work()
             spent = [(int(outcome), count) for outcome, count in (self.outcomes - before).items()]
-            self.result_cache.put(key, {**found, "spent": np.array(spent, dtype=np.int64).reshape(-1, 2)})
+            if complete():
+                self.result_cache.put(key, {**found, "spent": np.array(spent, dtype=np.int64).reshape(-1, 2)})
         else:
             self.outcomes.update({Outcome(outcome): count for outcome, count in found["spent"].tolist()})
         return found

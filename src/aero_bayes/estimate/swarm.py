@@ -130,7 +130,7 @@ def minimise(
     rng: np.random.Generator,
     settings: SwarmSettings | None = None,
     start: FloatArray | None = None,
-    progress: Callable[[int, float], None] | None = None,
+    progress: Callable[[int, float], object] | None = None,
 ) -> SwarmResult:
     """Search a box for the smallest cost.
 
@@ -144,7 +144,7 @@ def minimise(
     start : ndarray, shape (k, d), optional
         Positions that must be among the first.
     progress : callable, optional
-        Told the iteration and the best cost.
+        Told the iteration and the best cost; the search ends where it returns True.
     """
     settings = settings or SwarmSettings()
     swarm = Swarm(low, high, rng, settings, start)
@@ -155,8 +155,9 @@ def minimise(
         failures += int(np.sum(~np.isfinite(values)))
         swarm.tell(values)
         history.append(float(swarm.own_cost.min()))
-        if progress is not None:
-            progress(iteration, history[-1])
+        if progress is not None and progress(iteration, history[-1]) is True:
+            reason = "it was interrupted"
+            break
         if history[-1] <= settings.target:
             reason = "the cost fell below the target"
             break

@@ -52,7 +52,7 @@ class Chooser:
     complete: Callable[[FittedModel], SearchResult]
     alone: Callable[[FittedModel], FittedModel]
     map: Mapper = one_by_one
-    told: Callable[[float], None] = lambda share: None
+    told: Callable[[float], object] = lambda share: None
 
     def __post_init__(self) -> None:
         self._known: dict[Structure, _LeftOut] = {}

@@ -18,17 +18,22 @@ from aero_bayes.judge.unseen import Unseen
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.parallel import ParallelMap
+from aero_bayes.progress import Watched
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 
-Progress = Callable[[str, float], None]
+Progress = Callable[[str, float], object]
 
 
 class LoopStatistics:
-    """Time spent in each stage, the time limit, and counts of simulations; the only part of a loop that changes."""
+    """Time spent in each stage, the time limit, and counts of simulations; the only part of a loop that changes.
 
-    def __init__(self) -> None:
+    The search ends early where the progress that is ``watched`` is asked to end.
+    """
+
+    def __init__(self, watched: Watched | None = None) -> None:
+        self.watched = watched or Watched()
         self.written: list[Path] = []
         self.seconds: dict[str, float] = {}
         self.simulations = self.failures = 0
@@ -41,8 +46,8 @@ class LoopStatistics:
         self._until = time.perf_counter() + seconds
 
     def time_is_up(self) -> bool:
-        """Whether the time limit has passed."""
-        return time.perf_counter() > self._until
+        """Whether the time limit has passed, or the search is asked to end."""
+        return time.perf_counter() > self._until or self.watched.again()
 
     @contextmanager
     def time_kept(self, seconds: float) -> Iterator[None]:

@@ -34,6 +34,7 @@ from aero_bayes.loop.process_noise import find_process_noise, states_of
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.tell import result_of
+from aero_bayes.progress import watching
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.explored import Library, SearchControl
@@ -76,7 +77,9 @@ def close_loop(
     out_dir : path, optional
         Where the extended model's Modelica file is written.
     progress : callable, optional
-        Told what happens and how far it is (0 to 1); a sentence with a full stop is for the reader to keep.
+        Told what happens and how far it is (0 to 1); a sentence with a full stop is for the reader to keep. Where it
+        returns True, the search for terms ends, and the loop concludes from what was tried. By default a bar in a
+        notebook, where an interrupt ends the search likewise.
 
     Raises
     ------
@@ -100,15 +103,19 @@ def close_loop(
     name, settings = _sources(model, settings)
     if not test and not 0.0 < settings.held_out < 1.0:
         raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
-    progress = progress or (lambda what, share: None)
     # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
-    with threadpool_limits(limits=1, user_api="blas"), ScratchFolder() as scratch, WorkerPool(workers) as pool:
+    with (
+        threadpool_limits(limits=1, user_api="blas"),
+        ScratchFolder() as scratch,
+        WorkerPool(workers) as pool,
+        watching(progress) as watched,
+    ):
         folder = Path(out_dir) if out_dir is not None else scratch
         family = _family(name, settings.cache or folder / "fmu", settings)
         known = [v.name for v in family.base_model().outputs]
         train, test = (screened(recordings, family.base_model()) for recordings in (train, test))
         recordings = Recordings.of(train, test, settings.held_out, known)
-        context = LoopContext(family, recordings, settings, pool, folder, progress, LoopStatistics())
+        context = LoopContext(family, recordings, settings, pool, folder, watched, LoopStatistics(watched))
         states = states_of(family.base_model(), settings)
         base = fit_base_model(context)
         cache, choice = search_structures(context, base)
@@ -121,7 +128,7 @@ def close_loop(
         result = result_of(context, conclusion, alternatives, process_noise)
         if settings.cache is None:
             shutil.rmtree(folder / "fmu", ignore_errors=True)
-        progress("done", 1.0)
+        watched("done", 1.0)
         return result
 
 

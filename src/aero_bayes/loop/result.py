@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
+#: Height of the page in a notebook, in pixels: one screen.
+FRAME_HEIGHT = 700
 LoopOutcome = Literal["adequate", "extended", "unexplained"]
 
 
@@ -258,12 +261,15 @@ class LoopResult:
         return f"<LoopResult {self.base}: {self.outcome}{f' by {found}' if found else ''}; {self._errors()}>"
 
     def _repr_html_(self) -> str:
+        """The errors as a table, and the page below it; where a viewer shows no frames, the table alone."""
         rows = [
             (role, output, f"{rms:.4g}", f"{self.predicted_after.pooled(role)[output]:.4g}")
             for role in ("train", "test")
             for output, rms in self.predicted_before.pooled(role).items()
         ]
-        return table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
+        table = table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
+        page = escape(plot_backend().loop_page(self), quote=True)
+        return f'{table}<iframe title="report" srcdoc="{page}" width="100%" height="{FRAME_HEIGHT}"></iframe>'
 
     def _errors(self) -> str:
         """RMS by output on data that was not fitted, before and after."""

@@ -60,7 +60,7 @@ def result_of(
         conclusion.sentence
         + _alternative_sentence(alternatives)
         + (f" {process_noise.sentence}" if process_noise is not None and process_noise.explains else "")
-        + _time_limit_sentence(context.settings, conclusion.choice.explored.ended)
+        + _early_end_sentence(context, conclusion.choice.explored.ended)
     )
     return LoopResult(
         outcome=conclusion.outcome,
@@ -145,13 +145,13 @@ def _alternative_sentence(alternatives: Sequence[FixedValueAlternative]) -> str:
     )
 
 
-def _time_limit_sentence(settings: LoopSettings, where: str) -> str:
-    """Where the time limit ended the search; empty where the search was completed."""
+def _early_end_sentence(context: LoopContext, where: str) -> str:
+    """Where the time limit or an interrupt ended the search; empty where the search was completed."""
     if not where:
         return ""
-    return (
-        f" The search reached its time limit of {settings.max_minutes:g} min at {where}, so it may have missed effects."
-    )
+    limit = f"reached its time limit of {context.settings.max_minutes:g} min"
+    ended = "was interrupted" if context.statistics.watched.asked_to_end else limit
+    return f" The search {ended} at {where}, so it may have missed effects."
 
 
 def _restrictions(settings: LoopSettings) -> tuple[str, ...]:

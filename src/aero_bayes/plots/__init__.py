@@ -9,6 +9,7 @@ from aero_bayes.plots.curves import (
     run_figure,
     scene_figure,
 )
+from aero_bayes.plots.page import loop_page
 from aero_bayes.plots.pairs import pairs_figure
 from aero_bayes.plots.rounds import rounds_figure
 from aero_bayes.plots.style import palette
@@ -17,6 +18,7 @@ __all__ = [
     "bands_figure",
     "fit_figure",
     "loop_figure",
+    "loop_page",
     "pairs_figure",
     "palette",
     "prediction_figure",

@@ -77,7 +77,7 @@ def run_chain(
     checkpoint: Checkpoint | Path | str | None = None,
     identity: str = "",
     moves: MakeMoves = standard_moves,
-    progress: Callable[[str, float, str], None] | None = None,
+    progress: Callable[[str, float, str], object] | None = None,
 ) -> Chain:
     """Draw from a density until the criteria are met or a limit is reached.
 
@@ -99,7 +99,7 @@ def run_chain(
     moves : callable, optional
         Makes the moves; the standard mix by default.
     progress : callable, optional
-        Told a phase, how far it is (0 to 1), and a line of text.
+        Told a phase, how far it is (0 to 1), and a line of text; the chain ends where it returns True.
 
     Raises
     ------
@@ -116,28 +116,30 @@ def run_chain(
         ensembles.start(np.random.default_rng(seed))
     before = ensembles.seconds
     verdict = StoppingDecision(False, "burn-in had not ended", (), 0)
+    asked = False
     while True:
         now = time.perf_counter()
         ensembles.seconds = before + now - began
         late = ensembles.seconds > settings.time_limit
-        over = late or ensembles.kept >= settings.max_steps
+        over = asked or late or ensembles.kept >= settings.max_steps
         if ensembles.kept >= ensembles.next_check or over:
             verdict = decide(ensembles.chain()[0], settings, coupled=ensembles.coupled)
             ensembles.next_check = verdict.next_check
             if verdict.enough or over:
                 break
         ensembles.advance()
-        if progress is not None and not ensembles.adaptation.frozen:
-            progress("burn-in", min(1.0, ensembles.rounds / settings.max_rounds), f"round {ensembles.rounds + 1}")
-        elif progress is not None:
+        told = "burn-in", ensembles.rounds / settings.max_rounds, f"round {ensembles.rounds + 1}"
+        if ensembles.adaptation.frozen:
             words = verdict.line if verdict.diagnoses else f"{ensembles.kept} steps"
-            progress("sampling", min(1.0, ensembles.kept / ensembles.next_check), words)
+            told = "sampling", ensembles.kept / ensembles.next_check, words
+        asked = progress is not None and progress(told[0], min(1.0, told[1]), told[2]) is True
         if kept is not None and now - saved > settings.checkpoint_seconds:
             kept.put(key, ensembles.state(), now=True)
             saved = time.perf_counter()
     if kept is not None:
         kept.put(key, ensembles.state(), now=True)
-    limit = "" if verdict.enough else f"stopped at the {'time' if late else 'step'} limit: "
+    end = "interrupted" if asked else f"stopped at the {'time' if late else 'step'} limit"
+    limit = "" if verdict.enough else f"{end}: "
     points, level = ensembles.chain()
     return Chain(
         points,

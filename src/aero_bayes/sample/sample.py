@@ -19,6 +19,7 @@ from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import JointTarget
+from aero_bayes.progress import Watched, watching
 from aero_bayes.sample.mcmc import Chain, run_chain
 from aero_bayes.sample.modes import (
     ModeDraws,
@@ -38,7 +39,7 @@ from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Simulator
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str, float, str], None]
+Progress = Callable[[str, float, str], object]
 
 
 def sample(
@@ -67,12 +68,13 @@ def sample(
     checkpoint : Checkpoint or path, optional
         File to resume from and to keep up to date.
     progress : callable, optional
-        Told a phase, how far it is (0 to 1), and a line of text.
+        Told a phase, how far it is (0 to 1), and a line of text; where it returns True, sampling ends with the draws so
+        far, which have not converged. By default a bar in a notebook, where an interrupt ends it likewise.
 
     Raises
     ------
     CannotFinishError
-        If no starting point of finite density can be found.
+        If no starting point of finite density can be found, or it is ended before burn-in was over.
 
     Examples
     --------
@@ -90,7 +92,7 @@ def sample(
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         simulator = stack.enter_context(open_simulator(fit.calibration.problem(), engine=engine, workers=workers))
-        return _sample(fit, settings, seed, checkpoint, progress, simulator)
+        return _sample(fit, settings, seed, checkpoint, stack.enter_context(watching(progress)), simulator)
 
 
 def _sample(
@@ -98,7 +100,7 @@ def _sample(
     settings: SampleSettings,
     seed: int,
     checkpoint: Checkpoint | Path | str | None,
-    progress: Progress | None,
+    progress: Watched,
     simulator: Simulator,
 ) -> Posterior:
     began = time.perf_counter()
@@ -115,7 +117,9 @@ def _sample(
         for one, joint, region in zip(fits, joints, regions, strict=True)
     ]  # fmt: skip
     if any(chain.points.shape[1] < 8 for chain in chains):
-        raise CannotFinishError(f"the time limit of {settings.time_limit:g} s passed before the sampler had settled")
+        cause = f"the time limit of {settings.time_limit:g} s passed"
+        cause = "sampling was interrupted" if progress.asked_to_end else cause
+        raise CannotFinishError(f"{cause} before the sampler had settled")
     rng = np.random.default_rng([seed, 1])
     points, density = _thin(chains[0], settings.draws)
     told: list[ModeDraws] = []

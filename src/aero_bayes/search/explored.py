@@ -17,10 +17,10 @@ R = TypeVar("R")
 class Mapper(Protocol):
     """Does independent tasks; None in place of the result of those that were not begun because the time was up."""
 
-    def __call__(self, tasks: Sequence[Task[R]], told: Callable[[float], None]) -> list[R | None]: ...
+    def __call__(self, tasks: Sequence[Task[R]], told: Callable[[float], object]) -> list[R | None]: ...
 
 
-def one_by_one(tasks: Sequence[Task[R]], told: Callable[[float], None]) -> list[R | None]:
+def one_by_one(tasks: Sequence[Task[R]], told: Callable[[float], object]) -> list[R | None]:
     """Do tasks one after the other; ``told`` is the share that is done."""
     found: list[R | None] = []
     for k, task in enumerate(tasks):
@@ -65,7 +65,7 @@ class SearchControl:
 
     time_is_up: Callable[[], bool] = lambda: False
     map: Mapper = one_by_one
-    report: Callable[[str, float], None] = lambda what, share: None
+    report: Callable[[str, float], object] = lambda what, share: None
 
 
 def ranked(fits: Iterable[FittedModel], penalty: Penalty) -> list[FittedModel]:

@@ -1,5 +1,6 @@
 """From command-line options to run directories: what each command does, in order."""
 
+from aero_bayes.progress import ProgressBar
 from aero_bayes.workflow.commands import run_all, run_check, run_close_loop, run_fit, run_posterior, write_page
 from aero_bayes.workflow.curves import band_series, fitted_series, measured_series, only_measured, ripple_series
 from aero_bayes.workflow.describe import recording_row
@@ -10,7 +11,6 @@ from aero_bayes.workflow.job import Job, RunOptions, open_job
 from aero_bayes.workflow.loop import loop_settings
 from aero_bayes.workflow.ports import run_ports
 from aero_bayes.workflow.prediction import prediction_settings
-from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import plain, versions, write_result, write_series
 from aero_bayes.workflow.settings import fit_settings, sample_settings
 

@@ -22,6 +22,8 @@ from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
 from aero_bayes.files import whole_file
+from aero_bayes.loop import LoopResult
+from aero_bayes.progress import ProgressBar
 from aero_bayes.report import write_run_page
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import ModelicaSource
@@ -58,7 +60,6 @@ from aero_bayes.workflow.loop import (
 )
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
-from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import merge, write_result, write_series
 from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings, sample_settings
@@ -107,10 +108,8 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
                 found = fit_job(job, progress)
                 job, values = with_chosen_values(job, found), {"fit": {"values": [t.to_dict() for t in found.trials]}}
             loop = run_loop(job, progress)
-        given = (*job.recordings, *job.tests)
-        series = measured_series(given) | unfitted_series(job.read, given) | loop_series(job, loop)
-        parts = [preamble(job, "close-loop"), loop_part(job, loop), values]
-        _finish(job, "close-loop", began, parts, series, loop.calibrated)
+        result, series = _loop_page_parts(job, loop)
+        _finish(job, "close-loop", began, [result, values], series, loop.calibrated)
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
@@ -207,6 +206,12 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     return result, series | state_series(names, states)
 
 
+def _loop_page_parts(job: Job, loop: LoopResult) -> tuple[Json, Series]:
+    given = (*job.recordings, *job.tests)
+    series = measured_series(given) | unfitted_series(job.read, given) | loop_series(job, loop)
+    return merge(preamble(job, "close-loop"), loop_part(job, loop)), series
+
+
 def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
     bands = posterior.predictive
     return posterior.to_dict(), band_series(
@@ -269,9 +274,9 @@ def _page(job: Job, result: Json, series: Series) -> Path:
     return out / page.name
 
 
-def write_page(found: Fit | Posterior, path: Path) -> Path:
-    """Write the page of a fit or a posterior that no command made."""
-    fit = found if isinstance(found, Fit) else found.fit
+def write_page(found: Fit | Posterior | LoopResult, path: Path) -> Path:
+    """Write the page of a fit, a posterior or a loop that no command made."""
+    fit = found if isinstance(found, Fit) else found.before if isinstance(found, LoopResult) else found.fit
     calibration, model = fit.calibration, fit.calibration.model
     source = model.source or ModelicaSource(model.name)
     with ScratchFolder() as scratch:
@@ -280,12 +285,20 @@ def write_page(found: Fit | Posterior, path: Path) -> Path:
             RunOptions(scratch), config, source.name, model.source is not None, model, calibration.recordings, (),
             calibration.parameters, dict(calibration.fixed),
         )  # fmt: skip
-        result, series = fit_part(job, fit)
-        if not isinstance(found, Fit):
-            sampled, bands = _posterior_part(found)
-            result, series = merge(result, sampled, {"command": "posterior"}), series | bands
-            found.save(scratch / "posterior.nc")
-        page = _page(job, result | _closing(result), series)
+        if isinstance(found, LoopResult):
+            known = found.recordings
+            job = job if known is None else replace(job, recordings=known.train, tests=known.test)
+            if found.modelica_path:  # the diagram of the extended model is drawn from its file
+                (scratch / found.modelica_path).write_text(found.modelica, encoding="utf-8")
+            result, series = _loop_page_parts(job, found)
+        else:
+            result, series = fit_part(job, fit)
+            if not isinstance(found, Fit):
+                sampled, bands = _posterior_part(found)
+                result, series = merge(result, sampled, {"command": "posterior"}), series | bands
+                found.save(scratch / "posterior.nc")
+            result |= _closing(result)
+        page = _page(job, result, series)
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as temporary:
             temporary.write_bytes(page.read_bytes())

@@ -35,13 +35,13 @@ from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.progress import ProgressBar
 from aero_bayes.report import write_run_page
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.workflow.commands import fit_job, fit_part
 from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import Series, only_measured
 from aero_bayes.workflow.job import Job, RunOptions, open_job, which_model
-from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.results import merge, write_result, write_series
 from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings

@@ -15,11 +15,11 @@ from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
+from aero_bayes.progress import ProgressBar
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.workflow.curves import Series, state_series
 from aero_bayes.workflow.job import Job, later_of
-from aero_bayes.workflow.progress import ProgressBar
 from aero_bayes.workflow.settings import fit_settings
 
 if TYPE_CHECKING:  # the sampler takes a second to import

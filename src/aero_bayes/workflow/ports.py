@@ -31,13 +31,13 @@ from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import describe_law, identifier
 from aero_bayes.ports.nominal_values import NOMINAL_QUANTILE, port_nominals
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_expression
+from aero_bayes.progress import ProgressBar
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import Model, open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.workflow.commands import fit_job
 from aero_bayes.workflow.job import RunOptions, open_job, which_model
-from aero_bayes.workflow.progress import ProgressBar
 
 FloatArray = NDArray[np.float64]
 PortRow = dict[str, Any]

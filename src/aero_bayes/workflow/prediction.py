@@ -11,9 +11,9 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.config import PredictionSection
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.result import Fit
+from aero_bayes.progress import ProgressBar
 from aero_bayes.simulation import open_simulator
 from aero_bayes.workflow.job import Job
-from aero_bayes.workflow.progress import ProgressBar
 
 Json = dict[str, Any]
 

@@ -14,10 +14,10 @@ from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
+from aero_bayes.progress import ProgressBar
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.workflow.job import Job
-from aero_bayes.workflow.progress import ProgressBar
 
 Json = dict[str, Any]
 

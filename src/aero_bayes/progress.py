@@ -1,11 +1,15 @@
-"""Progress of long work, on standard error: what is done, how far it is, how long it will still take."""
+"""Progress of long work: what is done, how far it is, how long it will still take, and whether it is to end early."""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 import time
-from types import TracebackType
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType, TracebackType
 from typing import Self
 
 from tqdm import tqdm
@@ -18,6 +22,70 @@ RESUMED_SECONDS = 0.5
 _BAR = "{desc:<36.36}{percentage:3.0f}%|{bar:24}| {elapsed}, {remaining} left{postfix}"
 
 
+def in_notebook() -> bool:
+    """Whether this runs in IPython, in a Jupyter notebook for example."""
+    ipython = sys.modules.get("IPython")
+    return ipython is not None and ipython.get_ipython() is not None
+
+
+class Watched:
+    """Progress of work that may be asked to end with what it has.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Told what is done, how far it is (0 to 1) and perhaps a value. It asks the work to end by returning True.
+    """
+
+    def __init__(self, progress: Callable[..., object] | None = None) -> None:
+        self._progress = progress
+        self._last: tuple[str, float] = ("", 0.0)
+        self.asked_to_end = False
+
+    def __call__(self, phase: str, share: float, *value: object) -> bool:
+        if not phase.endswith("."):  # a sentence is told once
+            self._last = phase, share
+        if self._progress is not None and self._progress(phase, share, *value) is True:
+            self.asked_to_end = True
+        return self.asked_to_end
+
+    def again(self, *value: object) -> bool:
+        """Tell the same phase and share once more."""
+        return self(*self._last, *value)
+
+
+@contextmanager
+def watching(progress: Callable[..., object] | None) -> Iterator[Watched]:
+    """Tell ``progress`` of work. In a notebook it is a bar by default, and an interrupt asks the work to end."""
+    if isinstance(progress, Watched) or not in_notebook():
+        yield progress if isinstance(progress, Watched) else Watched(progress)
+        return
+    with _interrupts() as seen, ProgressBar(quiet=False) as bar:
+        tell = progress if progress is not None else bar
+        yield Watched(lambda *told: tell(*told) is True or bool(seen))
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """The first interrupt is only noted, the second one acts as always; outside the main thread all do."""
+    seen: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield seen
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def note(number: int, frame: FrameType | None) -> None:
+        seen.append(number)
+        signal.signal(signal.SIGINT, before)
+        print("interrupted: ends with what it has; interrupt again to drop it", file=sys.stderr, flush=True)
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield seen
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 class ProgressBar:
     """One bar a piece of work; called with its phase, how far it is (0 to 1), and what to show beside it.
 
@@ -28,7 +96,8 @@ class ProgressBar:
 
     def __init__(self, quiet: bool) -> None:
         self._quiet = quiet
-        self._lines = quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb"
+        drawn = in_notebook() or (sys.stderr.isatty() and os.environ.get("TERM") != "dumb")
+        self._lines = quiet or not drawn
         self._phase, self._work = "", ""
         self._began = self._told = 0.0
         self._first = 0.0
@@ -73,7 +142,7 @@ class ProgressBar:
     def _draw(self, phase: str, share: float, beside: str) -> None:
         if self._bar is None:
             at = round(share * RESOLUTION)
-            self._bar = tqdm(total=RESOLUTION, initial=at, desc=phase, bar_format=_BAR)
+            self._bar = tqdm(total=RESOLUTION, initial=at, desc=phase, bar_format=_BAR, leave=not in_notebook())
         self._bar.set_description_str(phase, refresh=False)
         self._bar.set_postfix_str(beside, refresh=False)
         self._bar.update(max(0, round(share * RESOLUTION) - self._bar.n))

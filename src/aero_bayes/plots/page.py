@@ -1,0 +1,14 @@
+"""The page of a closed loop as text, for a notebook."""
+
+from __future__ import annotations
+
+from aero_bayes.loop.result import LoopResult
+from aero_bayes.scratch import ScratchFolder
+
+
+def loop_page(loop: LoopResult) -> str:
+    """The page of a loop: HTML that loads nothing from elsewhere."""
+    from aero_bayes.workflow.commands import write_page  # a second of imports that other figures do not need
+
+    with ScratchFolder() as scratch:
+        return write_page(loop, scratch / "loop.html").read_text("utf-8")

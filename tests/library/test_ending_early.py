@@ -1,0 +1,79 @@
+"""Work that is asked to end gives what it has and says so: by a progress function, or by an interrupt in a notebook."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import aero_bayes
+from aero_bayes.progress import watching
+
+
+def ends_at(phase: str, share: float) -> Any:
+    """A progress function that asks the work to end from some point on."""
+    return lambda what, done, *_: what.startswith(phase) and done >= share
+
+
+def test_a_fit_that_is_ended_has_not_converged(cart: SimpleNamespace) -> None:
+    found = aero_bayes.fit(
+        cart.recording, cart.model, parameters=["k", "d"], workers=0, progress=ends_at("swarm", 0.02)
+    )
+    assert not found.reason.converged
+    assert found.warnings == (found.reason.value,)
+    assert found.diagnosis.first is not None
+    assert found.diagnosis.first.cause == "search"  # not the model, whose residual says little before the end
+    whole = cart.fit
+    assert found.failures["completed"] < whole.failures["completed"]
+    assert found.log_likelihood <= whole.log_likelihood + 1e-3
+
+
+def test_a_posterior_that_is_ended_keeps_its_draws(cart: SimpleNamespace) -> None:
+    found = aero_bayes.sample(cart.fit, workers=0, progress=ends_at("sampling", 0.3))
+    assert not found.converged
+    assert 8 <= found.steps < 50
+    with pytest.raises(aero_bayes.CannotFinishError, match="interrupted"):
+        aero_bayes.sample(cart.fit, workers=0, progress=ends_at("burn-in", 0.0))
+
+
+def test_a_proposal_that_is_ended_is_the_best_so_far(cart: SimpleNamespace) -> None:
+    found = aero_bayes.propose_experiment(cart.fit, duration=4.0, workers=0, progress=ends_at("candidates", 0.0))
+    assert len(found.families) == 1
+
+
+def test_a_loop_that_is_ended_names_nothing(cart: SimpleNamespace) -> None:
+    settings = aero_bayes.LoopSettings(laws=("coulomb_friction",))
+    found = aero_bayes.close_loop(
+        cart.fit, cart.test, settings=settings, workers=0, progress=ends_at("trying each candidate", 0.0)
+    )
+    assert (found.outcome, found.effects) == ("unexplained", ())
+    assert "interrupted" in found.sentence
+
+
+def test_the_first_interrupt_in_a_notebook_is_noted_and_the_second_acts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: object()))
+    before = signal.getsignal(signal.SIGINT)
+    with watching(None) as watched:
+        assert not watched("swarm", 0.1, 1.0)
+        signal.raise_signal(signal.SIGINT)
+        assert watched("swarm", 0.2, 1.0)
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) == before
+    assert "swarm" in capsys.readouterr().err
+
+
+def test_outside_notebooks_an_interrupt_acts_at_once() -> None:
+    with pytest.raises(KeyboardInterrupt), watching(None):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_loop_shows_its_page(loop: aero_bayes.LoopResult) -> None:
+    shown = loop._repr_html_()
+    assert shown.startswith("<table>")
+    assert "coulomb_friction@v" in shown.partition("srcdoc=")[2]
