@@ -10,6 +10,7 @@ import pytest
 
 from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
 from aero_bayes.judge import Choice, ChoiceSettings, Chooser, Comparison, Judge
+from aero_bayes.judge.choose import one_of_each
 from aero_bayes.laws import CandidateTerm
 from aero_bayes.search import CandidateModel, FitNoise, Library, Parts, Structure, StructureSearch, StructureSettings
 from aero_bayes.sensors import OutputNoise
@@ -170,3 +171,16 @@ def test_where_unseen_readings_refuse_all_that_does_as_well_nothing_is_left():
     assert offered[0].terms == ("line@u",)
     assert len(set(offered)) == len(offered)
     assert not any(s.contains(offered[0]) for s in offered[1:])
+
+
+def test_a_law_that_acts_twice_is_not_told_by_the_one_place_that_all_structures_share(monkeypatch):
+    laws = {"lag@u": TERMS["line@u"], "lag@v": TERMS["square@v"], "other@w": TERMS["twin@w"]}
+    monkeypatch.setattr(f"{__name__}.TERMS", {f: replace(t, id=f) for f, t in laws.items()})
+    told = chosen(1.5 * BASIS[2] + 1.0 * BASIS[3], 3).told()
+    assert told.terms == ("lag@u",)
+    assert set(told.undecided) == {"lag@v", "other@w"}
+
+
+def test_finalists_have_other_laws_before_the_same_laws_elsewhere():
+    laws = [Structure(t) for t in (("gain@a", "lag@b"), ("gain@b", "lag@a"), ("curve@a",), ("curve@b",), ("gain@b",))]
+    assert one_of_each(laws, ("curve@a", "curve@b")) == [laws[0], *laws[2:]]

@@ -184,18 +184,34 @@ class Choice:
                 return self if s == self.structure else replace(self.at(s), near=(s, *(n for n in self.near if n != s)))
         kept = self._told_terms(self.structure, rivals)
         open_terms = [t for t in self.terms if t not in kept]
-        others = [t for s in rivals for t in s.terms if not any(self._alike_place(t, k) for k in kept)]
+        told = Structure(kept)
+        others = [t for s in rivals for t in s.terms if t not in self._shared_terms(s, told)]
         undecided = tuple(dict.fromkeys((*self.undecided, *open_terms, *others)))
-        part, judge = self.structure.minus(*open_terms), Judge(self.explored, self.comparison, self.settings)
-        if part not in self.comparison.squares or not judge.material(part):
-            required = set(self.settings.require)
-            part = self.comparison.best(s for s in self.comparison.squares if set(s.terms) == required)
-        return replace(self, undecided=undecided).at(part)
+        return replace(self, undecided=undecided).at(self._material_part(kept))
+
+    def _material_part(self, kept: Sequence[str]) -> Structure:
+        """The best material structure with no terms but those that are told; the first model without any."""
+        judge, required = Judge(self.explored, self.comparison, self.settings), set(self.settings.require)
+        inside = [s for s in self.comparison.squares if required <= set(s.terms) <= required | set(kept)]
+        material = [s for s in inside if set(s.terms) > required and judge.material(s)]
+        return self.comparison.best(material or [s for s in inside if set(s.terms) == required])
 
     def _told_terms(self, structure: Structure, rivals: Sequence[Structure]) -> tuple[str, ...]:
         """Terms of a structure whose place or law is in all others."""
         required = self.settings.require
-        return tuple(t for t in structure.terms if t in required or all(self._has_like(s, t) for s in rivals))
+        shared = [self._shared_terms(structure, s) for s in rivals]
+        return tuple(t for t in structure.terms if t in required or all(t in own for own in shared))
+
+    def _shared_terms(self, structure: Structure, other: Structure) -> set[str]:
+        """Terms of a structure for each of which another one has the same, or one at its place or of its law."""
+        shared = set(structure.terms) & set(other.terms)
+        left = [t for t in other.terms if t not in shared]
+        for term in structure.terms:
+            like = next((t for t in left if self._alike_place(term, t) or self._acts_here(term, t)), None)
+            if term not in shared and like is not None:
+                shared.add(term)
+                left.remove(like)
+        return shared
 
     def _as_good(self) -> list[Structure]:
         """Structures of the same size that do about as well, none with more parameters unless it predicts better.
@@ -211,9 +227,6 @@ class Choice:
             if len(s) == len(self.structure)
             and (len(fits[s].optimum.free) <= most or scores[s] < scores[self.structure])
         ]
-
-    def _has_like(self, structure: Structure, term: str) -> bool:
-        return any(self._alike_place(term, other) or self._acts_here(term, other) for other in structure.terms)
 
     def _alike_place(self, one: str, other: str) -> bool:
         """Whether two terms act at one place, or are one law at two places; a curve is no law."""

@@ -215,25 +215,26 @@ def finalists(judge: Judge) -> list[Structure]:
     of other laws come first: the same laws at other places often predict the same, and would leave no room for others.
     """
     ranking, explored = judge.comparison, judge.explored
-    scores, fits = ranking.scores, explored.fits
+    scores, fits, curves = ranking.scores, explored.fits, explored.curves
     base = [s for s in ranking.squares if set(s.terms) == set(judge.settings.require)]
     near = judge.near()
-    found = [ranking.best(base), *one_of_each(near)[: FINALISTS // 2], *near[: FINALISTS // 4]]
-    found += one_of_each(judge.close_to(near[0]))[: FINALISTS // 4]
+    found = [ranking.best(base), *one_of_each(near, curves)[: FINALISTS // 2], *near[: FINALISTS // 4]]
+    found += one_of_each(judge.close_to(near[0]), curves)[: FINALISTS // 4]
     for size in sorted({len(s) for s in ranking.squares}):
         own = [s for s in ranking.squares if len(s) == size]
-        found += one_of_each(sorted(own, key=lambda s: scores[s]))[:2]
+        found += one_of_each(sorted(own, key=lambda s: scores[s]), curves)[:2]
         found += sorted(own, key=lambda s: -fits[s].optimum.log_likelihood)[:1]
     found = [*dict.fromkeys(found)][:FINALISTS]
     rests = [judge.rest(s, t) for s in found for t in s.terms if len(s) > 1]
     return [*dict.fromkeys((*found, *rests))]
 
 
-def one_of_each(structures: Iterable[Structure]) -> list[Structure]:
-    """The first structure with each set of laws, wherever these act."""
+def one_of_each(structures: Iterable[Structure], curves: Collection[str]) -> list[Structure]:
+    """The first structure with each set of laws, wherever these act; a curve at another place is another law."""
     first: dict[tuple[str, ...], Structure] = {}
     for structure in structures:
-        first.setdefault(tuple(sorted(t.rpartition("@")[0] for t in structure.terms)), structure)
+        laws = sorted(t if t in curves else t.rpartition("@")[0] for t in structure.terms)
+        first.setdefault(tuple(laws), structure)
     return [*first.values()]
 
 

@@ -195,8 +195,8 @@ def _why_none(base: BaseFit, choice: Choice, structured: Sequence[ResidualReport
         )
     if choice.undecided:
         return (
-            f"The data do not tell what is missing: {_one_of(choice.undecided)}. They act at different places and "
-            "lower the error on left-out readings about equally well."
+            f"The data do not tell what is missing: {_one_of(choice.undecided)}. Each lowers the error on left-out "
+            "readings about as well as the others."
         )
     unsure = choice.unsure
     if unsure:
