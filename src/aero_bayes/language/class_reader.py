@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 from aero_bayes.errors import InputError
 from aero_bayes.language.classes import CLASS_WORDS, ClassText, SourceStatement
@@ -14,6 +15,7 @@ _CLASS_PREFIXES = frozenset(
 _COMPOUND = frozenset({"if", "for", "when", "while"})
 
 
+@lru_cache(maxsize=1024)  # the same text is read at several stages; nobody changes the result
 def read_classes(text: str) -> tuple[ClassText, ...]:
     """Return the classes of one file, outermost ones. Raises InputError, with the line, for what is not Modelica."""
     reader = _ClassReader(tokenize(text), text)
