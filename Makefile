@@ -28,7 +28,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-long test-platforms test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-long test-platforms test-arm test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation coverage coverage-wrong docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -143,11 +143,11 @@ docs: setup ## documentation -> build/docs/index.html
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-dist: setup ## wheel and source distribution, checked -> build/dist
-	mkdir -p build
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check build twine
-	$(BIN)/python -m build --outdir build/dist . >build/dist.log 2>&1 || (tail -20 build/dist.log; false)
-	$(BIN)/python -m twine check --strict build/dist/*
+dist: setup ## wheels for Linux on x86-64 and ARM64, and the source archive, checked -> build/dist
+	.ci/wheels $(BIN)/python
+
+test-arm: ## the wheel and the tests of make test-fast on Debian for ARM64, under qemu-user; as root, with debootstrap and qemu-user-static
+	.ci/test-arm
 
 lock: $(VENV)/.tested ## write requirements.lock from what is installed
 	$(BIN)/python -m pip freeze --exclude-editable > requirements.lock

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from aero_bayes.errors import InputError
+from aero_bayes.locks import lock
 
 #: In the output folder: from where ``--resume`` continues, and what a run found.
 CHECKPOINT, RESULT = "checkpoint.npz", "result.json"
@@ -35,7 +36,9 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def _to_disk(path: Path) -> None:
-    """Wait until the disk holds the content of a file, or the names in a folder."""
+    """Wait until the disk holds the content of a file, or the names in a folder, where a system can open one."""
+    if sys.platform == "win32" and path.is_dir():
+        return
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -53,12 +56,13 @@ def one_run_at_a_time(folder: Path) -> Iterator[None]:
         If another run is at work there.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder, os.O_RDONLY)
+    windows = sys.platform == "win32"  # opens no folders: a file inside is locked there
+    handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT) if windows else os.open(folder, os.O_RDONLY)
     try:
         with suppress(OSError):  # some network file systems lock no folders
             try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+                lock(handle)
+            except (BlockingIOError, PermissionError):
                 raise InputError(
                     f"{folder}: another run is writing there; wait for its end or give another --out"
                 ) from None

@@ -6,7 +6,6 @@ next start can tell a folder in use from one that a killed process left behind, 
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import tempfile
@@ -14,6 +13,8 @@ import weakref
 from functools import cache
 from pathlib import Path
 from types import TracebackType
+
+from aero_bayes.locks import lock as lock_file
 
 PREFIX = "aero-bayes-"
 _LOCK = ".aero-bayes-scratch"
@@ -49,13 +50,14 @@ def sweep(parent: Path) -> int:
     removed = 0
     for path in parent.glob(f"{PREFIX}*/{_LOCK}"):
         try:
-            if path.parent.is_symlink() or path.parent.stat().st_uid != os.getuid():
+            own = not hasattr(os, "getuid") or path.parent.stat().st_uid == os.getuid()
+            if path.parent.is_symlink() or not own:
                 continue
-            lock = os.open(path, os.O_RDWR | os.O_NOFOLLOW)
+            lock = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
         except OSError:
             continue
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(lock)
         except OSError:
             os.close(lock)
             continue
@@ -80,7 +82,7 @@ class ScratchFolder:
         self.path = Path(tempfile.mkdtemp(prefix=PREFIX))
         unlocked = self.path / f"{_LOCK}.part"
         lock = os.open(unlocked, os.O_RDWR | os.O_CREAT, 0o600)
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        lock_file(lock, wait=True)
         unlocked.rename(self.path / _LOCK)  # nobody sees it before it is locked
         self._finalizer = weakref.finalize(self, _remove, self.path, lock, os.getpid())
 

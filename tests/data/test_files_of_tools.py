@@ -179,3 +179,45 @@ def test_a_damaged_file_is_one_line(suffix: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         read_recording(path, layout=LAYOUT)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "last"),
+    [
+        (
+            "Timestamp,F,F Quality,y,y Quality\n",
+            "31-Dec-25 23:59:{second},1.5,Good,2.5,Good\n",
+            "01-Jan-26 00:00:10,1.5,Good,Bad Input,Bad\n",
+        ),
+        (
+            "\ufeffTimestamp;F [N];y\r\n",
+            "28.02.2026 23:59:{second};1,5;2,5\r\n",
+            "01.03.2026 00:00:10;1,5;2,5\r\n",
+        ),
+    ],
+    ids=["historian with quality", "German spreadsheet"],
+)
+def test_dates_of_historians_and_german_spreadsheets(header: str, row: str, last: str, tmp_path: Path) -> None:
+    rows = [row.format(second=second) for second in (20, 30, 40, 50)]
+    (tmp_path / "run.csv").write_text("".join([header, *rows, last]), encoding="utf-8")
+    columns = {"time": ColumnMap("Timestamp")}
+    found = read_recording(tmp_path / "run.csv", columns, layout=Layout.of(["F"], ["y"]))
+    np.testing.assert_array_equal(np.diff(found.time), [10.0, 10.0, 10.0, 20.0])
+    np.testing.assert_array_equal(found.inputs["F"], np.full(5, 1.5))
+    np.testing.assert_array_equal(found.outputs["y"], [2.5, 2.5, 2.5, 2.5, np.nan if "Bad" in last else 2.5])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "format,ControlDesk measurement,1.0\ndescription,run 3\n\npath,,F,y\nunit,s,N,m\n,0.0,1.0,2.0\n",
+        "Record Length,60,,\nSample Interval,0.1,,\nSource,CH1,CH2,\nSecond,Volt,Volt,\n0.0,1.0,2.0,\n",
+    ],
+    ids=["dSPACE", "oscilloscope"],
+)
+def test_what_stands_above_the_names_is_refused_in_one_line(text: str, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text(text, encoding="utf-8")
+    for read in (column_names, lambda path: read_recording(path, layout=Layout.of(["F"], ["y"]))):
+        with pytest.raises(InputError, match=r"run\.csv, row \d") as refused:
+            read(tmp_path / "run.csv")
+        assert "\n" not in str(refused.value)

@@ -152,7 +152,7 @@ def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
         ("# rig 3\ntime,V_m,theta\n0,1,0\n1,x,0\n", ["row 4", "column V_m", "'x' is not a number"]),
         ("# rig 3\n", ["is empty"]),
         ("time,V_m,theta\n2026-13-01 10:00,1,0\n", ["row 2", "column time", "is no date"]),
-        ("time,V_m,theta\n01.03.2026 10:00,1,0\n", ["row 2", "column time", "is not a number", "2026-03-01T10:00"]),
+        ("time,V_m,theta\n03/01/2026 10:00,1,0\n", ["row 2", "column time", "is not a number", "2026-03-01T10:00"]),
         ("time,V_m,theta\n0,00;1,50;0,1\n", ["row 2", "4 cells, expected 3", "decimal point"]),
         (GOOD.split("\n", 1)[1], ["row 1", "expected a header"]),
         (GOOD.encode("utf-16"), ["not plain text"]),

@@ -19,6 +19,10 @@ FloatArray = NDArray[np.float64]
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 SPECIAL = re.compile(r"[+-]?(nan|inf|infinity|1\.#\w+)", re.IGNORECASE)
 TIMESTAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?")
+#: Dates as historians and German programs write them, whose order of day and month is plain: 01-Mar-26, 01.03.2026.
+NAMED_MONTH = re.compile(r"(\d{1,2})-([A-Za-z]{3})-(\d{2}|\d{4})[T ](\d\d:.*)")
+DOTTED_DATE = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4}),? (\d\d:.*)")
+MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
 #: A time of day, with seconds.
 CLOCK = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d(?:[.,]\d*)?)")
 #: Numbers with marks between thousands, of which there are none in a fraction.
@@ -76,6 +80,8 @@ def times_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
     if column.dtype.kind in "mM":
         return seconds(column)
     text = [str(cell).strip().strip('"').strip() for cell in column]
+    if NAMED_MONTH.fullmatch(text[0]) or DOTTED_DATE.fullmatch(text[0]):
+        text = [_iso_date(cell) for cell in text]
     clocks = [CLOCK.fullmatch(cell) for cell in text]
     if all(clocks):
         parts = np.array([[float(p.replace(",", ".")) for p in c.groups()] for c in clocks if c])
@@ -92,6 +98,16 @@ def times_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
                 "time of day like 10:00:00"
             )
     return numbers_in(column, place, name)
+
+
+def _iso_date(cell: str) -> str:
+    """A date with its month's name, or with points, as ISO 8601 has it; another cell as it is."""
+    if (found := NAMED_MONTH.fullmatch(cell)) and found[2].lower() in MONTHS:
+        year = found[3] if len(found[3]) == 4 else f"20{found[3]}"
+        return f"{year}-{MONTHS.index(found[2].lower()) + 1:02d}-{int(found[1]):02d} {found[4]}"
+    if found := DOTTED_DATE.fullmatch(cell):
+        return f"{found[3]}-{int(found[2]):02d}-{int(found[1]):02d} {found[4]}"
+    return cell
 
 
 def _dates_in(text: list[str], place: Place, name: str) -> FloatArray:

@@ -201,7 +201,17 @@ def read_header(path: Path) -> Header:
     units = [cell.strip().strip('"').strip() for cell in (shown.split(None if separator == " " else separator))]
     if len(units) == len(names) > 1 and any(units) and not any(is_number(u.replace(",", ".")) for u in units):
         names, line, size = with_units(names, units), line + 1, size + len(below)
-    return Header(names, separator, line, size)
+    header = Header(names, separator, line, size)
+    # Lines that tell of a measurement may stand above its names, as dSPACE and oscilloscopes write them.
+    if any(map(_is_plain_number, names)) and not all(names[:-1]):
+        raise InputError(f"{path}, row {line}: names, numbers and empty cells; delete what is above the columns' names")
+    if separator != " " and below.strip():  # a line of units has as many cells, and is part of the header
+        _check_width(f"{path}, row {line + 1}", below, header)
+    return header
+
+
+def _is_plain_number(cell: str) -> bool:
+    return bool(cell) and bool(NUMBER.fullmatch(cell))
 
 
 def with_units(names: Sequence[str], units: Sequence[str]) -> list[str]:

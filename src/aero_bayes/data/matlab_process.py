@@ -8,10 +8,10 @@ doubles.
 from __future__ import annotations
 
 import json
-import resource
 import sys
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,11 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 
 def main(path: Path, memory: int) -> None:
     """Answer with the vectors, the names of what cannot be read, or what is wrong with the file."""
-    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with suppress(ImportError):  # Windows has no limits that a process sets itself
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     vectors: dict[str, FloatArray] = {}
     opaque: list[str] = []
     try:

@@ -13,7 +13,7 @@
 
 enum { LIMITS = 1, FILES = 2, NETWORK_RULES = 4, CALLS = 8 };
 
-#if defined(__linux__) && defined(__x86_64__)
+#if defined(__linux__) && (defined(__x86_64__) || defined(__aarch64__))
 #include <fcntl.h>
 #include <linux/audit.h>
 #include <linux/filter.h>
@@ -74,13 +74,16 @@ static int restrict_files(const char *folder)
 }
 
 static const int refused[] = {
-    SYS_fork, SYS_vfork, SYS_execve, SYS_execveat, SYS_socket, SYS_ptrace, SYS_process_vm_writev,
+#ifdef __x86_64__ /* calls that newer processors no longer have */
+    SYS_fork, SYS_vfork, SYS_chmod, SYS_chown, SYS_lchown,
+#endif
+    SYS_execve, SYS_execveat, SYS_socket, SYS_ptrace, SYS_process_vm_writev,
     SYS_process_vm_readv, SYS_rt_sigqueueinfo, SYS_rt_tgsigqueueinfo, SYS_pidfd_send_signal, SYS_mount, SYS_umount2,
     SYS_unshare, SYS_setns, SYS_chroot, SYS_pivot_root, SYS_reboot, SYS_kexec_load, SYS_init_module,
     SYS_finit_module, SYS_delete_module, SYS_bpf, SYS_perf_event_open, SYS_add_key, SYS_request_key, SYS_keyctl,
     SYS_swapon, SYS_swapoff, SYS_settimeofday, SYS_clock_settime, SYS_sethostname, SYS_setdomainname, SYS_setrlimit,
-    SYS_setpriority, SYS_shmget, SYS_msgget, SYS_semget, SYS_memfd_create, SYS_chmod, SYS_fchmod, SYS_fchmodat,
-    SYS_chown, SYS_fchown, SYS_lchown, SYS_fchownat, SYS_setxattr, SYS_lsetxattr, SYS_fsetxattr, SYS_removexattr, SYS_lremovexattr,
+    SYS_setpriority, SYS_shmget, SYS_msgget, SYS_semget, SYS_memfd_create, SYS_fchmod, SYS_fchmodat,
+    SYS_fchown, SYS_fchownat, SYS_setxattr, SYS_lsetxattr, SYS_fsetxattr, SYS_removexattr, SYS_lremovexattr,
     SYS_fremovexattr, 452 /* fchmodat2 */,
 };
 
@@ -106,11 +109,17 @@ static int restrict_calls(void)
     Filter_ *f = &filter;
     f->size = 0;
     LOAD(arch);
+#ifdef __x86_64__
     IS(AUDIT_ARCH_X86_64, 1, 0);
     REFUSE(EPERM);
     LOAD(nr);
     emit(f, BPF_JMP | BPF_JGE | BPF_K, 0x40000000, 0, 1); /* the x32 names of the same calls */
     REFUSE(EPERM);
+#else
+    IS(AUDIT_ARCH_AARCH64, 1, 0);
+    REFUSE(EPERM);
+    LOAD(nr);
+#endif
     for (size_t i = 0; i < sizeof refused / sizeof *refused; i++) {
         IS(refused[i], 0, 1);
         REFUSE(EPERM);
