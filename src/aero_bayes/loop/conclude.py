@@ -31,6 +31,8 @@ from aero_bayes.search.models import FittedModel
 
 #: Largest number of equivalent alternatives that are listed by name.
 MAX_NAMED_ALTERNATIVES = 2
+#: What may be behind it when unseen data refuse what explains the fitted ones.
+REFUSED_BY_UNSEEN = "Another effect is missing, or a further one that shows only on the unseen data."
 #: Structures that unseen readings may refuse before nothing is named: with more of them one would pass by chance.
 MAX_REFUSALS = 3
 
@@ -123,7 +125,7 @@ def _offer(context: LoopContext, base: BaseFit, choice: Choice) -> tuple[Conclus
     if "Validation" not in settings.leave_out and not settings.structures.require:
         reason = refusal(before, extended.after, context.recordings, extended.reports)
         if reason:
-            why = f"{_explained(chosen)}, but {reason} The missing effect is a different one."
+            why = f"{_explained(chosen)}, but {reason} {REFUSED_BY_UNSEEN}"
             return _unexplained(base, choice, why, before, smaller), False
         fewer = _without_needless_term(context, base, choice, extended)
         if fewer is not None:
