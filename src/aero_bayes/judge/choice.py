@@ -185,7 +185,7 @@ class Choice:
         kept = self._told_terms(self.structure, rivals)
         open_terms = [t for t in self.terms if t not in kept]
         told = Structure(kept)
-        others = [t for s in rivals for t in s.terms if t not in self._shared_terms(s, told)]
+        others = [t for s in rivals for t in s.terms if t not in self._shared_terms(s, told, rivals)]
         undecided = tuple(dict.fromkeys((*self.undecided, *open_terms, *others)))
         return replace(self, undecided=undecided).at(self._material_part(kept))
 
@@ -199,15 +199,15 @@ class Choice:
     def _told_terms(self, structure: Structure, rivals: Sequence[Structure]) -> tuple[str, ...]:
         """Terms of a structure whose place or law is in all others."""
         required = self.settings.require
-        shared = [self._shared_terms(structure, s) for s in rivals]
+        shared = [self._shared_terms(structure, s, rivals) for s in rivals]
         return tuple(t for t in structure.terms if t in required or all(t in own for own in shared))
 
-    def _shared_terms(self, structure: Structure, other: Structure) -> set[str]:
-        """Terms of a structure for each of which another one has the same, or one at its place or of its law."""
+    def _shared_terms(self, structure: Structure, other: Structure, rivals: Sequence[Structure]) -> set[str]:
+        """Terms of a structure for each of which another one has a term of its own that claims the same."""
         shared = set(structure.terms) & set(other.terms)
         left = [t for t in other.terms if t not in shared]
         for term in structure.terms:
-            like = next((t for t in left if self._alike_place(term, t) or self._acts_here(term, t)), None)
+            like = next((t for t in left if self._claims_the_same(structure, term, t, rivals)), None)
             if term not in shared and like is not None:
                 shared.add(term)
                 left.remove(like)
@@ -228,18 +228,21 @@ class Choice:
             and (len(fits[s].optimum.free) <= most or scores[s] < scores[self.structure])
         ]
 
-    def _alike_place(self, one: str, other: str) -> bool:
-        """Whether two terms act at one place, or are one law at two places; a curve is no law."""
-        ports, curves = self.explored.ports, self.explored.curves
-        law = one.rpartition("@")[0]
-        same_law = bool(law) and law == other.rpartition("@")[0] and one not in curves
-        return one == other or same_law or (one in ports and ports.get(one) == ports.get(other))
+    def _claims_the_same(self, structure: Structure, term: str, other: str, rivals: Sequence[Structure]) -> bool:
+        """Whether another term has the law of this one, if at another place, or may be told beside it at its place.
 
-    def _acts_here(self, term: str, other: str) -> bool:
-        """Whether the law of another term does as well at the place of this one."""
-        ports, law = self.explored.ports, other.rpartition("@")[0]
-        known = {t for s in self.near for t in s.terms if t not in self.explored.curves}
-        return any(t.rpartition("@")[0] == law and ports.get(t) == ports.get(term) for t in known)
+        A curve claims its place only. Two laws at one place are told as alternatives if one can take the place of the
+        other, all else the same.
+        """
+        explored, law = self.explored, other.rpartition("@")[0]
+        if law == term.rpartition("@")[0] and term not in explored.curves:
+            return True
+        ports, curves = explored.ports, explored.curves
+        if term in ports and ports.get(term) == ports.get(other) and (term in curves or other in curves):
+            return True
+        rest = structure.minus(term)
+        here = {t for s in rivals for t in s.new_terms(rest) if t in ports and ports.get(t) == ports.get(term)}
+        return any(t.rpartition("@")[0] == law and rest.plus(t) in rivals for t in here - {term, *curves})
 
     @property
     def rivals(self) -> tuple[Structure, ...]:
