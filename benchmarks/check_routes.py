@@ -6,6 +6,7 @@ A mass on a spring, whose motion is known in closed form, is exported, run and c
 from __future__ import annotations
 
 import importlib.metadata
+import re
 import shutil
 import subprocess
 import sys
@@ -50,6 +51,10 @@ equation
   connect(spring.flange_b, mass.flange_a);
 end LibrarySpring;
 """
+
+
+#: Thirty small models of the standard library.
+LIBRARY_MODELS = Path(__file__).parents[1] / "tests" / "export" / "MslModels.mo"
 
 
 class NotHere(Exception):
@@ -125,6 +130,12 @@ def tools() -> dict[str, str]:
     return found
 
 
+def library_models() -> list[str]:
+    """Names of the small models of the standard library; tests/export holds their numbers against rumoca's."""
+    names = re.findall(r"^  model (\w+)", LIBRARY_MODELS.read_text(encoding="utf-8"), re.MULTILINE)
+    return [f"{LIBRARY_MODELS.stem}.{name}" for name in names]
+
+
 @click.command()
 def main() -> None:
     """Print both tables; the exit status is 1 where a route that is there fails."""
@@ -183,6 +194,11 @@ def routes(folder: Path, there: dict[str, str]) -> list[tuple[str, Callable[[], 
         need("C compiler", "rumoca", "standard library")
         return fmu("msl", lambda out: export_fmu("LibrarySpring", out, compiler="embedded", sources=[library]))
 
+    def exported(model: str) -> float:
+        need("C compiler", "rumoca", "standard library")
+        export_fmu(model, folder / "library.fmu", compiler="embedded", sources=[LIBRARY_MODELS])
+        return 0.0
+
     return [
         ("Modelica -> FMI 2.0 Model Exchange -> engine", lambda: in_engine(two())),
         ("Modelica -> FMI 2.0 Model Exchange -> FMPy", lambda: in_fmpy(two(), "ModelExchange")),
@@ -199,6 +215,7 @@ def routes(folder: Path, there: dict[str, str]) -> list[tuple[str, Callable[[], 
         ("Modelica Standard Library -> FMI 2.0 -> engine", lambda: in_engine(of_library())),
         ("OpenModelica -> FMI 2.0 Model Exchange -> engine", lambda: in_engine(omc())),
         ("OpenModelica -> FMI 2.0 Co-Simulation -> FMPy", lambda: in_fmpy(omc(), "CoSimulation")),
+        *((f"library model {model} -> FMI 2.0", lambda model=model: exported(model)) for model in library_models()),
     ]  # fmt: skip
 
 

@@ -120,19 +120,29 @@ def test_an_fmu_of_another_machine_is_refused_in_one_line(ball: Path, tmp_path: 
     assert "\n" not in str(refused.value)
 
 
-def test_a_calculated_parameter_is_told_as_such(ball: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("causality", "variability", "told"),
+    [
+        ("calculatedParameter", "fixed", "follows from other"),
+        ("local", "fixed", "not final"),
+        ("local", "constant", ""),
+    ],
+)
+def test_why_a_name_cannot_be_fitted(causality: str, variability: str, told: str, ball: Path, tmp_path: Path) -> None:
     fmu = export_fmu("Ball", tmp_path / "ball.fmu", sources=ball)
     foreign = copied(fmu, tmp_path / "c.fmu", "modelDescription.xml")
     added = (
-        b'<ScalarVariable name="tau" valueReference="99" causality="calculatedParameter" variability="fixed"><Real/>'
-    )
+        f'<ScalarVariable name="tau" valueReference="99" causality="{causality}" variability="{variability}">'
+        '<Real start="1"/>'
+    ).encode()
     with zipfile.ZipFile(fmu) as archive:
         text = archive.read("modelDescription.xml")
     with zipfile.ZipFile(foreign, "a") as archive:
         end = b"</ModelVariables>"
         archive.writestr("modelDescription.xml", text.replace(end, added + b"</ScalarVariable>" + end))
     model = Model.load(foreign)
-    assert "calculatedParameter" in no_parameter_text(model, "tau")
+    assert all(word in no_parameter_text(model, "tau") for word in (causality, told))
+    assert causality != "local" or f"{variability} local" in no_parameter_text(model, "tau")
     assert "no parameter nothing" in no_parameter_text(model, "nothing")
 
 

@@ -23,10 +23,13 @@ def no_parameter_text(model: Model, name: str) -> str:
             if reason := _reason(flat, name, known):
                 return reason
     elif kind := model.causality_of(name):
-        return (
-            f"{name} is no parameter of {model.path.name} that may be set: its causality in the FMU is {kind}"
-            f"{', so it follows from other parameters' if kind == 'calculatedParameter' else ''}"
-        )
+        why = {
+            "calculatedParameter": ", so it follows from other parameters",
+            "fixed local": ", so the model alone sets it: export it as a parameter that may be changed (not final, "
+            "protected or evaluated)",
+            "constant local": ", so nothing sets it",
+        }.get(kind, "")
+        return f"{name} is no parameter of {model.path.name} that may be set: its causality in the FMU is {kind}{why}"
     return f"model {model.name} has no parameter {name}{known_names_hint(name, sorted(known))}"
 
 

@@ -131,7 +131,7 @@ class Model(ModelDescription):
         return replace(model, declared=declaration_of(model.name))
 
     def causality_of(self, name: str) -> str:
-        """Tell what the FMU calls a variable: ``calculatedParameter``, ``local``, ...
+        """Tell what the FMU calls a variable: ``calculatedParameter``, ``local``, ``fixed local``, ...
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Model(ModelDescription):
         Returns
         -------
         str
-            Empty where the FMU has no such variable.
+            Empty where the FMU has no such variable; ``fixed`` or ``constant`` stands before a local one that is.
 
         Examples
         --------
@@ -150,7 +150,10 @@ class Model(ModelDescription):
         _, (text,) = archive.read_texts(self.path)
         variables = parse_description(self.path, text).find("ModelVariables")
         found = [v for v in (variables if variables is not None else ()) if v.get("name") == name]
-        return found[0].get("causality", "local") if found else ""
+        if not found:
+            return ""
+        kind, varies = found[0].get("causality", "local"), found[0].get("variability", "")
+        return f"{varies} {kind}" if kind == "local" and varies in ("fixed", "constant") else kind
 
     def verified_copies(self) -> Mapping[str, int]:
         """Those of ``candidate_copies`` that equal their state in simulations; found once a process."""
