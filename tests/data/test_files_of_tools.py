@@ -221,3 +221,13 @@ def test_what_stands_above_the_names_is_refused_in_one_line(text: str, tmp_path:
         with pytest.raises(InputError, match=r"run\.csv, row \d") as refused:
             read(tmp_path / "run.csv")
         assert "\n" not in str(refused.value)
+
+
+def test_an_object_of_matlab_that_is_no_table_is_refused_in_one_line(tmp_path: Path) -> None:
+    """A Simulink Dataset is such an object; mat-io writes others, dates here, as MATLAB does."""
+    matio = pytest.importorskip("matio")
+    matio.save_to_mat(tmp_path / "run.mat", {"dates": np.array(["2026-01-01", "2026-01-02"], dtype="datetime64[ms]")})
+    for read in (column_names, lambda path: read_recording(path, layout=Layout.of(["F"], ["y"]))):
+        with pytest.raises(InputError, match=r"run\.mat: .*Simulink Dataset save the elements") as refused:
+            read(tmp_path / "run.mat")
+        assert "\n" not in str(refused.value)

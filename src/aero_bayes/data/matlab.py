@@ -83,21 +83,26 @@ def read(path: Path, request: Request) -> Columns:
     signals, opaque = _read(path, free)
     if not opaque:
         return pick_signals(path, signals, request)
-    hint = (
-        f"; {', '.join(opaque)} cannot be read: pip install 'aero-bayes[matlab]' for tables, timetables and "
-        "timeseries, or save [ts.Time ts.Data] instead"
-    )
-    return pick_signals(path, signals, request, hint)
+    return pick_signals(path, signals, request, f"; {_not_read(opaque)}")
 
 
 def names_of(path: Path) -> list[str]:
     """Names of the vectors in the file."""
     signals, opaque = _read(path, free_memory())
     if opaque and not signals.vectors:
-        raise InputError(
-            f"{path}: holds only objects ({', '.join(opaque)}): pip install 'aero-bayes[matlab]' to read them"
-        )
+        raise InputError(f"{path}: holds only objects of MATLAB; {_not_read(opaque)}")
     return signals.names
+
+
+def _not_read(opaque: Sequence[str]) -> str:
+    """Which objects of MATLAB were not read, and what to do about them; SciPy knows no names of some."""
+    named = ", ".join(name for name in opaque if name != "None") or "an object"
+    if importlib.util.find_spec("matio") is None:
+        return f"{named} cannot be read: pip install 'aero-bayes[matlab]' reads tables, timetables and timeseries"
+    return (
+        f"{named} cannot be read, being no table, timetable or timeseries; of a Simulink Dataset save the elements: "
+        'u = logsout.get("u").Values'
+    )
 
 
 def _clocks(names: Sequence[str]) -> dict[str, str]:
