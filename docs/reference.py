@@ -117,6 +117,7 @@ KEYS: Mapping[str, str] = {
     "loop.ports": "the only ports that are considered",
     "loop.laws": "the only laws that are considered",
     "loop.min_share": "largest share of an output's error on left-out readings that a named term leaves",
+    "loop.formulas": "seeks what no law describes as a product of functions of the signals at a place (default: false)",
     "loop.include_smaller": "writes effects that help and are too small to be named into the model, too",
     "loop.leave_out": "names parts of the search that are left out, to see what each is worth",
     "solver.engine": "simulator: the compiled engine, or FMPy with CVode (slow; the reference)",

@@ -151,7 +151,28 @@ def test_a_law_that_the_best_beats_by_less_than_a_quarter_is_close_to_it():
     comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
     best, near = Structure(("best@u",)), Structure(("near@v",))
     assert comparison.clearly_better(best, near)
-    assert Judge(None, comparison, ChoiceSettings()).close_to(best) == [near]
+    explored = chosen(1.5 * BASIS[2], 1).explored
+    assert Judge(explored, comparison, ChoiceSettings()).close_to(best) == [near]
+
+
+def test_a_formula_gives_way_to_a_law_that_does_as_well_and_a_curve_to_a_formula():
+    choice = chosen(1.5 * BASIS[3], 7)
+    explored = replace(choice.explored, formulas=("square@v",))
+    assert {s.terms for s in choice.near if len(s) == 1} >= {("square@v",), ("twin@w",)}
+    near = Judge(explored, choice.comparison, ChoiceSettings()).near()
+    assert near[0].terms == ("twin@w",)
+    assert not any("square@v" in s.terms for s in near)
+    choice = chosen(1.5 * BASIS[2], 1)
+    explored = replace(choice.explored, formulas=("line@u",))
+    assert Judge(explored, choice.comparison, ChoiceSettings()).near()[0].terms == ("line@u",)
+
+
+def test_a_formula_that_leaves_structure_is_not_named():
+    choice = chosen(2.0 * BASIS[2] + 1.5 * BASIS[6], 2)
+    line = Structure(("line@u",))
+    assert Judge(choice.explored, choice.ranking, ChoiceSettings()).material(line)
+    explored = replace(choice.explored, formulas=("line@u",))
+    assert not Judge(explored, choice.ranking, ChoiceSettings()).material(line)
 
 
 def test_where_unseen_readings_refuse_a_pair_its_parts_are_offered_first():

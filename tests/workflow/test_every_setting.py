@@ -119,6 +119,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "loop.leave_out": (["AddPair"], ["Validation"]),
     "loop.min_share": (0.75, 0.5),
     "loop.include_smaller": (False, True),
+    "loop.formulas": (False, True),
     "solver.engine": ("native", "fmpy"),
     "solver.relative_tolerance": (1e-6, 1e-7),
     "solver.absolute_tolerance": (1e-6, 1e-7),

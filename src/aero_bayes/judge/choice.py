@@ -129,7 +129,7 @@ class Choice:
             for s in self.ranking.squares
             if s.contains(rest)
             and len(new := s.new_terms(rest)) == 1
-            and new[0] not in explored.curves
+            and new[0] not in (*explored.curves, *explored.formulas)
             and explored.ports.get(new[0]) == explored.ports.get(term)
             and self.ranking.share(s, best_within(self.ranking, rest)).value <= self.settings.min_share
         ]
@@ -305,6 +305,9 @@ class Judge:
     def material(self, structure: Structure) -> bool:
         """Whether every term matters: it lowers the left-out error by a quarter, or clearly and down to the noise."""
         asked = [t for t in structure.terms if t not in self.settings.require]
+        if set(structure.terms) & set(self.explored.formulas) and not self.only_noise(structure):
+            # one of thousands of formulas always lowers the error: it has to explain all that is left
+            return False
         return bool(structure.terms) and all(self._matters(structure, self.rest(structure, t)) for t in asked)
 
     def _matters(self, structure: Structure, rest: Structure) -> bool:
@@ -318,7 +321,7 @@ class Judge:
         """Structures that the best one does not clearly beat, the chosen one first.
 
         They are material; without any that is, they are those without a term beside the required ones. The chosen one
-        has the fewest terms, then the fewest parameters.
+        has the fewest terms, listed laws before formulas and these before curves, then the fewest parameters.
         """
         required = set(self.settings.require)
         allowed = [s for s in self.comparison.squares if required <= set(s.terms)]
@@ -326,7 +329,15 @@ class Judge:
         among = among or [s for s in allowed if set(s.terms) == required]
         best = self.comparison.best(among)
         near = [s for s in among if s == best or not self.comparison.clearly_better(best, s)]
-        return sorted(near, key=lambda s: (len(s), len(self.explored.fits[s].optimum.free), self.comparison.scores[s]))
+        if any(self._unlisted(s) == 0 for s in near):
+            near = [s for s in near if not set(s.terms) & set(self.explored.formulas)]
+        order = {s: (len(s), self._unlisted(s), len(self.explored.fits[s].optimum.free)) for s in near}
+        return sorted(near, key=lambda s: (*order[s], self.comparison.scores[s]))
+
+    def _unlisted(self, structure: Structure) -> int:
+        """How far a structure is from listed laws: one for each formula, two for each curve."""
+        curves, formulas = (set(structure.terms) & set(t) for t in (self.explored.curves, self.explored.formulas))
+        return len(formulas) + 2 * len(curves)
 
     def close_to(self, structure: Structure) -> list[Structure]:
         """Other material structures of its size than which it is not materially better, best first."""
@@ -349,7 +360,9 @@ class Judge:
         larger = [
             s
             for s in self.comparison.squares
-            if s.contains(chosen) and s != chosen and not set(s.new_terms(chosen)) & set(self.explored.curves)
+            if s.contains(chosen)
+            and s != chosen
+            and not set(s.new_terms(chosen)) & {*self.explored.curves, *self.explored.formulas}
         ]
         found = [s for s in larger if helps(s)]
         return self.comparison.best(found).new_terms(chosen) if found else ()

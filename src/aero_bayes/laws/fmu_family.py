@@ -19,7 +19,7 @@ from aero_bayes.laws.fmu_coupling import couple, state_name
 from aero_bayes.laws.fmu_ports import FmuBoundary, LawCoupling
 from aero_bayes.laws.fmu_wrapper import wrapper_text, write_ssp
 from aero_bayes.laws.law import Law
-from aero_bayes.laws.model_family import OpenSimulator, calibration_on
+from aero_bayes.laws.model_family import FormulaPlace, OpenSimulator, calibration_on
 from aero_bayes.laws.modelica_family import ModelicaFamily, PortNominals
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.laws.write_model import WrittenModel
@@ -155,6 +155,10 @@ class FmuFamily(ModelicaFamily):
 
     def _coupling(self, placed_laws: Sequence[PlacedLaw]) -> LawCoupling:
         return self.boundary.coupling(placed_laws, self.law_models)
+
+    def formula_places(self) -> tuple[FormulaPlace, ...]:
+        """Return none: the balances are inside of the FMU."""
+        return ()
 
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path

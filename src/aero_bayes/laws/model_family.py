@@ -14,6 +14,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
+from aero_bayes.laws.formula import Formula
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import DiffusionTarget, ParameterTarget, Problem, Simulator, StartTarget
 
@@ -88,6 +89,34 @@ class ExtendedModel:
     widths: Mapping[str, Mapping[str, float]]
 
 
+@dataclass(frozen=True)
+class FormulaPlace:
+    """A balance at which a formula may be added.
+
+    It has the id of its port, its state in the base model with the state's size, and signals by nearness.
+    """
+
+    port: str
+    state: str
+    size: float
+    signals: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ProposedFormula:
+    """A formula at a port.
+
+    ``largest`` is the largest magnitude of its product over what was visited, ``coefficient`` what the filter found in
+    the rate of the state, and ``values`` are those of the first model's parameters beside it.
+    """
+
+    port: str
+    formula: Formula
+    largest: float
+    coefficient: float
+    values: Mapping[str, float]
+
+
 @dataclass(frozen=True, eq=False)
 class CurveBasis:
     """Basis functions of a learned curve, which is linear in its heights.
@@ -149,6 +178,29 @@ class ModelFamily(Protocol):
 
     def basis(self, id_: str) -> CurveBasis:
         """Return the basis functions of a learned curve."""
+        ...
+
+    def formula_places(self) -> tuple[FormulaPlace, ...]:
+        """Return the balances at which formulas may be added."""
+        ...
+
+    def formula_signals(self) -> Mapping[str, tuple[str, str]]:
+        """For each state and input of the base model, the variable that formulas read, and its unit."""
+        ...
+
+    def add_formulas(self, proposed: Sequence[ProposedFormula]) -> Mapping[str, Mapping[str, float]]:
+        """Place formulas as further candidates. Returns their ids, with values of all parameters to start from."""
+        ...
+
+    def formula_text(self, id_: str, values: Mapping[str, float]) -> str:
+        """Return a formula with its sign and numbers, such as ``+ 0.31*x*y``; empty for a listed law.
+
+        ``values`` go by the names of the model with candidates.
+        """
+        ...
+
+    def formula_ranges(self, id_: str) -> Mapping[str, tuple[float, float]]:
+        """Return the range over which each signal of a formula was seen; empty for a listed law."""
         ...
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:

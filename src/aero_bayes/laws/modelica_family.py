@@ -33,14 +33,17 @@ from aero_bayes.laws.candidates import (
     with_applicable_laws,
 )
 from aero_bayes.laws.compose import LawModels, compose_laws, law_models
+from aero_bayes.laws.formula import FORMULA, Formula, formula_law, formula_starts, told
 from aero_bayes.laws.law import Law, read_laws, shipped_laws
 from aero_bayes.laws.learned_curve import curve_basis, curve_variable, isolated_curve, with_curve_inputs
 from aero_bayes.laws.model_family import (
     CandidateTerm,
     CurveBasis,
     ExtendedModel,
+    FormulaPlace,
     ModelWithCandidates,
     OpenSimulator,
+    ProposedFormula,
     calibration_on,
     to_significant_digits,
 )
@@ -59,6 +62,7 @@ from aero_bayes.laws.starting_values import fitted_parameters, starting_values
 from aero_bayes.laws.state_names import state_aliases, state_names, states_by_base_name
 from aero_bayes.laws.write_model import WrittenModel, can_be_written, write_laws
 from aero_bayes.ports import (
+    AliasStructure,
     Port,
     ReplaceableModel,
     alias_structure,
@@ -70,6 +74,8 @@ from aero_bayes.ports import (
 )
 from aero_bayes.simulation.model import Model, ModelicaSource
 
+#: Nominal values of the state and of the largest term of a balance, by the kind of its port.
+_STATE_AND_TERM = {"storage": ("h_n", "q_n"), "motion": ("v_n", "f_n"), "electrical": ("i_n", "v_n")}
 #: Nominal values of the signals at ports, by the ids of the ports.
 PortNominals = Mapping[str, Mapping[str, float]]
 
@@ -100,6 +106,8 @@ class ModelicaFamily:
     _placed: dict[str, PlacedLaw] = field(default_factory=dict, compare=False, repr=False)
     _read: dict[str, str] = field(default_factory=dict, compare=False, repr=False)
     _starts: dict[str, tuple[tuple[float, ...], ...]] = field(default_factory=dict, compare=False, repr=False)
+    _formulas: dict[str, Formula] = field(default_factory=dict, compare=False, repr=False)
+    _formula_models: dict[tuple[str, str], FlatModel] = field(default_factory=dict, compare=False, repr=False)
     _curve_nominals_pending: list[Callable[[], Mapping[str, float]]] = field(
         default_factory=list, compare=False, repr=False
     )
@@ -176,9 +184,11 @@ class ModelicaFamily:
 
     def check(self) -> None:
         """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""
-        laws = {c.law.id: None for c in self.candidates} | {
-            law.id: None for law in self.laws if not self.declared.effects
-        }
+        laws = (
+            {c.law.id: None for c in self.candidates}
+            | {law.id: None for law in self.laws if not self.declared.effects}
+            | {FORMULA: None}
+        )
         ports = {self.port_name(c.port): None for c in self.candidates} | {p.id: None for p in self.ports}
         self.candidate_filter.check([c.id for c in self.candidates], list(laws), list(ports))
         self._kept(self.candidates)
@@ -203,6 +213,7 @@ class ModelicaFamily:
         kept = [c for c in kept if c.id in required or is_possible(c.law, nominals.get(c.port.id, {}))]
         highest = max((float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs), default=1.0)
         self._placed.clear()
+        self._formulas.clear()
         recorded = set.intersection(*({s.name for s in e.inputs} for e in calibration.experiments))
         for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self._taken(), nominals)):
             self._placed[placed.id] = placed
@@ -228,6 +239,74 @@ class ModelicaFamily:
     def _taken(self) -> set[str]:
         """Return names that the model uses already."""
         return reserved_names(self.flat, self.sources)
+
+    def formula_places(self) -> tuple[FormulaPlace, ...]:
+        """Return the balances where a candidate law is a term of an equation."""
+        placed = {p.port.id: p for p in self._placed.values() if p.port.attachment == "equation"}
+        there = {self._structure.of(s.name): s.name for s in self.base_model().states if s.name in self._known}
+        inputs = [v.name for v in self.base_model().inputs]
+        found = []
+        for law in placed.values():
+            port, name = law.port, self.port_name(law.port)
+            wanted = self.candidate_filter.accepts(f"{FORMULA}@{port.id}", FORMULA, name)
+            if wanted and port.kind in _STATE_AND_TERM and port.balance is not None and port.balance.state in there:
+                own = [s for s in port.signals.values() if s in there]
+                near = dict.fromkeys((port.balance.state, *own, *port.states, *inputs, *there))
+                size = law.nominals.get(_STATE_AND_TERM[port.kind][0], 1.0)
+                found.append(FormulaPlace(port.id, there[port.balance.state], size, tuple(near)))
+        return tuple(found)
+
+    def formula_signals(self) -> Mapping[str, tuple[str, str]]:
+        """For each state and input of the base model, the variable that formulas read, and its unit."""
+        model, structure = self.base_model(), self._structure
+        names = {s.name: structure.of(s.name) for s in model.states if s.name in self._known}
+        names |= {v.name: v.name for v in model.inputs}
+        units = {v.name: v.unit for v in (*model.states, *model.inputs)}
+        return {own: (there, units[own] or structure.units.get(there, "")) for own, there in names.items()}
+
+    def add_formulas(self, proposed: Sequence[ProposedFormula]) -> Mapping[str, Mapping[str, float]]:
+        """Place formulas as further candidates. Returns their ids, with values of all parameters to start from."""
+        ports = {p.port.id: p for p in self._placed.values() if p.port.attachment == "equation"}
+        taken = self._taken() | {n for p in self._placed.values() for n in (p.instance, *p.names.values())}
+        added: list[PlacedLaw] = []
+        for one in proposed:
+            here, number = ports[one.port], 1 + sum(p.port.id == one.port for p in added)
+            law, port = formula_law(
+                one.formula, here.port, FORMULA if number == 1 else f"{FORMULA}_{number}", one.largest
+            )
+            sizes = {f"{name}_n": s.size for name, s in zip(port.signals, one.formula.signals, strict=True)}
+            largest = {"q_n": here.nominals.get(_STATE_AND_TERM[port.kind][1], 1.0)}
+            added.append(place_law(law, port, taken, nominals=largest | sizes))
+            taken |= {added[-1].instance, *added[-1].names.values()}
+            self._formulas[added[-1].id] = one.formula
+        self._formula_models.update(law_models([p.law for p in added]) if added else {})
+        for placed in added:
+            self._placed[placed.id] = placed
+            self._starts[placed.id] = formula_starts(placed)
+        return {
+            p.id: {**one.values, **dict(zip(p.names.values(), (one.coefficient, *one.formula.constants), strict=True))}
+            for p, one in zip(added, proposed, strict=True)
+        }
+
+    def formula_text(self, id_: str, values: Mapping[str, float]) -> str:
+        """Return a formula with its sign and numbers; empty for a listed law."""
+        if id_ not in self._formulas:
+            return ""
+        placed = self._placed[id_]
+        k, *rest = (values[name] for name in placed.names.values())
+        return told(self._formulas[id_], k, *rest)
+
+    def formula_ranges(self, id_: str) -> Mapping[str, tuple[float, float]]:
+        """Return the range over which each signal of a formula was seen; empty for a listed law."""
+        return {s.name: (s.low, s.high) for s in self._formulas[id_].signals} if id_ in self._formulas else {}
+
+    @cached_property
+    def _structure(self) -> AliasStructure:
+        return alias_structure(self.flat)
+
+    @property
+    def _known(self) -> Mapping[str, object]:
+        return self._structure.variables
 
     def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
         """Return ids of candidates that are best tried on one model together."""
@@ -279,7 +358,7 @@ class ModelicaFamily:
         if others:
             if inside:
                 others = at_same_ports(others, ports_with_laws(flat, self.laws))
-            flat = compose_laws(flat, others, self.law_models)
+            flat = compose_laws(flat, others, {**self.law_models, **self._formula_models})
         return self._export(flat, "candidates")
 
     def _redeclared(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
@@ -363,8 +442,8 @@ class ModelicaFamily:
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """Return the calibration of the base model, for a member of the family. States get their names there."""
-        there = states_by_base_name(model, alias_structure(self.flat), self._aliases, self._read)
-        return calibration_on(calibration, model, state_names(calibration.model, alias_structure(self.flat), there))
+        there = states_by_base_name(model, self._structure, self._aliases, self._read)
+        return calibration_on(calibration, model, state_names(calibration.model, self._structure, there))
 
     @cached_property
     def _aliases(self) -> dict[str, str]:

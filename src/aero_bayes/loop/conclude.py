@@ -270,7 +270,9 @@ def _effect_text(effect: FoundEffect, same: Sequence[str]) -> str:
     others = [other for other in same if other != effect.id]
     instead = " or ".join(others) if len(others) <= MAX_NAMED_ALTERNATIVES else f"one of {len(others)} others"
     if effect.kind == "catalogue":
-        return effect.id + (f" (or {instead}: the data cannot tell them apart)" if others else "")
+        seen = ", ".join(f"{name} from {low:.3g} to {high:.3g}" for name, (low, high) in effect.visited.items())
+        term = f"the term {effect.text} at {effect.port} ({effect.id}, seen for {seen})" if effect.text else effect.id
+        return term + (f" (or {instead}: the data cannot tell them apart)" if others else "")
     like = f", it looks like {effect.looks_like}" if effect.looks_like else ""
     return (
         f"an effect at {effect.port} that no law of the library describes (learned as a curve over {effect.over}{like}"

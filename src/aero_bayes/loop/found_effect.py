@@ -65,7 +65,8 @@ class FoundEffect:
     most, and ``share_sd`` its standard error. ``wins`` is the share of resampled blocks in which its structure is the
     best of its size. ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its
     parameters move when they are doubled. ``curve`` is what was learned, where it is no law, and ``looks_like`` the law
-    that comes near.
+    that comes near. ``text`` is a formula with its numbers, ``visited`` the range over which each of its signals was
+    seen, and ``alternatives`` other formulas that the data do not tell from it.
     """
 
     id: str
@@ -82,6 +83,9 @@ class FoundEffect:
     over: str = ""
     looks_like: str = ""
     curve: LearnedCurve | None = None
+    text: str = ""
+    visited: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    alternatives: tuple[str, ...] = ()
 
     def to_dict(self, modelica: str) -> dict[str, object]:
         found: dict[str, object] = {
@@ -101,6 +105,10 @@ class FoundEffect:
         if self.over:
             found["over"] = self.over
             found["looks_like"] = self.looks_like
+        if self.text:
+            found["text"] = self.text
+            found["visited"] = {name: list(ends) for name, ends in self.visited.items()}
+            found["alternatives"] = list(self.alternatives)
         if self.curve is not None:
             found["curve"] = self.curve.to_dict()
         return found

@@ -29,6 +29,8 @@ from aero_bayes.loop.conclude import conclude, diagnosed, other_cause
 from aero_bayes.loop.context import LoopContext, LoopStatistics, Progress
 from aero_bayes.loop.fixed_values import find_alternatives
 from aero_bayes.loop.forecast import announce_duration
+from aero_bayes.loop.formula_names import with_plain_names
+from aero_bayes.loop.formulas import propose_formulas, wants_formulas
 from aero_bayes.loop.from_fit import recordings_of, settings_of
 from aero_bayes.loop.process_noise import find_process_noise, states_of
 from aero_bayes.loop.result import LoopResult
@@ -125,7 +127,7 @@ def close_loop(
         searched = other_cause(base, settings) is None
         process_noise = find_process_noise(context, conclusion, states) if searched else None
         cache.close(context.statistics.add_simulations)
-        result = result_of(context, conclusion, alternatives, process_noise)
+        result = with_plain_names(result_of(context, conclusion, alternatives, process_noise))
         if settings.cache is None:
             shutil.rmtree(folder / "fmu", ignore_errors=True)
         watched("done", 1.0)
@@ -167,6 +169,9 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
         seen.close(context.statistics.add_simulations)
     else:
         explored = searching.run(root)
+    if searched and settings.formulas and wants_formulas(explored):
+        proposed = propose_formulas(context, plain, base, explored.first_model.values)
+        explored = searching.offer(family.add_formulas(proposed)) if proposed else explored
     chooser = Chooser(
         settings.choice, fit, searching.complete, searching.alone, context.map,
         lambda share: context.progress("leaving out blocks of readings", 0.7 + 0.05 * share),

@@ -60,6 +60,8 @@ class LoopSettings(SettingsDisplay):
         A term is material if with it the error on left-out readings of an output is at most this share of that without.
     include_smaller : bool
         Whether terms that help and are not material are written into the model, too.
+    formulas : bool
+        Whether terms that no library lists are sought as products of functions of a place's signals.
     max_error_ratio : float
         Largest ratio of the error on unseen data to that of the fit for a model to count as adequate.
     leave_out : tuple of str
@@ -108,6 +110,7 @@ class LoopSettings(SettingsDisplay):
     max_minutes: float = 20.0
     min_share: float = 0.75
     include_smaller: bool = False
+    formulas: bool = False
     max_error_ratio: float = 3.0
     leave_out: tuple[str, ...] = ()
     process_noise: tuple[str, ...] | None = None

@@ -40,6 +40,9 @@ class EffectJson(JsonTable):
     over: str = ""
     looks_like: str = ""
     curve: CurveJson | None = None
+    text: str = ""
+    visited: dict[str, list[float]] = {}
+    alternatives: list[str] = []
 
 
 class CandidateJson(JsonTable):

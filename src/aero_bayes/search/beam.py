@@ -68,6 +68,7 @@ class StructureSearch:
         self._level_count = 0
         self._candidate_fits: dict[tuple[Structure, tuple[str, ...]], FittedModel | None] = {}
         self._skipped: dict[str, None] = {}
+        self._proposed_values: Mapping[str, Mapping[str, float]] = {}
         self._ended = ""
         self._completed: set[Structure] = set()
         special = frozenset((*self.library.refines, *self.library.curves))
@@ -128,6 +129,24 @@ class StructureSearch:
             self._fit_required(root.structure)
         self._update_noise()
 
+    def offer(self, starts: Mapping[str, Mapping[str, float]]) -> SearchResult:
+        """Try further terms, built into one model, beside the first model and the best structure of listed laws.
+
+        They count as refinements do: each has to gain more than a listed law. Each comes with SI values by name from
+        which a fit begins, its own and those of the first model.
+        """
+        group, self._proposed_values = tuple(starts), starts
+        self.library = replace(self.library, groups=(*self.library.groups, group), proposed=group)
+        self._penalty = replace(self._penalty, extra=self._penalty.extra | set(group))
+        best = next((f for f in self._result().ranked if not set(f.terms) & set(self.library.curves)), self._best())
+        targets = {s.plus(id_): s for s in dict.fromkeys((self._root, best.structure)) for id_ in group}
+        tried = self._fit_larger({s: o for s, o in targets.items() if len(s) <= self.settings.max_effects}, "formulas")
+        self._update_noise()
+        self._restart(tried, "formulas")
+        if not self._noise.adequate:
+            self._expand_all()
+        return self._result()
+
     def complete(self, fitted: FittedModel) -> SearchResult:
         """All that was found, and a structure without each of its terms, fitted from where the structure is, too."""
         if fitted.structure in self._completed:
@@ -165,7 +184,7 @@ class StructureSearch:
         return SearchResult(
             dict(self._fits), self._noise, self._penalty, self.floors,
             self.cache.ports, self.library.refines, self.library.curves, tuple(self._skipped),
-            self._ended,
+            self._ended, self.library.proposed,
         )  # fmt: skip
 
     @property
@@ -234,6 +253,7 @@ class StructureSearch:
         """Fit structures with new terms in the order of their predicted gain; skip those that cannot matter."""
         bases = {s: found for s, origin in targets.items() if (found := self._base_model(s, origin)) is not None}
         rules = (*self.parts.start_rules, *([KnownTerms(self._best_values())] if self.parts.known_terms else []))
+        rules = (*rules, KnownTerms(self._proposed_values))
         for base in bases.values():
             base.prepare()
         searches = [Task(partial(starting_points, rules, f, s), f.model.objective.outcomes) for s, f in bases.items()]

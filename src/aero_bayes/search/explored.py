@@ -41,11 +41,14 @@ class Library:
         For each term that refines another, that one.
     curves : tuple of str
         Terms that learn a curve.
+    proposed : tuple of str
+        Formulas, which were proposed from what the listed laws leave.
     """
 
     groups: Sequence[Sequence[str]]
     refines: Mapping[str, str]
     curves: tuple[str, ...]
+    proposed: tuple[str, ...] = ()
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -79,7 +82,7 @@ class SearchResult:
 
     ``ports`` is the port of each term, ``curves`` those that are learned. ``skipped`` are terms with which the model
     cannot be simulated; ``ended`` is what was being done when the time limit passed, empty where the search was
-    completed.
+    completed. ``formulas`` are terms that no library lists.
     """
 
     fits: Mapping[Structure, FittedModel]
@@ -91,6 +94,7 @@ class SearchResult:
     curves: tuple[str, ...] = ()
     skipped: tuple[str, ...] = ()
     ended: str = ""
+    formulas: tuple[str, ...] = ()
 
     @property
     def ranked(self) -> list[FittedModel]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from aero_bayes.simulation.interface import (
     DelayTarget,
@@ -31,6 +32,15 @@ def signals_of_run(
                 delay += float(value)
         signals.append(replace(signal, time=signal.time + delay, values=level))
     return tuple(signals)
+
+
+def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
+    """Compute an input at times of any shape."""
+    at = np.asarray(time, dtype=float)
+    if signal.interpolation == "linear":
+        return np.asarray(np.interp(at, signal.time, signal.values))
+    cell = np.searchsorted(signal.time, at + 1e-12 * np.maximum(1.0, np.abs(at)), side="right") - 1
+    return np.asarray(signal.values[np.maximum(cell, 0)])
 
 
 def value_at(signal: InputSignal, t: float, segment: float) -> float:

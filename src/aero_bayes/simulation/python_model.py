@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.input_signals import signals_of_run
+from aero_bayes.simulation.input_signals import signal_values, signals_of_run
 from aero_bayes.simulation.interface import (
     FloatArray,
-    InputSignal,
     Outcome,
     ParameterTarget,
     Problem,
@@ -116,7 +115,7 @@ class PythonSimulator(SingleRuns):
             for target, value in zip(row, values, strict=True)
             if isinstance(target, ParameterTarget)
         }
-        inputs = {signal.name: partial(_value, signal) for signal in signals_of_run(experiment, row, values)}
+        inputs = {signal.name: partial(signal_values, signal) for signal in signals_of_run(experiment, row, values)}
         shape, failed = (experiment.time.size, len(experiment.outputs)), np.full(1, np.nan)
         assert self._model.function is not None
         try:
@@ -140,12 +139,3 @@ def _output(answer: Mapping[str, ArrayLike], name: str) -> ArrayLike:
     if name not in answer:
         raise InputError(f"the model's function gives no {name}; it gives {', '.join(answer)}")
     return answer[name]
-
-
-def _value(signal: InputSignal, time: ArrayLike) -> FloatArray:
-    """Compute an input at times of any shape."""
-    at = np.asarray(time, dtype=float)
-    if signal.interpolation == "linear":
-        return np.asarray(np.interp(at, signal.time, signal.values))
-    cell = np.searchsorted(signal.time, at + 1e-12 * np.maximum(1.0, np.abs(at)), side="right") - 1
-    return np.asarray(signal.values[np.maximum(cell, 0)])

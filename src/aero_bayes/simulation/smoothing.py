@@ -54,7 +54,7 @@ def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:
     adjoint, information = np.zeros(s), np.zeros((s, s))
     for k in range(n - 1, -1, -1):
         covariance = filtered.covariance[k]
-        for h, gain, away, variance in reversed(_updates(filtered, measured, k)):
+        for h, gain, away, variance in reversed(reading_updates(filtered, measured, k)):
             keep = np.eye(s) - np.outer(gain, h)
             adjoint = keep.T @ adjoint - h * (away / variance)
             information = keep.T @ information @ keep + np.outer(h, h) / variance
@@ -65,7 +65,7 @@ def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:
     return SmoothedStates(mean, sd)
 
 
-def _updates(
+def reading_updates(
     filtered: FilteredStates, measured: FloatArray, k: int
 ) -> list[tuple[FloatArray, FloatArray, float, float]]:
     """Slope, gain, innovation and its variance of each reading of a sample, in the order in which they were taken."""

@@ -102,6 +102,7 @@ def loop_settings(job: Job) -> LoopSettings:
         leave_out=section.leave_out,
         min_share=section.min_share,
         include_smaller=section.include_smaller,
+        formulas=section.formulas,
         global_search=global_search,
         calibration=calibration,
         seed=job.options.seed,

@@ -1,0 +1,296 @@
+"""Formulas: terms that the library does not list, as products of functions of the signals that a port knows.
+
+A formula becomes a law like any other, written in Modelica, with a fitted coefficient and at most one fitted constant
+inside. So it is composed, simulated, fitted and written into a model by the ways that listed laws go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.classes import ClassText
+from aero_bayes.language.parse import parse_expression
+from aero_bayes.language.values import evaluate_expression
+from aero_bayes.laws.law import Law, LawInterface, is_fitted_parameter, law_parameter
+from aero_bayes.laws.placed_law import PlacedLaw
+from aero_bayes.ports import Port
+
+FloatArray = NDArray[np.float64]
+
+#: What the law of every formula is called; a number follows where several are tried at one port.
+FORMULA = "formula"
+#: Largest magnitude of a coefficient, and the one that a search starts from, in the largest term of the balance over
+#: the largest value of the product: a missing term is seldom much larger than those that are there.
+MAX_COEFFICIENT, START_COEFFICIENTS = 100.0, (0.3, 1.0)
+#: A signal counts as never passing zero where its smallest magnitude is at least this share of its largest one.
+MIN_AWAY_FROM_ZERO = 0.02
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A function of one signal.
+
+    Parameters
+    ----------
+    text : str
+        In Modelica, with ``{s}`` for the signal, ``{a}`` for a fitted constant and ``{n}`` for the signal's size.
+    value : callable
+        The same in numbers, of the signal (n,), the constant and the size.
+    power : float
+        Exponent of the signal's unit in that of the function.
+    needs : {"", "both", "positive", "nonzero", "positive nonzero", "number"}
+        What the signal must be: of both signs, never negative, never zero, or without a unit.
+    constants : tuple of float
+        Constants to start from: in sizes of the signal, or as they are where the text has ``{n}``.
+    """
+
+    text: str
+    value: Callable[[FloatArray, float, float], FloatArray]
+    power: float = 0.0
+    needs: str = ""
+    constants: tuple[float, ...] = ()
+
+    def fits(self, low: float, high: float, unit: str) -> bool:
+        """Return whether a signal in a range, with a unit, can be put in."""
+        match self.needs:
+            case "both":
+                return low < 0.0 < high
+            case "positive":
+                return low >= 0.0
+            case "nonzero":
+                return low * high > 0.0 and min(abs(low), abs(high)) >= MIN_AWAY_FROM_ZERO * max(abs(low), abs(high))
+            case "positive nonzero":
+                return low >= MIN_AWAY_FROM_ZERO * high > 0.0
+            case "number":
+                return unit in ("", "1", "rad")
+        return True
+
+
+def _shape(text: str, value: Callable[[FloatArray], FloatArray], power: float = 0.0, needs: str = "") -> Shape:
+    return Shape(text, lambda s, a, n: value(s), power, needs)
+
+
+_SCALES = (0.1, 0.3, 1.0, 3.0)
+SIGNAL = _shape("{s}", lambda s: s, 1.0)
+SQUARE = _shape("{s} ^ 2", lambda s: s**2, 2.0)
+CUBE = _shape("{s} ^ 3", lambda s: s**3, 3.0)
+SINE = _shape("sin({s})", np.sin, needs="number")
+COSINE = _shape("cos({s})", np.cos, needs="number")
+LOGARITHM = _shape("log({s})", np.log, needs="positive nonzero")
+DECAY = Shape("exp(-{s} / {a})", lambda s, a, n: np.exp(-s / a), constants=_SCALES)
+GROWTH = Shape("exp({s} / {a})", lambda s, a, n: np.exp(s / a), constants=(0.3, 1.0, 3.0))
+#: Functions that may be a factor beside another one, and those that stand alone.
+FACTORS: tuple[Shape, ...] = (
+    SIGNAL, SQUARE, SINE, COSINE,
+    _shape("abs({s})", np.abs, 1.0, "both"),
+    _shape("sqrt({s})", np.sqrt, 0.5, "positive"),
+    _shape("1 / {s}", lambda s: 1.0 / s, -1.0, "nonzero"),
+    Shape("1 / ({a} + {s})", lambda s, a, n: 1.0 / (a + s), -1.0, "positive", _SCALES),
+    Shape("{s} / ({a} + {s})", lambda s, a, n: s / (a + s), 0.0, "positive", _SCALES),
+    Shape("1 / ({a} ^ 2 + {s} ^ 2)", lambda s, a, n: 1.0 / (a**2 + s**2), -2.0, "", _SCALES),
+    Shape("{s} / ({a} ^ 2 + {s} ^ 2)", lambda s, a, n: s / (a**2 + s**2), -1.0, "", _SCALES),
+)  # fmt: skip
+ALONE: tuple[Shape, ...] = (
+    *FACTORS, CUBE, LOGARITHM, DECAY, GROWTH,
+    _shape("{s} ^ 4", lambda s: s**4, 4.0),
+    _shape("{s} ^ 5", lambda s: s**5, 5.0),
+    _shape("{s} * abs({s})", lambda s: s * np.abs(s), 2.0, "both"),
+    Shape("{s} ^ 2 / ({a} ^ 2 + {s} ^ 2)", lambda s, a, n: s**2 / (a**2 + s**2), 0.0, "", _SCALES),
+    Shape("tanh({s} / {a})", lambda s, a, n: np.tanh(s / a), 0.0, "", _SCALES),
+    Shape("({s} / {n}) ^ {a}", lambda s, a, n: (s / n) ** a, 0.0, "positive", (0.5, 0.66, 1.5)),
+)  # fmt: skip
+#: Pairs of functions of one and the same signal.
+SAME_SIGNAL: tuple[tuple[Shape, Shape], ...] = (
+    (SINE, COSINE), (SIGNAL, LOGARITHM), (SIGNAL, DECAY), (SIGNAL, SINE), (SIGNAL, COSINE),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A signal at a port: the variable, its unit, and the range that it visits."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+    @property
+    def size(self) -> float:
+        return max(abs(self.low), abs(self.high)) or 1.0
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A product of functions of signals, each with its constant (0 where it has none)."""
+
+    factors: tuple[tuple[Shape, Signal, float], ...]
+
+    def values(self, signals: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the product over signals (n,) by name."""
+        found = np.ones(1)
+        for shape, signal, constant in self.factors:
+            found = found * shape.value(signals[signal.name], constant, signal.size)
+        return found
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """The signals that it reads, each once."""
+        return tuple(dict.fromkeys(signal for _, signal, _ in self.factors))
+
+    @property
+    def constants(self) -> tuple[float, ...]:
+        """Its constants, none or one."""
+        return tuple(constant for shape, _, constant in self.factors if shape.constants)
+
+    @property
+    def form(self) -> tuple[tuple[str, str], ...]:
+        """What is the same for formulas that differ by their constants."""
+        return tuple((shape.text, signal.name) for shape, signal, _ in self.factors)
+
+    @property
+    def complexity(self) -> int:
+        """Number of its factors, of its constants, and of what is more than a product of signals."""
+        return sum(1 + bool(shape.constants) + (shape is not SIGNAL) for shape, *_ in self.factors)
+
+    def text(self, names: Mapping[str, str], constant: str, sizes: Callable[[Signal], str]) -> str:
+        """Write the product with other names of the signals, and of its constant."""
+        parts = [
+            _as_factor(shape.text, k).format(s=names[signal.name], a=constant, n=sizes(signal))
+            for k, (shape, signal, _) in enumerate(self.factors)
+        ]
+        return "".join(parts)
+
+
+def _as_factor(text: str, position: int) -> str:
+    """Join a factor to those before it; ``1 / s`` divides."""
+    if text.startswith("1 / "):
+        return f" / {text.removeprefix('1 / ')}"
+    return f" * ({text})" if " / " in text and not text.startswith(("exp(", "tanh(", "(")) else f" * {text}"
+
+
+def formulas(signals: Sequence[Signal]) -> Iterator[Formula]:
+    """Yield all formulas over some signals: functions of one, products of two, and products of three signals."""
+
+    def with_constants(*pairs: tuple[Shape, Signal]) -> Iterator[Formula]:
+        if not all(shape.fits(s.low, s.high, s.unit) for shape, s in pairs):
+            return
+        inner = [(k, shape, s) for k, (shape, s) in enumerate(pairs) if shape.constants]
+        if len(inner) > 1:
+            return
+        plain = [(shape, s, 0.0) for shape, s in pairs]
+        if not inner:
+            yield Formula(tuple(plain))
+        for k, shape, s in inner:
+            for share in shape.constants:
+                constant = share if "{n}" in shape.text else share * s.size
+                yield Formula(tuple((*one[:2], constant) if j == k else one for j, one in enumerate(plain)))
+
+    for s in signals:
+        for shape in ALONE:
+            yield from with_constants((shape, s))
+        for one, other in SAME_SIGNAL:
+            yield from with_constants((one, s), (other, s))
+    for s, t in permutations(signals, 2):
+        for k, one in enumerate(FACTORS):
+            for other in FACTORS[k + (signals.index(s) > signals.index(t)) :]:
+                yield from with_constants((one, s), (other, t))
+    for three in combinations(signals, 3):
+        yield from with_constants(*((SIGNAL, s) for s in three))
+
+
+def formula_law(formula: Formula, port: Port, id_: str, largest: float) -> tuple[Law, Port]:
+    """Return a formula as a law, and the port with the signals that it reads.
+
+    Parameters
+    ----------
+    formula : Formula
+    port : Port
+        At a balance.
+    id_ : str
+        Of the law.
+    largest : float
+        Largest magnitude of the product over what was visited.
+    """
+    signals = formula.signals
+    local = {signal.name: f"s_{k + 1}" for k, signal in enumerate(signals)}
+    powers = [f"{local[s.name]}_n ^ ({shape.power:g})" for shape, s, _ in formula.factors if shape.power]
+    sized = float(np.prod([signal.size**shape.power for shape, signal, _ in formula.factors]))
+    scale = f"{sized / (largest or 1.0):.6g} * q_n" + "".join(f" / {p}" for p in powers)
+    constant = next((one for one in formula.factors if one[0].constants), None)
+    lines = [
+        f'model {id_[:1].upper()}{id_[1:]} "Term {described(formula)}"',
+        '  parameter Real q_n = 1 "Typical size of the term";',
+        *(f'  parameter Real {local[s.name]}_n = 1 "Typical size of {s.name}";' for s in signals),
+        f"  parameter Real k(min = -{MAX_COEFFICIENT:g} * ({scale}), max = {MAX_COEFFICIENT:g} * ({scale}), "
+        f'nominal = {scale}) = 0 "Coefficient";',
+    ]
+    if constant is not None:
+        shape, signal, start = constant
+        size = f"{local[signal.name]}_n" if "{n}" not in shape.text else "1"
+        share = start / (signal.size if size != "1" else 1.0)
+        lines.append(
+            f"  parameter Real a(min = {0.05 * share:.6g} * {size}, max = {20.0 * share:.6g} * {size}, "
+            f'nominal = {share:.6g} * {size}) = {share:.6g} * {size} "Constant";'
+        )
+    product = formula.text(local, "a", lambda s: f"{s.size:.6g}")
+    lines += [
+        *(f'  input Real {name} "{signal}";' for signal, name in local.items()),
+        '  output Real q "Term";',
+        "equation",
+        f"  q = k{product};",
+        f"end {id_[:1].upper()}{id_[1:]};",
+    ]
+    text = "\n".join(lines) + "\n"
+    (cls,) = read_classes(text)
+    sizes = {f"{local[s.name]}_n": local[s.name] for s in signals}
+    interface = LawInterface("formula", "q", tuple(local.values()), {"q_n": "q", **sizes})
+    units = {"q": port.unit, **{local[s.name]: s.unit for s in signals}}
+    there = replace(port, signals={name: signal for signal, name in local.items()}, units=units)
+    return _law(id_, cls, text, interface), there
+
+
+def _law(id_: str, cls: ClassText, text: str, interface: LawInterface) -> Law:
+    parameters = tuple(law_parameter(c) for c in cls.components() if is_fitted_parameter(c))
+    nominals = {
+        c.name: evaluate_expression(parse_expression(c.binding), {})
+        for c in cls.components()
+        if c.name in interface.nominals
+    }
+    return Law(
+        id=id_, kind="formula", model=cls.full_name, description=cls.description, parameters=parameters,
+        nominals=nominals, used_inputs=frozenset(interface.inputs), required_units={}, excluded_units="", refines="",
+        curve_input="", threshold="", interface=interface, text=text, cls=cls,
+    )  # fmt: skip
+
+
+def formula_starts(placed: PlacedLaw) -> tuple[tuple[float, ...], ...]:
+    """Return starting values of a placed formula: coefficients of both signs, its constant as it was proposed."""
+    k, *rest = placed.parameters()
+    inner = tuple(placed.value(p) for p in rest)
+    size = placed.limits(k)["nominal"]
+    return tuple((sign * share * size, *inner) for share in START_COEFFICIENTS for sign in (1.0, -1.0))
+
+
+def described(formula: Formula) -> str:
+    """Return the product for a reader, its constant as ``a``."""
+    return _readable(formula, "a")
+
+
+def told(formula: Formula, coefficient: float, constant: float = 0.0) -> str:
+    """Return a formula with its sign and numbers: ``+ 0.31*x*y``."""
+    product, size = _readable(formula, f"{constant:.3g}"), f"{abs(coefficient):.3g}"
+    sign = "-" if coefficient < 0.0 else "+"
+    return f"{sign} {size}{product.removeprefix('1') if product.startswith('1/') else f'*{product}'}"
+
+
+def _readable(formula: Formula, constant: str) -> str:
+    names = {signal.name: signal.name for signal in formula.signals}
+    text = formula.text(names, constant, lambda s: f"{s.size:.3g}").removeprefix(" * ")
+    text = f"1{text}" if text.startswith(" / ") else text
+    return text.replace(" * ", "*").replace(" ^ ", "^").replace(" / ", "/")

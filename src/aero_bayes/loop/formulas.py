@@ -1,0 +1,280 @@
+"""Formulas for what no listed law explains: proposed from one pass of a filter, then tried as terms like any other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.priors import LogUniform
+from aero_bayes.laws.formula import Formula, Signal, formulas
+from aero_bayes.laws.model_family import FormulaPlace, ModelFamily, ProposedFormula
+from aero_bayes.loop.base_fit import BaseFit
+from aero_bayes.loop.context import LoopContext
+from aero_bayes.search.explored import SearchResult
+from aero_bayes.search.formula_gains import coefficient_gains, whitened_slopes
+from aero_bayes.simulation.input_signals import signal_values
+from aero_bayes.simulation.interface import DiffusionTarget, Experiment, Filter, FilteredStates, ReadingNoiseTarget
+from aero_bayes.simulation.smoothing import smooth
+
+FloatArray = NDArray[np.float64]
+#: Values (n,) of each signal, one mapping a recording.
+SignalValues = Sequence[Mapping[str, FloatArray]]
+
+#: Samples of a recording that are filtered, and how many it has at least: a term is taken along straight lines between.
+MAX_SAMPLES, MIN_SAMPLES = 600, 400
+#: Steps of the filter's fit: a proposal need not be exact.
+FILTER_STEPS = 12
+#: Process noise of a state, over what moves it by its size in a recording: the least, a middle and the largest one;
+#: and from where the filter's fit begins, over the middle one.
+DIFFUSIONS, START_DIFFUSIONS = (1e-3, 0.3, 100.0), (0.1, 1.0, 10.0)
+#: Largest noise of an output over its floor, which is estimated from the readings alone.
+MAX_NOISE_RATIO = 5.0
+#: Signals at one place beside its own states, and terms that are tried by fits.
+MAX_OTHER_SIGNALS, MAX_PROPOSALS = 4, 8
+#: Cosine between the responses to two terms from which on they are alike, and how many that are alike are tried.
+ALIKE, MAX_ALIKE = 0.999, 3
+#: Gain in log-likelihood that each part of a formula has to earn: of two that do as well the simpler one comes first.
+COMPLEXITY_COST = 4.0
+#: Least gain for which a term is proposed.
+MIN_GAIN = 3.0
+#: A signal counts as never negative where it is so by less than this share of its largest value: states have errors.
+NEARLY_ZERO = 0.02
+#: Process noise of a place with which its terms are compared, over the fitted one.
+LESS_DIFFUSION = (1.0, 0.3, 0.1, 0.03)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scored:
+    """A formula at a place, its gain less what its parts cost, and its direction (N,)."""
+
+    proposal: ProposedFormula
+    score: float
+    direction: FloatArray
+
+
+def wants_formulas(explored: SearchResult) -> bool:
+    """Return whether no single listed law explains what the first model leaves."""
+    best = explored.best
+    return len(best.terms) > 1 or not explored.noise.adequate or bool(set(best.terms) & set(explored.curves))
+
+
+def propose_formulas(
+    context: LoopContext, plain: Calibration, base: BaseFit, values: Mapping[str, float]
+) -> tuple[ProposedFormula, ...]:
+    """Propose formulas at the balances of the first model, by their gain beside its fit; the best first.
+
+    Parameters
+    ----------
+    context : LoopContext
+    plain : Calibration
+        Of the first model.
+    base : BaseFit
+        Its fit.
+    values : mapping of str to float
+        SI values of its parameters.
+
+    Returns
+    -------
+    tuple of ProposedFormula
+        None where the model cannot be filtered.
+    """
+    places = context.family.formula_places()
+    if not places:
+        return ()
+    states = tuple(dict.fromkeys(place.state for place in places))
+    free = {plain.parameters.names[j] for j in base.fit.free}
+    declared = {p.name: p.start for p in plain.parameters}
+    noise: dict[str, float] = {}
+    for (_, output), floor in base.floors.items():
+        noise[output] = max(floor, noise.get(output, 0.0))
+    found: list[_Scored] = []
+    with suppress(CannotFinishError, InputError):
+        calibration = _with_process_noise(plain, states)
+        calibration = replace(calibration, parameters=ParameterSet(_bounded(calibration, places, noise)))
+        with context.open(calibration.problem()) as simulator:
+            objective = context.objective(calibration, simulator)
+            fit = _filter_fit(objective, (values, declared), free)
+            filtered = cast(Filter, simulator).filtered_states(objective.parameters.from_search(fit.coordinates))
+            signals, series = _signals(calibration, filtered, context.family)
+            for place in places:
+                found += _at(objective, fit, place, signals, series)
+            context.statistics.add_simulations(objective)
+    return _best(found)
+
+
+def _with_process_noise(plain: Calibration, states: Sequence[str]) -> Calibration:
+    """The first model on few samples, but not too few, with process noise of some states."""
+    few = plain.thinned(MAX_SAMPLES)
+    finer = replace(few, experiments=tuple(map(_with_samples_between, few.experiments)))
+    return finer.with_process_noise(finer.noise.with_process(states))
+
+
+def _with_samples_between(e: Experiment) -> Experiment:
+    """The experiment with further samples, without readings, where it has few."""
+    parts = -(-MIN_SAMPLES // max(e.time.size, 1))
+    if parts < 2 or e.measured is None:
+        return e
+    steps = np.arange(parts) / parts
+    time = np.append((e.time[:-1, np.newaxis] + np.diff(e.time)[:, np.newaxis] * steps).ravel(), e.time[-1])
+    measured = np.full((time.size, e.measured.shape[1]), np.nan)
+    measured[::parts] = e.measured
+    spread = e.spread
+    if spread is not None:
+        spread = np.repeat(spread, parts, axis=0)[: time.size]
+    return replace(e, time=time, measured=measured, spread=spread)
+
+
+def _bounded(
+    calibration: Calibration, places: Sequence[FormulaPlace], noise: Mapping[str, float]
+) -> tuple[Parameter, ...]:
+    """Parameters of the filter: diffusions by the sizes of the states, and the noise of readings near its floor."""
+    duration = max(float(e.time[-1] - e.time[0]) for e in calibration.experiments)
+    sizes = {place.state: place.size / math.sqrt(duration) for place in places}
+    found = []
+    for p in calibration.parameters:
+        if isinstance(p.target, DiffusionTarget):
+            least, start, most = (share * sizes[p.target.state] for share in DIFFUSIONS)
+            p = replace(p, start=start, lower=least, upper=most, prior=LogUniform(least, most))
+        elif isinstance(p.target, ReadingNoiseTarget) and noise.get(p.target.output, 0.0) > 0.0:
+            least = noise[p.target.output]
+            most = MAX_NOISE_RATIO * least
+            p = replace(p, start=math.sqrt(least * most), lower=least, upper=most, prior=LogUniform(least, most))
+        found.append(p)
+    return tuple(found)
+
+
+def _filter_fit(objective: Objective, starts: Sequence[Mapping[str, float]], free: set[str]) -> Optimum:
+    """The filter's optimum over noise and the first model's parameters, from the best of some starts.
+
+    Each start is tried with little and with much process noise: what the first model lacks may be as large as the rest
+    of a balance, and its fit may have ended anywhere.
+    """
+    parameters = objective.parameters
+    diffusions = [j for j, p in enumerate(parameters) if isinstance(p.target, DiffusionTarget)]
+    points = []
+    for values in starts:
+        for share in START_DIFFUSIONS:
+            si = np.array([values.get(p.name, p.start) for p in parameters])
+            si[diffusions] *= share
+            points.append(parameters.to_search(si))
+    tried = objective.residuals(np.array(points))
+    gains = {k: objective.whiten(e, {}).log_likelihood for k, e in enumerate(tried) if e is not None}
+    if not gains:
+        raise CannotFinishError("the first model cannot be filtered")
+    noise = (DiffusionTarget, ReadingNoiseTarget)
+    columns = [j for j, p in enumerate(parameters) if p.name in free or isinstance(p.target, noise)]
+    settings = LocalFitSettings(hold_noise=True).with_limits(FILTER_STEPS, 0.5)
+    return local_fit(objective, points[max(gains, key=lambda k: gains[k])], columns, settings=settings)
+
+
+def _signals(
+    calibration: Calibration, filtered: Sequence[FilteredStates], family: ModelFamily
+) -> tuple[dict[str, Signal], SignalValues]:
+    """Signals by name, with their ranges, and their values in each recording: states given all readings, inputs."""
+    known = family.formula_signals()
+    series: list[dict[str, FloatArray]] = []
+    for f, e, measured in zip(filtered, calibration.experiments, calibration.measured, strict=True):
+        mean = smooth(f, measured).mean
+        own = {known[s.name][0]: mean[:, k] for k, s in enumerate(calibration.model.states) if s.name in known}
+        own |= {known[i.name][0]: signal_values(i, e.time) for i in e.inputs if i.name in known}
+        series.append(own)
+    units = dict(known.values())
+    found = {}
+    for name in series[0]:
+        whole = np.concatenate([one[name] for one in series])
+        low, high = float(whole.min()), float(whole.max())
+        found[name] = Signal(name, units[name], 0.0 if -NEARLY_ZERO * high < low < 0.0 else low, high)
+    return found, series
+
+
+def _at(
+    objective: Objective, fit: Optimum, place: FormulaPlace, signals: Mapping[str, Signal], series: SignalValues
+) -> list[_Scored]:
+    """All formulas at one place, with their gains: the largest with as much process noise there, or less.
+
+    With the right term less process noise is left, and the less there is the more a wrong term loses.
+    """
+    near = [signals[n] for n in place.signals if n in signals and signals[n].high > signals[n].low]
+    offered, terms = _terms(near[: 1 + MAX_OTHER_SIGNALS], series)
+    if not offered:
+        return []
+    largest = np.max([np.abs(own).max(axis=0) for own in terms], axis=0)
+    state = objective.calibration.model.state_index(place.state)
+    best: list[tuple[float, FloatArray, float, FloatArray] | None] = [None] * len(offered)
+    for share in LESS_DIFFUSION:
+        there = _with_less_diffusion(objective, fit, place.state, share)
+        if there is None:
+            continue
+        si = objective.parameters.from_search(there.coordinates)
+        filtered = cast(Filter, objective.simulator).filtered_states(si)
+        slopes = whitened_slopes(objective, there, filtered, state, [own / largest for own in terms])
+        own_gains = coefficient_gains(objective, there, slopes)
+        gains = own_gains.gain + there.log_likelihood - fit.log_likelihood
+        for k, gain in enumerate(gains.tolist()):
+            known = best[k]
+            if gain > (MIN_GAIN if known is None else known[0]):
+                best[k] = gain, own_gains.direction[k], float(own_gains.value[k]), own_gains.readjusted[k]
+    found: dict[tuple[tuple[str, str], ...], _Scored] = {}
+    names = objective.parameters.names
+    for formula, size, one in zip(offered, largest.tolist(), best, strict=True):
+        if one is None:
+            continue
+        gain, direction, value, readjusted = one
+        score = gain - COMPLEXITY_COST * formula.complexity
+        if formula.form not in found or score > found[formula.form].score:
+            values = dict(zip(names, readjusted.tolist(), strict=True))
+            found[formula.form] = _Scored(
+                ProposedFormula(place.port, formula, size, value / size, values), score, direction
+            )
+    return [*found.values()]
+
+
+def _terms(near: Sequence[Signal], series: SignalValues) -> tuple[list[Formula], list[FloatArray]]:
+    """Formulas over some signals, and their values (n, k) in each recording; those without values are left out."""
+    offered: list[Formula] = []
+    terms: list[list[FloatArray]] = [[] for _ in series]
+    with np.errstate(all="ignore"):
+        for formula in formulas(near):
+            values = [formula.values({s.name: np.clip(one[s.name], s.low, s.high) for s in near}) for one in series]
+            if all(np.all(np.isfinite(v)) for v in values) and max(float(np.ptp(v)) for v in values) > 0.0:
+                offered.append(formula)
+                for own, v in zip(terms, values, strict=True):
+                    own.append(v)
+    return offered, [np.column_stack(own) for own in terms] if offered else []
+
+
+def _with_less_diffusion(objective: Objective, fit: Optimum, state: str, share: float) -> Optimum | None:
+    """The filter with less process noise of a state, all else as fitted; None where that fails."""
+    values = objective.parameters.from_search(fit.coordinates)
+    for j, p in enumerate(objective.parameters):
+        if isinstance(p.target, DiffusionTarget) and p.target.state == state:
+            values[j] = max(share * values[j], p.lower)
+    at = objective.parameters.to_search(values)
+    found = objective.evaluate(at, fit.free)
+    if found is None:
+        return None
+    whitened = objective.whiten(found, {})
+    return replace(fit, coordinates=at, evaluation=found, whitened=whitened, log_likelihood=whitened.log_likelihood)
+
+
+def _best(found: Sequence[_Scored]) -> tuple[ProposedFormula, ...]:
+    """The best proposals; of many that are alike only a few."""
+    chosen: list[_Scored] = []
+    for one in sorted(found, key=lambda f: -f.score):
+        alike = sum(abs(float(one.direction @ other.direction)) > ALIKE for other in chosen)
+        if alike < MAX_ALIKE:
+            chosen.append(one)
+        if len(chosen) == MAX_PROPOSALS:
+            break
+    return tuple(one.proposal for one in chosen)

@@ -1,0 +1,150 @@
+"""Gains of many candidate terms from one pass of a filter: the response to a coefficient where it is zero.
+
+A filter of process noise knows how each state goes on to the next sample, what each reading says of the states, and
+its own gain. A term ``k phi`` in the rate of a state changes the filter's predictions by ``k`` times the solution of a
+linear time-varying system driven by ``phi`` along the smoothed states. So the gain of thousands of terms needs one pass
+over the samples, states that are not recorded are no exception, and nothing is differentiated numerically.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import prior_curvature
+from aero_bayes.simulation.interface import FilteredStates
+from aero_bayes.simulation.smoothing import reading_updates
+
+FloatArray = NDArray[np.float64]
+
+
+def prediction_slopes(
+    filtered: FilteredStates, time: FloatArray, measured: FloatArray, state: int, terms: FloatArray
+) -> FloatArray:
+    """Slopes of a filter's predictions by the coefficients of terms in the rate of one state.
+
+    Parameters
+    ----------
+    filtered : FilteredStates
+    time : ndarray, shape (n,)
+        Of the samples, in s.
+    measured : ndarray, shape (n, m)
+        NaN where there is no reading.
+    state : int
+        Index of the state.
+    terms : ndarray, shape (n, k)
+        Values of the terms at the samples.
+
+    Returns
+    -------
+    ndarray, shape (n, m, k)
+    """
+    n, m = measured.shape
+    change = np.zeros((filtered.mean.shape[1], terms.shape[1]))
+    found = np.zeros((n, m, terms.shape[1]))
+    for k in range(n):
+        if k:
+            half = 0.5 * (time[k] - time[k - 1])
+            step = filtered.transition[k]
+            change = step @ change + np.outer(half * step[:, state], terms[k - 1])
+            change[state] += half * terms[k]
+        updates = reading_updates(filtered, measured, k)
+        for o, (h, gain, *_) in zip(np.flatnonzero(np.isfinite(measured[k])), updates, strict=True):
+            moved = h @ change
+            found[k, o] = moved
+            change = change - np.outer(gain, moved)
+    return found
+
+
+def whitened_slopes(
+    objective: Objective,
+    fit: Optimum,
+    filtered: Sequence[FilteredStates],
+    state: int,
+    terms: Sequence[FloatArray],
+) -> FloatArray:
+    """Slopes (k, N) of the whitened predictions of all series, by the coefficients of terms in the rate of one state.
+
+    Parameters
+    ----------
+    objective : Objective
+        With process noise.
+    fit : Optimum
+    filtered : sequence of FilteredStates
+        One a recording, at the fit.
+    state : int
+    terms : sequence of ndarray, shape (n, k)
+        Values of the terms at the samples of each recording.
+    """
+    calibration = objective.calibration
+    slopes = [
+        prediction_slopes(f, e.time, measured, state, values)
+        for f, e, measured, values in zip(filtered, calibration.experiments, calibration.measured, terms, strict=True)
+    ]
+    assert fit.evaluation.sd is not None
+    return np.concatenate(
+        [
+            slopes[s.experiment][s.sampling.index, s.column].T / sd
+            for s, sd in zip(objective.series, fit.evaluation.sd, strict=True)
+        ],
+        axis=1,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CoefficientGains:
+    """What each of k coefficients gains once all parameters have readjusted to it.
+
+    Parameters
+    ----------
+    gain : ndarray, shape (k,)
+        In log-likelihood.
+    direction : ndarray, shape (k, N)
+        Of the predictions after that, of length one; zero where the parameters do the same as a term.
+    value : ndarray, shape (k,)
+        Of the coefficients.
+    readjusted : ndarray, shape (k, p)
+        SI values of all parameters beside each coefficient.
+    """
+
+    gain: FloatArray
+    direction: FloatArray
+    value: FloatArray
+    readjusted: FloatArray
+
+
+def coefficient_gains(objective: Objective, fit: Optimum, slopes: FloatArray) -> CoefficientGains:
+    """Return what coefficients gain, to first order.
+
+    Parameters
+    ----------
+    slopes : ndarray, shape (k, N)
+        From :func:`whitened_slopes`.
+    """
+    own, residual = fit.whitened.slopes, fit.whitened.residual
+    first, second = (d[list(fit.free)] for d in objective.parameters.prior_derivatives(fit.coordinates))
+    curvature = fit.whitened.information + prior_curvature(second)
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    inverse = np.linalg.pinv(curvature * np.outer(unit, unit), 1e-10, hermitian=True) * np.outer(unit, unit)
+    free_step = inverse @ (fit.whitened.score + first)
+    left = residual - free_step @ own
+    before = np.linalg.norm(slopes, axis=1)
+    back = (slopes @ own.T) @ inverse
+    across = slopes - back @ own
+    length = np.linalg.norm(across, axis=1)
+    seen = length > 1e-4 * np.maximum(before, 1e-300)
+    across = np.where(seen[:, np.newaxis], across / np.maximum(length, 1e-300)[:, np.newaxis], 0.0)
+    along = across @ left
+    value = np.where(seen, along / np.maximum(length, 1e-300), 0.0)
+    # the rates are nearly linear in most parameters themselves, not in the logarithms in which some are searched
+    si = objective.parameters.from_search(fit.coordinates)
+    change = (free_step - value[:, np.newaxis] * back) * objective.parameters.jacobian(si)[list(fit.free)]
+    low, high = (np.array([getattr(p, end) for p in objective.parameters]) for end in ("lower", "upper"))
+    readjusted = np.repeat(si[np.newaxis, :], len(slopes), axis=0)
+    readjusted[:, list(fit.free)] += change
+    return CoefficientGains(0.5 * along**2, across, value, np.clip(readjusted, low, high))
