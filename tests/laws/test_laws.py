@@ -15,7 +15,8 @@ from small_rigs import Numbers, explicit, rig
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import FlatEquation, add_input, evaluate_nodes
-from aero_bayes.language import Call, Name, snake_case
+from aero_bayes.export.compose import set_parameter
+from aero_bayes.language import Call, Name, Number, snake_case
 from aero_bayes.laws import (
     LAW_INTERFACES,
     Law,
@@ -29,16 +30,16 @@ from aero_bayes.laws import (
 
 LISTED = {
     "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay "
-    "hysteresis curve",
-    "output": "gain offset saturation saturation_by_side unsigned lag delay curve",
-    "reading": "lag delay",
+    "lag_of_second_order hysteresis curve",
+    "output": "gain offset saturation saturation_by_side unsigned lag lag_of_second_order delay curve",
+    "reading": "lag lag_of_second_order delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
-    "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance hysteretic_spring end_stop "
-    "end_stop_by_side backlash curve position_curve fine_position_curve",
-    "storage": "linear_loss root_loss square_loss offset radiation curve",
+    "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance hysteretic_spring attached_mass "
+    "end_stop end_stop_by_side backlash curve position_curve fine_position_curve",
+    "storage": "linear_loss root_loss square_loss offset second_storage radiation curve",
     "overflow": "overflow",
     "exchange": "exchange",
-    "electrical": "series_resistance contact_drop heating curve",
+    "electrical": "series_resistance contact_drop heating polarisation polarisation_of_two_pairs curve",
 }
 SIZES = {
     "f_n": 3.0,
@@ -223,33 +224,57 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
             assert off < 1e-4 * on, law.id
 
 
-@pytest.mark.parametrize("kind", ["input", "output", "reading"])
-@pytest.mark.parametrize("law_id", ["lag", "delay"])
-def test_lag_and_delay_have_their_frequency_response(
+#: The transfer function of each law with states, by its own parameters, and an angular frequency at which it is asked.
+TRANSFER: dict[str, tuple[float, dict[str, float], Callable[[complex], complex]]] = {
+    "lag": (4.0, {"T_l": 0.1}, lambda s: 1 / (1 + 0.1 * s)),
+    "lag_of_second_order": (9.0, {"T_l": 0.1, "d_l": 0.3}, lambda s: 1 / (1 + 0.06 * s + 0.01 * s**2)),
+    "delay": (15.0, {"T_d": 0.1}, lambda s: np.exp(-0.1 * s)),
+    "polarisation": (2.0, {"R_1": 0.3, "T_1": 0.7}, lambda s: 0.3 / (1 + 0.7 * s)),
+    "polarisation_of_two_pairs": (
+        2.0, {"R_1": 0.3, "T_1": 0.7, "s_2": 0.6, "a_2": 9.0}, lambda s: 0.12 / (1 + 0.7 * s) + 0.18 / (1 + 6.3 * s),
+    ),
+    "second_storage": (2.0, {"k_2": 0.3, "T_2": 0.7}, lambda s: 0.3 * 0.7 * s / (1 + 0.7 * s)),
+    # a mass of 0.3 that a spring of 30 and a damper of 0.6 hold: the force for each unit of speed
+    "attached_mass": (
+        8.0, {"m_a": 0.3, "w_a": 10.0, "d_a": 0.1}, lambda s: 0.3 * s * (30 + 0.6 * s) / (0.3 * s**2 + 0.6 * s + 30),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "law_id"),
+    [
+        *((kind, id_) for kind in ("input", "output", "reading") for id_ in ("lag", "lag_of_second_order", "delay")),
+        ("electrical", "polarisation"), ("electrical", "polarisation_of_two_pairs"), ("storage", "second_storage"),
+        ("motion", "attached_mass"),
+    ],
+)  # fmt: skip
+def test_a_linear_law_with_states_has_its_transfer_function(
     kind: str, law_id: str, laws: tuple[Law, ...], models: LawModels
 ) -> None:
-    """By the linear state space of the law alone, for an output with its rate as input: 1 / (1 + T s), exp(-T s)."""
+    """By the linear state space of the law alone, for an output with its rate as input."""
     law = next(law for law in laws if (law.kind, law.id) == (kind, law_id))
-    T, w = 0.1, 4.0 if law_id == "lag" else 15.0
+    w, own, exact = TRANSFER[law_id]
     s = 1j * w
     flat = models[kind, law_id]
+    for name, value in own.items():
+        flat = set_parameter(flat, name, Number(value))
     if kind == "output":
         inner = tuple(replace(v, causality="local") if v.name == "u" else v for v in flat.variables)
-        rate = FlatEquation(Call("der", (Name("u"),)), Name("w"), "added")
-        flat = add_input(replace(flat, variables=inner, equations=(*flat.equations, rate)), "w")
+        rate = FlatEquation(Call("der", (Name("u"),)), Name("w_in"), "added")
+        flat = add_input(replace(flat, variables=inner, equations=(*flat.equations, rate)), "w_in")
     model = explicit(flat)
     b = model.system.builder
-    at = {**Numbers(model).at, b.symbol("t_n"): SIZES["t_n"], b.symbol(law.magnitude.name): T}
+    at = {**Numbers(model).at, b.symbol("t_n"): SIZES["t_n"]}
     x = [b.symbol(n) for n in model.states]
-    u = b.symbol("w" if kind == "output" else "u")
+    u, y = b.symbol("w_in" if kind == "output" else law.interface.inputs[0]), model.solved[law.interface.output]
     a = np.array([evaluate_nodes([b.derivative(r, j) for j in x], at) for r in model.rates])
     into = np.array(evaluate_nodes([b.derivative(r, u) for r in model.rates], at))
-    out = np.array(evaluate_nodes([b.derivative(model.solved["y"], j) for j in x], at))
-    direct = evaluate_nodes([b.derivative(model.solved["y"], u)], at)[0]
+    out = np.array(evaluate_nodes([b.derivative(y, j) for j in x], at))
+    direct = evaluate_nodes([b.derivative(y, u)], at)[0]
     response = direct + out @ np.linalg.solve(s * np.eye(len(x)) - a, into)
     response *= s if kind == "output" else 1.0
-    exact = 1 / (1 + T * s) if law_id == "lag" else np.exp(-T * s)
-    assert response == pytest.approx(exact, abs=2e-3)
+    assert response == pytest.approx(exact(s), rel=2e-3)
 
 
 def test_a_users_law_needs_no_python(tmp_path: Path) -> None:

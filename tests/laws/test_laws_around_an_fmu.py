@@ -191,7 +191,8 @@ def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -
     assert {k: p.kind for k, p in ports.items()} == {"u": "input", "x": "reading", "a": "reading", "v": "motion"}
     assert {"gain", "offset", "dead_zone", "saturation", "lag", "delay"} <= {*ports["u"].laws}
     assert {*ports["a"].laws} == {
-        "gain", "offset", "saturation", "saturation_by_side", "unsigned", "lag", "delay", "curve",
+        "gain", "offset", "saturation", "saturation_by_side", "unsigned", "lag", "lag_of_second_order",
+        "delay", "curve",
     }  # fmt: skip
     assert ports["v"].signals == {"v": "v_inside", "x": "x_inside"}
 

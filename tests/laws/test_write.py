@@ -46,7 +46,10 @@ ONE_OF_EACH = [
     ("Shaft.Motor", "saturation@V"), ("Shaft.Motor", "gain@speed"), ("Shaft.Motor", "series_resistance@inductor.p"),
     ("Shaft.Motor", "backlash@load.a"), ("Shaft.Motor", "stribeck_friction@rotor.a"),
     ("Bodies.Pair", "radiation@one.port"), ("Bodies.Pair", "exchange@one.port"),
-    ("Bodies.Pair", "square_loss@two.port"),
+    ("Bodies.Pair", "square_loss@two.port"), ("Bodies.Pair", "second_storage@one.port"),
+    ("TankPair", "second_storage@h1"), ("Cart", "attached_mass@v"), ("Shaft.Motor", "attached_mass@load.a"),
+    ("Cart", "lag_of_second_order@F"), ("Motor", "lag_of_second_order@speed"),
+    ("Shaft.Motor", "polarisation@inductor.p"), ("Rlc", "polarisation_of_two_pairs@i"),
 ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A force that is an output is a balance: laws of motion are added to it with the sign of what resists."""
+"""A force or a voltage that is an output is a balance: laws are added to it with the sign of what resists."""
 
 from __future__ import annotations
 
@@ -94,3 +94,71 @@ end Coupled;
     port = next(p for p in ports_with_laws(rig("Coupled", str(path)), laws) if p.id == "F")
     assert port.signals == {"v": "v_1 - v_2", "x": "x_1 - x_2"}
     assert port.kind == "motion"
+
+
+CELL = """model Cell
+  parameter Real E_0(unit = "V") = 3.6;
+  parameter Real k(unit = "V") = 0.5;
+  parameter Real R(unit = "Ohm") = 0.03;
+  parameter Real Q(unit = "C") = 9000;
+  input Real i(unit = "A");
+  output Real v(unit = "V");
+  Real z(start = 0.8, fixed = true) "State of charge";
+equation
+  der(z) = {sign}i / Q;
+  v = E_0 + k * z {sign} R * i;
+end Cell;
+"""
+
+
+@pytest.mark.parametrize("sign", ["-", "+"])
+def test_a_voltage_drops_as_over_its_resistance_and_a_counted_charge_has_no_second_storage(
+    sign: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+) -> None:
+    path = tmp_path / "Cell.mo"
+    path.write_text(CELL.format(sign=sign), encoding="utf-8")
+    flat = rig("Cell", str(path))
+    ports = {p.id: p for p in ports_with_laws(flat, laws)}
+    assert (ports["v"].kind, ports["v"].unit, ports["v"].signals) == ("electrical", "V", {"i": "i"})
+    assert ports["output_v"].kind == "reading"
+    assert {"polarisation", "polarisation_of_two_pairs", "contact_drop"} <= set(ports["v"].laws)
+    assert ports["z"].counts
+    assert "second_storage" not in ports["z"].laws
+    law = next(law for law in laws if law.id == "polarisation")
+    placed = place_law(law, ports["v"], [v.name for v in flat.variables], values={"R_1": 0.2})
+    assert placed.unit(law.magnitude) == "V/A"
+    base = Numbers(explicit(flat))
+    point = {**somewhere(["z", "i"], rng), "polarisation.i_1": 1.7}
+    added = Numbers(explicit(compose_law(flat, placed, models)))(point)["v"] - base(point)["v"]
+    assert added == pytest.approx((1.0 if sign == "+" else -1.0) * 0.2 * 1.7, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("balance", "counts"),
+    [
+        ("C * der(T) = P - G * (T - 20);", False),
+        ("C * der(T) = P - Q;\n  Q = G * D;\n  D = T - 20;", False),
+        ("C * der(T) = P;", True),
+        ("C * der(T) = P + Q;\n  Q = G * P;", True),
+    ],
+)
+def test_what_a_balance_only_counts_has_no_second_storage(
+    balance: str, counts: bool, laws: tuple[Law, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "Room.mo"
+    unknowns = "".join(f"  Real {n};\n" for n in "QD" if f"  {n} = " in balance)
+    path.write_text(
+        f"""model Room
+  parameter Real C(unit = "J/K") = 1000;
+  parameter Real G(unit = "W/K") = 3;
+  input Real P(unit = "W");
+  output Real T(unit = "degC", start = 20, fixed = true);
+{unknowns}equation
+  {balance}
+end Room;
+""",
+        encoding="utf-8",
+    )
+    (port,) = (p for p in ports_with_laws(rig("Room", str(path)), laws) if p.kind == "storage")
+    assert port.counts is counts
+    assert ("second_storage" in port.laws) is not counts

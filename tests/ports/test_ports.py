@@ -63,7 +63,9 @@ def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
     assert {"coulomb_friction", "cubic_stiffness", "end_stop"} <= set(cart["v"].laws)
     motor = {p.id: p for p in ports_with_laws(rig("Motor"), laws)}
     assert "cubic_stiffness" not in motor["w"].laws  # no angle there
-    assert set(motor["i"].laws) == {"series_resistance", "contact_drop", "heating", "curve"}
+    assert set(motor["i"].laws) == {
+        "series_resistance", "contact_drop", "heating", "polarisation", "polarisation_of_two_pairs", "curve",
+    }  # fmt: skip
     assert "position_curve" in cart["v"].laws
     assert "position_curve" not in motor["w"].laws
     tanks = {p.id: p for p in ports_with_laws(rig("TankPair"), laws)}

@@ -119,7 +119,7 @@ class GlobalSearch:
         """
         start = self.objective.parameters.to_search(self.objective.parameters.start)
         swarm = None
-        if self.settings.swarm is not None:
+        if self.settings.swarm is not None and len(free):
             start, swarm = self._explore(start, free, open_simulator, rng, known)
         steady = [j for j in free if j not in delay_columns(self.objective, free)]
         rough = self.local_settings.with_limits(12, 1.0)

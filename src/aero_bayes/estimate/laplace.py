@@ -53,7 +53,7 @@ def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdj
     of one recording acts on a part of it only, and cannot be left out there: the variance that it has when the shared
     parameters are known grows by their median factor.
     """
-    if not any(optimum.noise[s.output].model_error for s in objective.series):
+    if not optimum.free or not any(optimum.noise[s.output].model_error for s in objective.series):
         return None
     items = [objective.parameters.items[j] for j in optimum.free]
     unit = ParameterSet(tuple(items)).prior_sd()

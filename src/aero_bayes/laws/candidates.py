@@ -60,7 +60,9 @@ def is_applicable(law: Law, port: Port) -> bool:
         excluded = [unit for unit in excluded if KELVIN.get(unit, 0.0) == 0.0]
     if any(_matches_unit(unit, other) for other in excluded for unit in port.units.values()):
         return False
-    if port.kind == "storage" and _is_no_amount(port, law):
+    if port.kind == "storage" and (_is_no_amount(port, law) or (port.counts and law.has_states)):
+        return False
+    if law.absolute and port.signals.get(law.absolute) not in port.states and not (port.balance and port.balance.force):
         return False
     # a law that does not read the ambient value would be the same law at the port without it
     if not port.signals.keys() & SIGNAL_DEFAULTS.keys() <= law.used_inputs or (

@@ -128,6 +128,8 @@ class Law:
         zero where the law can act. Empty if there is none.
     delay : str
         Of a law that delays its input and does nothing else, the parameter that is the delay. Empty for any other law.
+    absolute : str
+        An input that must be the motion of one body, not a difference of two. Empty if there is none.
     interface : LawInterface
     text : str
         Its source, its own declarations and those of the partial model together.
@@ -159,6 +161,7 @@ class Law:
     both_signs: str = ""
     nonnegative: str = ""
     delay: str = ""
+    absolute: str = ""
 
     @cached_property
     def differentiated(self) -> frozenset[str]:
@@ -271,6 +274,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         both_signs=annotation_text(cls.annotation, "both_signs"),
         nonnegative=annotation_text(cls.annotation, "nonnegative"),
         delay=annotation_text(cls.annotation, "delay"),
+        absolute=annotation_text(cls.annotation, "absolute"),
         interface=interface,
         text=text,
         cls=merged,

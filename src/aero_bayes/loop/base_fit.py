@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.data import noise_floors
-from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.finished_fit import finished_fit
@@ -167,9 +166,6 @@ def _reports(context: LoopContext, plain: Calibration, fit: Optimum, floors: Flo
 def _shared(context: LoopContext, model: Model) -> ParameterSet:
     overrides = {**context.family.overrides(model), **context.settings.overrides}
     free = context.settings.free or tuple(name for name, override in overrides.items() if not override.auto)
-    if not free:
-        known = ", ".join(v.name for v in model.parameters)
-        raise InputError(f"model {model.name} declares no parameters to fit: name the free ones; it has {known}")
     later = {name: replace(overrides.get(name, Override()), auto=True) for name in context.settings.free_later}
     return parameters_from_model(model, free=(*free, *later), overrides={**overrides, **later})
 

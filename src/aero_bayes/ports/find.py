@@ -12,8 +12,8 @@ from aero_bayes.export.equation_system import translate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.language.classes import snake_case
 from aero_bayes.language.dimensions import dimension_of_unit
-from aero_bayes.language.syntax import Call, Expression, Name, names_in, parse_reference, short_text
-from aero_bayes.ports.aliases import AliasStructure, alias_structure, derived_names
+from aero_bayes.language.syntax import Call, Expression, Name, children, names_in, parse_reference, short_text
+from aero_bayes.ports.aliases import AliasStructure, alias_structure, derived_names, is_derivative
 from aero_bayes.ports.ambient import ambient_differences
 from aero_bayes.ports.balance import Balance, find_balance, parameter_values
 from aero_bayes.ports.connections import branch_ports, node_port, series_port, storage_pin_port
@@ -234,7 +234,31 @@ def _equation(s: AliasStructure, state: str, position: str, option: _BalanceOpti
     return Port(
         own, kind, "equation", balance.unit, units_of(s, kind, signals, balance.unit), e.place,
         tuple(_own_name(s, x) for x in states), signals, balance,
+        counts=kind == "storage" and not _depends_on_level(s, e, state),
     )  # fmt: skip
+
+
+def _depends_on_level(s: AliasStructure, e: FlatEquation, state: str) -> bool:
+    """Return whether the derivative of a state in an equation may depend on the state, also through other equations."""
+    given = {*s.states, *(s.of(n) for n, v in s.variables.items() if v.causality == "input" or v.constant)}
+    others = [(o, _outside_derivatives(s, o)) for o in s.flat.equations]
+    reached, grown = _outside_derivatives(s, e), True
+    while grown and state not in reached:
+        more = set().union(*(names for o, names in others if o is not e and names & (reached - given))) - reached
+        reached |= more
+        grown = bool(more)
+    return state in reached
+
+
+def _outside_derivatives(s: AliasStructure, e: FlatEquation) -> set[str]:
+    """Return classes of the variables in an equation, but for those of which only the derivative occurs."""
+    found, waiting = set[str](), [e.left, e.right]
+    while waiting:
+        tree = waiting.pop()
+        if is_derivative(tree) is None:
+            found |= {s.of(tree.name)} if isinstance(tree, Name) else set()
+            waiting += children(tree)
+    return found
 
 
 def driver_names(s: AliasStructure, state: str) -> list[str]:

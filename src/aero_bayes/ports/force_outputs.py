@@ -1,4 +1,4 @@
-"""Ports at forces and torques that are outputs: each is the sum of what resists a motion, as a balance is."""
+"""Ports at forces, torques and voltages that are outputs: each is the sum of what resists a motion or a current."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from aero_bayes.language.syntax import Call, Expression, Name, names_in, walk
 from aero_bayes.ports.aliases import AliasStructure
 from aero_bayes.ports.balance import find_balance, parameter_values
 from aero_bayes.ports.insertion_point import Driver, sign_of_factor
-from aero_bayes.ports.port import DIFFERENCE, Port
+from aero_bayes.ports.port import DIFFERENCE, Port, PortKind
 from aero_bayes.ports.quantities import unit_in
 
-#: Dimensions of a force and of a torque, each with those of the speed and the displacement on which it depends.
-_MOTIONS: tuple[tuple[Dimension, Dimension, Dimension], ...] = (
-    ({"kg": 1.0, "m": 1.0, "s": -2.0}, {"m": 1.0, "s": -1.0}, {"m": 1.0}),
-    ({"kg": 1.0, "m": 2.0, "s": -2.0}, {"rad": 1.0, "s": -1.0}, {"rad": 1.0}),
+#: Dimensions of a force, a torque and a voltage, each with the signals on which it depends; the first must be there.
+_RESISTING: tuple[tuple[PortKind, str, Dimension, Mapping[str, Dimension]], ...] = (
+    ("motion", "f", {"kg": 1.0, "m": 1.0, "s": -2.0}, {"v": {"m": 1.0, "s": -1.0}, "x": {"m": 1.0}}),
+    ("motion", "f", {"kg": 1.0, "m": 2.0, "s": -2.0}, {"v": {"rad": 1.0, "s": -1.0}, "x": {"rad": 1.0}}),
+    ("electrical", "v", dimension_of_unit("V") or {}, {"i": {"A": 1.0}}),
 )
 
 
 def force_outputs(s: AliasStructure, taken: Collection[int]) -> Iterator[Port]:
-    """Yield ports at the equations of outputs that are forces or torques and depend on one speed.
+    """Yield ports at outputs that are forces or torques and depend on one speed, or voltages and on one current.
 
-    A law there is added to the force with the sign of what resists the speed.
+    A law there is added to the force with the sign of what resists the speed, to the voltage with that of a resistance.
 
     Parameters
     ----------
@@ -37,21 +38,22 @@ def force_outputs(s: AliasStructure, taken: Collection[int]) -> Iterator[Port]:
     for v in s.flat.variables:
         if v.causality != "output" or "." in v.name or v.type != "Real" or v.sizes or v.constant:
             continue
-        motion = next((m for m in _MOTIONS if dimension_of_unit(v.unit) == m[0]), None)
-        found = None if motion is None else _given_by(s, v, taken)
-        if motion is None or found is None:
+        resisting = next((r for r in _RESISTING if dimension_of_unit(v.unit) == r[2]), None)
+        given = None if resisting is None else _given_by(s, v, taken)
+        if resisting is None or given is None:
             continue
-        index, whole = found
-        speed, place = (_one_signal(s, whole, wanted) for wanted in motion[1:])
+        kind, acts, _, wanted = resisting
+        index, whole = given
+        signals = {signal: name for signal, of in wanted.items() if (name := _one_signal(s, whole, of))}
+        moving = signals.get(next(iter(wanted)), "")
         balance = find_balance(s.flat, index, _is_name(v.name), values, units)
-        if not speed or balance is None:
+        if not moving or balance is None:
             continue
-        if _sign_of_speed(whole, speed, values) > 0:
+        if _sign_of_speed(whole, moving, values) > 0:
             balance = replace(balance, scale=Call("neg", (balance.scale,)), sign=-1)
-        signals = {"v": speed, **({"x": place} if place else {})}
         known = {signal: unit_in(s, s.of(name.partition(DIFFERENCE)[0])) for signal, name in signals.items()}
         yield Port(
-            v.name, "motion", "equation", v.unit, {**known, "f": v.unit}, s.flat.equations[index].place,
+            v.name, kind, "equation", v.unit, {**known, acts: v.unit}, s.flat.equations[index].place,
             tuple(s.states_in(whole)), signals, replace(balance, equation=s.origins[index][0], force=v.name),
         )  # fmt: skip
 
@@ -105,5 +107,5 @@ def _one_signal(s: AliasStructure, tree: Expression, wanted: Dimension) -> str:
 
 
 def _sign_of_speed(whole: Expression, speed: str, values: Mapping[str, float]) -> int:
-    """Sign with which a speed enters a force: positive where it is no factor of a term."""
+    """Sign with which a speed or a current enters an output: positive where it is no factor of a term."""
     return sign_of_factor(whole, _is_name(speed.partition(DIFFERENCE)[0]), values) or 1

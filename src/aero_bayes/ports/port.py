@@ -60,6 +60,8 @@ class Port:
         For an internal signal, the index of the equation or connection that defines it.
     replaceable : ReplaceableModel, optional
         The replaceable model.
+    counts : bool
+        Whether nothing in the balance of a storage depends on its level, which only counts what flows in.
     """
 
     id: str
@@ -78,6 +80,7 @@ class Port:
     laws: tuple[str, ...] = ()
     defining_equation: int | None = None
     replaceable: ReplaceableModel | None = None
+    counts: bool = False
 
 
 #: Separates the two variables of a difference.

@@ -237,11 +237,6 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
             except InputError as error:
                 which = "" if name in str(error) else f"{name}: "
                 raise InputError(f"{config.place(name)}{which}{error}") from None
-    if not overrides:
-        raise InputError(
-            f"model {model.name} declares no parameters to fit: name them, "
-            f"e.g. [parameters.{next(iter(sorted(known)), 'p')}] with free = true"
-        )
     return parameters_from_model(model, overrides=overrides)
 
 

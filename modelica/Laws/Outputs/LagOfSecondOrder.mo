@@ -1,0 +1,20 @@
+within Laws.Outputs;
+model LagOfSecondOrder "Reading that follows late and may overshoot"
+  extends Laws.Interfaces.OutputLaw;
+  parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Inverse of the angular frequency";
+  parameter Real d_l(min = 0.05, max = 5, nominal = 0.7) = 0.7 "Damping ratio";
+  Real e(start = 0, fixed = true, nominal = u_n) "How far the reading is behind";
+  Real w(start = 0, fixed = true, nominal = u_n) "Rate of change of the reading in units of its time";
+protected
+  final parameter Real T_min = 1e-2 * t_n "Lag below which it is taken to first order";
+  parameter Real T = if T_l > 0 then (T_l ^ 4 + T_min ^ 4) ^ 0.25 else 1e6 * t_n "Time in use; without one nothing moves";
+equation
+  T * der(e) = (if T_l > 0 then T else 0) * der(u) - w;
+  T * der(w) = e - 2 * d_l * w;
+  y = u - T_l / T * e;
+  annotation (__aero_bayes(refines = "lag"), Documentation(info = "<html>
+<p><code>T_l^2 d2y/dt2 + 2 d_l T_l dy/dt + y = u</code>, written by what it is behind, so that it starts in its steady state whatever the quantity is. A lag shorter
+than <code>T_min</code> is taken to first order in <code>T_l</code>; at zero nothing is left of it.</p>
+<p>Source: L. Ljung, System Identification (Prentice Hall, 1999), ch. 4.</p>
+</html>"));
+end LagOfSecondOrder;

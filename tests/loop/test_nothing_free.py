@@ -1,0 +1,40 @@
+"""A model that declares no free parameter is taken as it is: its loop fits laws only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from aero_bayes.data import Recording
+from aero_bayes.judge import Recordings
+from aero_bayes.laws import ModelicaFamily
+from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, fit_base_model
+from aero_bayes.simulation import WorkerPool
+
+
+def test_a_model_without_a_free_parameter_is_simulated_with_its_values(tmp_path: Path) -> None:
+    path = tmp_path / "Cart.mo"
+    path.write_text(
+        """model Cart
+  parameter Real d(unit = "N.s/m") = 0.5;
+  input Real F(unit = "N");
+  output Real v(unit = "m/s", start = 0, fixed = true);
+equation
+  der(v) = F - d * v;
+end Cart;
+""",
+        encoding="utf-8",
+    )
+    time, noise = np.arange(400) * 0.02, np.random.default_rng(3).normal(0.0, 1e-3, 400)
+    exact = 2.0 * (1.0 - np.exp(-0.5 * time))
+    run = Recording("run", time, {"F": np.ones(400)}, {"v": exact + 0.05 * np.sin(2.0 * time) + noise})
+    context = LoopContext(
+        ModelicaFamily("Cart", (path,), tmp_path / "fmus"), Recordings.of([run], [], 0.3, ["v"]),
+        LoopSettings(sources=(path,)), WorkerPool(0), tmp_path, lambda what, share: None, LoopStatistics(),
+    )  # fmt: skip
+    base = fit_base_model(context)
+    assert base.plain.parameters.names == ("v_start",)
+    (report,) = base.reports
+    left = 0.05 * np.sin(2.0 * time[:280]) + noise[:280]
+    np.testing.assert_allclose(report.rms, np.sqrt(np.mean(left**2)), rtol=0.1)
