@@ -175,6 +175,17 @@ def test_a_formula_that_leaves_structure_is_not_named():
     assert not Judge(explored, choice.ranking, ChoiceSettings()).material(line)
 
 
+@pytest.mark.parametrize(("fine", "taken"), [(0.198, "coarse@u"), (0.12, "fine@u")])
+def test_a_refinement_takes_the_place_of_the_coarser_law_only_where_it_lowers_the_error_by_a_quarter(fine, taken):
+    size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
+    errors = {(): 1.0, ("coarse@u",): 0.2, ("fine@u",): fine}
+    comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
+    explored = replace(chosen(1.5 * BASIS[2], 1).explored, refines={"fine@u": "coarse@u"})
+    explored = replace(explored, fits={s: explored.first_model for s in comparison.squares}, noise=explored.noise)
+    assert comparison.clearly_better(Structure(("fine@u",)), Structure(("coarse@u",)))
+    assert Judge(explored, comparison, ChoiceSettings()).near()[0].terms == (taken,)
+
+
 def test_where_unseen_readings_refuse_a_pair_its_parts_are_offered_first():
     pair = chosen(1.5 * BASIS[2] + 1.0 * BASIS[3], 3)
     assert len(pair.terms) == 2

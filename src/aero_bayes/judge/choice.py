@@ -303,12 +303,22 @@ class Judge:
         return best_within(self.comparison, structure.minus(term))
 
     def material(self, structure: Structure) -> bool:
-        """Whether every term matters: it lowers the left-out error by a quarter, or clearly and down to the noise."""
+        """Whether every term matters: it lowers the left-out error by a quarter, or clearly and down to the noise.
+
+        A refinement has to do so beside the coarser law, too.
+        """
         asked = [t for t in structure.terms if t not in self.settings.require]
         if set(structure.terms) & set(self.explored.formulas) and not self.only_noise(structure):
             # one of thousands of formulas always lowers the error: it has to explain all that is left
             return False
-        return bool(structure.terms) and all(self._matters(structure, self.rest(structure, t)) for t in asked)
+        rests = [*(self.rest(structure, t) for t in asked), *self.coarser(structure)]
+        return bool(structure.terms) and all(self._matters(structure, rest) for rest in rests)
+
+    def coarser(self, structure: Structure) -> list[Structure]:
+        """The same with the coarser law in place of a refinement, of what is compared."""
+        refines, known = self.explored.refines, self.comparison.squares
+        found = [structure.minus(t).plus(refines[t]) for t in structure.terms if t in refines]
+        return [s for s in found if s in known]
 
     def _matters(self, structure: Structure, rest: Structure) -> bool:
         if self.comparison.share(structure, rest).value <= self.settings.min_share:

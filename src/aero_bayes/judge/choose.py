@@ -226,6 +226,7 @@ def finalists(judge: Judge) -> list[Structure]:
         found += sorted(own, key=lambda s: -fits[s].optimum.log_likelihood)[:1]
     found = [*dict.fromkeys(found)][:FINALISTS]
     rests = [judge.rest(s, t) for s in found for t in s.terms if len(s) > 1]
+    rests += [c for s in found for c in judge.coarser(s)]
     return [*dict.fromkeys((*found, *rests))]
 
 
