@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import sys
 
+#: Whether there are locks: without them nobody can tell whether a file or folder is in use.
+AVAILABLE = True
+
 if sys.platform == "win32":
     import msvcrt
 
@@ -15,6 +18,7 @@ else:
     try:
         import fcntl
     except ImportError:  # a Python without it, as in a browser
+        AVAILABLE = False
 
         def lock(handle: int, *, wait: bool = False) -> None:
             """Do nothing: there are no locks here."""

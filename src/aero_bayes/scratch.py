@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from types import TracebackType
 
+from aero_bayes.locks import AVAILABLE
 from aero_bayes.locks import lock as lock_file
 
 PREFIX = "aero-bayes-"
@@ -45,9 +46,12 @@ def sweep(parent: Path) -> int:
     Returns
     -------
     int
-        How many were removed. Folders of other users, without a lock file or still locked stay.
+        How many were removed. Folders of other users, without a lock file or still locked stay; all where a system has
+        no locks.
     """
     removed = 0
+    if not AVAILABLE:
+        return removed
     for path in parent.glob(f"{PREFIX}*/{_LOCK}"):
         try:
             own = not hasattr(os, "getuid") or path.parent.stat().st_uid == os.getuid()
