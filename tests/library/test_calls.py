@@ -90,8 +90,8 @@ MISTAKES: dict[str, tuple[Callable[[SimpleNamespace], object], str]] = {
         lambda c: aero_bayes.close_loop(c.recording, model=c.model, settings={"free": ["k"]}),
         "settings: expected a LoopSettings; got dict",
     ),
-    "loop without free parameters": (
-        lambda c: aero_bayes.close_loop(c.recording, model=c.model, workers=0), "m, k, d",
+    "fit without free parameters": (
+        lambda c: aero_bayes.fit(c.recording, c.model, parameters=(), workers=0), "m, k, d",
     ),
     "sources that are none": (lambda c: LoopSettings(sources=3), "sources: expected paths, got int 3"),
     "no model file": (lambda c: aero_bayes.load_model("none.mo"), "none.mo: no such file"),
@@ -112,7 +112,7 @@ MISTAKES: dict[str, tuple[Callable[[SimpleNamespace], object], str]] = {
     "arrays of two lengths": (
         lambda c: Recording("short", [0, 1, 2], {"F": [1, 2]}, {}), "column F has shape (2,), expected (3,)",
     ),
-    "a report of a number": (lambda c: aero_bayes.write_report(3), "expected a Fit, a Posterior or the folder"),
+    "a report of a number": (lambda c: aero_bayes.write_report(3), "expected a Fit, a Posterior, a LoopResult"),
     "a report without a place": (lambda c: aero_bayes.write_report(c.fit), "path: say where the page goes"),
 }  # fmt: skip
 

@@ -161,6 +161,12 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
 def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None, *, again: bool = False) -> Fit:
     """Fit a job; ``again`` starts a local fit from the start values, without a swarm."""
     settings = fit_settings(job)
+    if not job.parameters:
+        known = sorted(v.name for v in job.model.parameters)
+        raise InputError(
+            f"model {job.model.name} declares no parameters to fit: name them, "
+            f"e.g. [parameters.{next(iter(known), 'p')}] with free = true"
+        )
     return fit(
         job.recordings,
         job.model,
