@@ -83,10 +83,11 @@ class Choice:
     def alike(self, term: str) -> tuple[str, ...]:
         """A chosen term and those that do as well in its place, best first.
 
+        As long as structure is left, these are those that are not materially worse, too.
         A curve at its port and a refinement hold it as a special case: they are not listed.
         """
         explored, rest = self.explored, set(self.structure.terms) - {term}
-        near = [*self.near, *self._approximated(term)]
+        near = dict.fromkeys((*self.near, *self._as_good(), *self._approximated(term)))
         others = [s for s in near if len(s) == len(self.structure) and rest < set(s.terms) and term not in s.terms]
         swapped = [next(iter(set(s.terms) - rest)) for s in sorted(others, key=lambda s: self.comparison.scores[s])]
         own = explored.ports.get(term)
