@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.judge.comparison import Comparison, Share
 from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
-from aero_bayes.search.structure import Structure
+from aero_bayes.search.structure import Structure, law_of
 from aero_bayes.simulation.interface import DelayTarget
 
 
@@ -67,6 +68,11 @@ class Choice:
     refused: tuple[Structure, ...] = ()
     undecided: tuple[str, ...] = ()
 
+    @cached_property
+    def _judge(self) -> Judge:
+        """What is material among the structures that were fitted again."""
+        return Judge(self.explored, self.comparison, self.settings)
+
     @property
     def structure(self) -> Structure:
         return self.fitted.structure
@@ -104,13 +110,13 @@ class Choice:
         At other places a delay is solved by a rational approximation, which a step shows: a difference that is not
         material does not tell the places apart.
         """
-        model, law = self.fitted.model, term.rpartition("@")[0]
+        model, law = self.fitted.model, law_of(term)
         targets = [model.objective.parameters.items[j].target for j in model.candidates[term].columns]
         if not law or not any(isinstance(target, DelayTarget) for target in targets):
             return []
-        close = Judge(self.explored, self.comparison, self.settings).close_to(self.structure)
+        close = self._judge.close_to(self.structure)
         swapped = {s: s.new_terms(self.structure) for s in close}
-        return [s for s, new in swapped.items() if len(new) == 1 and new[0].rpartition("@")[0] == law]
+        return [s for s, new in swapped.items() if len(new) == 1 and law_of(new[0]) == law]
 
     @property
     def unsure(self) -> Structure | None:
@@ -124,16 +130,10 @@ class Choice:
 
     def looks_like(self, term: str) -> str:
         """The law at a curve's port that comes near the curve; empty where none does."""
-        explored, rest = self.explored, self.structure.minus(term)
-        laws = [
-            s
-            for s in self.ranking.squares
-            if s.contains(rest)
-            and len(new := s.new_terms(rest)) == 1
-            and new[0] not in (*explored.curves, *explored.formulas)
-            and explored.ports.get(new[0]) == explored.ports.get(term)
-            and self.ranking.share(s, best_within(self.ranking, rest)).value <= self.settings.min_share
-        ]
+        rest, squares = self.structure.minus(term), self.ranking.squares
+        without = best_within(self.ranking, rest)
+        there = self.explored.laws_in_place_of(term, rest, squares)
+        laws = [s for s in there if self.ranking.share(s, without).value <= self.settings.min_share]
         return self.ranking.best(laws).new_terms(rest)[0] if laws else ""
 
     def share_of_smaller(self, term: str) -> Share:
@@ -148,7 +148,7 @@ class Choice:
 
     def at(self, structure: Structure) -> Choice:
         """The choice of another structure; no smaller effects are known beside it."""
-        judge = Judge(self.explored, self.comparison, self.settings)
+        judge = self._judge
         own = [s for s in self.comparison.squares if len(s) == len(structure) and s not in self.refused]
         near = [s for s in own if judge.material(s) and not self.comparison.clearly_better(structure, s)]
         fitted = self.explored.fits[structure]
@@ -164,7 +164,7 @@ class Choice:
         the order is that of the training readings, and unseen ones only refuse.
         """
         refused = (*self.refused, self.structure)
-        judge, first = Judge(self.explored, self.comparison, self.settings), refused[0]
+        judge, first = self._judge, refused[0]
         parts = [
             s for s in self.comparison.squares if s.terms and set(s.terms) < set(first.terms) and judge.material(s)
         ]
@@ -192,7 +192,7 @@ class Choice:
 
     def _material_part(self, kept: Sequence[str]) -> Structure:
         """The best material structure with no terms but those that are told; the first model without any."""
-        judge, required = Judge(self.explored, self.comparison, self.settings), set(self.settings.require)
+        judge, required = self._judge, set(self.settings.require)
         inside = [s for s in self.comparison.squares if required <= set(s.terms) <= required | set(kept)]
         material = [s for s in inside if set(s.terms) > required and judge.material(s)]
         return self.comparison.best(material or [s for s in inside if set(s.terms) == required])
@@ -221,7 +221,7 @@ class Choice:
         """
         scores, fits = self.comparison.scores, self.explored.fits
         most = len(fits[self.structure].optimum.free)
-        close = Judge(self.explored, self.comparison, self.settings).close_to(self.structure)
+        close = self._judge.close_to(self.structure)
         return [
             s
             for s in dict.fromkeys((*self.near, *(close if structured_residuals(self.after) else ())))
@@ -235,15 +235,15 @@ class Choice:
         A curve claims its place only. Two laws at one place are told as alternatives if one can take the place of the
         other, all else the same.
         """
-        explored, law = self.explored, other.rpartition("@")[0]
-        if law == term.rpartition("@")[0] and term not in explored.curves:
+        explored, law = self.explored, law_of(other)
+        if law == law_of(term) and term not in explored.curves:
             return True
         ports, curves = explored.ports, explored.curves
         if term in ports and ports.get(term) == ports.get(other) and (term in curves or other in curves):
             return True
         rest = structure.minus(term)
         here = {t for s in rivals for t in s.new_terms(rest) if t in ports and ports.get(t) == ports.get(term)}
-        return any(t.rpartition("@")[0] == law and rest.plus(t) in rivals for t in here - {term, *curves})
+        return any(law_of(t) == law and rest.plus(t) in rivals for t in here - {term, *curves})
 
     @property
     def rivals(self) -> tuple[Structure, ...]:

@@ -16,7 +16,7 @@ from aero_bayes.judge.left_out import CommonBlocks, newton_errors, refitted_erro
 from aero_bayes.parallel import Task
 from aero_bayes.search.explored import Mapper, SearchResult, one_by_one
 from aero_bayes.search.models import FitNoise, FittedModel
-from aero_bayes.search.structure import Structure
+from aero_bayes.search.structure import Structure, law_of
 
 FloatArray = NDArray[np.float64]
 
@@ -194,15 +194,9 @@ def worth_all_readings(explored: SearchResult, settings: ChoiceSettings) -> list
     judge = Judge(explored, rank(explored)[1], settings)
     found = [*finalists(judge), *judge.near()[:FINALISTS]]
     scores = judge.comparison.scores
-
-    def is_law_there(other: Structure, rest: Structure, curve: str) -> bool:
-        new = other.new_terms(rest) if other.contains(rest) else ()
-        ports = explored.ports
-        return len(new) == 1 and new[0] not in explored.curves and ports.get(new[0]) == ports.get(curve)
-
     for structure in tuple(found):
         for curve in set(structure.terms) & set(explored.curves):
-            laws = [s for s in scores if is_law_there(s, structure.minus(curve), curve)]
+            laws = explored.laws_in_place_of(curve, structure.minus(curve), scores)
             found += sorted(laws, key=lambda s: scores[s])[:1]
     return [*dict.fromkeys(found)]
 
@@ -234,7 +228,7 @@ def one_of_each(structures: Iterable[Structure], curves: Collection[str]) -> lis
     """The first structure with each set of laws, wherever these act; a curve at another place is another law."""
     first: dict[tuple[str, ...], Structure] = {}
     for structure in structures:
-        laws = sorted(t if t in curves else t.rpartition("@")[0] for t in structure.terms)
+        laws = sorted(t if t in curves else law_of(t) for t in structure.terms)
         first.setdefault(tuple(laws), structure)
     return [*first.values()]
 

@@ -96,6 +96,16 @@ class SearchResult:
     ended: str = ""
     formulas: tuple[str, ...] = ()
 
+    def laws_in_place_of(self, curve: str, rest: Structure, among: Iterable[Structure]) -> list[Structure]:
+        """Structures that have, beside the terms of another, one listed law at the port of a curve."""
+        unlisted, port = {*self.curves, *self.formulas}, self.ports.get(curve)
+
+        def is_law_there(structure: Structure) -> bool:
+            new = structure.new_terms(rest) if structure.contains(rest) else ()
+            return len(new) == 1 and new[0] not in unlisted and self.ports.get(new[0]) == port
+
+        return [s for s in among if is_law_there(s)]
+
     @property
     def ranked(self) -> list[FittedModel]:
         """All fits, best first."""

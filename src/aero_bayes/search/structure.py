@@ -60,6 +60,11 @@ class Structure:
         return set(other.terms) <= set(self.terms)
 
 
+def law_of(term: str) -> str:
+    """The law of a term, which is named ``law@port``; empty where it has none."""
+    return term.rpartition("@")[0]
+
+
 def by_size(structures: Iterable[Structure]) -> dict[int, list[Structure]]:
     """Structures by their number of terms."""
     found: dict[int, list[Structure]] = {}
