@@ -39,6 +39,14 @@ def test_the_added_term_is_marked_in_its_equation() -> None:
     assert changed_equations(LoopJson(outcome="adequate")) is None
 
 
+def test_the_documentation_of_a_law_is_no_equation() -> None:
+    law = ["model L", "initial equation", "  z = u;", "equation", "  der(z) = u - z;", "  annotation (Documentation("]
+    law += ['  info = "<p>It follows the input.</p>"));', "end L;"]
+    diff = "\n".join(["@@ -1,0 +1 @@", *("+" + line for line in law)])
+    loop = LoopJson(outcome="extended", diff=diff, modelica_source="\n".join(law))
+    assert changed_equations(loop) == "<mark>z = u;</mark>\n<mark>der(z) = u - z;</mark>"
+
+
 def test_a_diagram_of_states_gives_way_to_the_equation_and_one_of_components_stays() -> None:
     box = ComponentJson(name="R", type="model", extent=(0, 0, 1, 1))
     assert is_all_equations(DiagramJson(components=[box]))

@@ -16,6 +16,9 @@ from aero_bayes.report.tables import Column, html_table, parameter_quantity, rat
 from aero_bayes.report.text import NO_VALUE, pretty_unit, role_words, signed, significant, symbol
 from aero_bayes.schema import EffectJson, LoopJson, QuantilesJson
 
+#: What begins a part of a class that holds no equations; the text of a documentation is none either.
+NO_EQUATIONS = ("end ", "public", "protected", "algorithm", "annotation")
+
 
 @dataclass(frozen=True)
 class EffectSection:
@@ -127,13 +130,13 @@ def changed_equations(loop: LoopJson) -> Markup | None:
     section, own = False, set()
     for text in loop.modelica_source.splitlines():
         head = text.strip().removeprefix("initial ")
-        section = (section or head == "equation") and not head.startswith(("end ", "public", "protected", "algorithm"))
-        own |= {head} if section else set()
+        section = (section or head == "equation") and not head.startswith(NO_EQUATIONS)
+        own |= {head} if section and head != "equation" else set()
     old: list[str] = []
     found = []
     for text in loop.diff.splitlines():
         kind, line = _diff_kind(text), text[1:].strip()
-        if kind == "add" and line in own and not line.startswith(("//", "annotation")):
+        if kind == "add" and line in own and not line.startswith("//"):
             found.append(_marked(old.pop(0) if old else "", line))
         elif kind != "add":
             old = [*old, line] if kind == "del" else []
