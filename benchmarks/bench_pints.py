@@ -20,7 +20,7 @@ from harness import TimingRow, missing
 from aero_bayes.estimate import Fit
 from aero_bayes.estimate.swarm import SwarmSettings, minimise
 from aero_bayes.estimate.target import Target
-from aero_bayes.sample.diagnostics import diagnose
+from aero_bayes.sampling.diagnostics import diagnose
 from aero_bayes.simulation import DelayTarget, ParameterTarget, StartTarget, open_simulator
 
 GROUPS = ("swarm", "pints")

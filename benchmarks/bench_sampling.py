@@ -33,8 +33,8 @@ from harness import TimingRow, ratio, update
 from aero_bayes.estimate import CalibrationSettings, Fit, FitSettings, NoiseModel, fit
 from aero_bayes.estimate.target import Target
 from aero_bayes.export import export_fmu
-from aero_bayes.sample import Chain, MakeMoves, Posterior, SampleSettings, run_chain, sample, standard_moves
-from aero_bayes.sample.moves import StretchMove, WarpedStudentT
+from aero_bayes.sampling import Chain, MakeMoves, Posterior, SampleSettings, run_chain, sample, standard_moves
+from aero_bayes.sampling.moves import StretchMove, WarpedStudentT
 from aero_bayes.simulation import Model, open_simulator
 from simulated_aero import Parameters, Truth, paper_step, simulate_recording, white
 

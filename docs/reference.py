@@ -23,7 +23,7 @@ from pydantic.fields import FieldInfo
 from aero_bayes import cli, declared, schema
 from aero_bayes.config import Config
 from aero_bayes.default_model import DEFAULT_MODEL
-from aero_bayes.fleet import FleetFile
+from aero_bayes.fleets import FleetFile
 from aero_bayes.laws.law import shipped_laws
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import describe_law

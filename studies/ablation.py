@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path
 
 from ablation_table import summarise, table
-from aero_bayes.fleet import open_executor
+from aero_bayes.fleets import open_executor
 from rig_trial import Answer, RigTrialTask, attempt_rig_trial, close_loop_by_command
 from simulated_rigs import DEVELOPMENT, rig_kinds
 from trial_runs import Row, code, executor_options, run_trials, write_summary

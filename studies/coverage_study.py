@@ -46,11 +46,11 @@ from aero_bayes.estimate import (
 )
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.export import export_fmu
-from aero_bayes.fleet import open_executor
-from aero_bayes.sample import SampleSettings, run_chain
-from aero_bayes.sample.evidence import importance_posterior
-from aero_bayes.sample.importance import WeightedSample
-from aero_bayes.sample.moves import WarpedStudentT
+from aero_bayes.fleets import open_executor
+from aero_bayes.sampling import SampleSettings, run_chain
+from aero_bayes.sampling.evidence import importance_posterior
+from aero_bayes.sampling.importance import WeightedSample
+from aero_bayes.sampling.moves import WarpedStudentT
 from aero_bayes.simulation import (
     DelayTarget,
     Model,

@@ -41,7 +41,7 @@ from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter
-from aero_bayes.fleet import open_executor
+from aero_bayes.fleets import open_executor
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, open_simulator
 from coverage_wrong_page import write_page

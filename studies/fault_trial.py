@@ -30,7 +30,7 @@ import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.fleet import open_executor
+from aero_bayes.fleets import open_executor
 from aero_bayes.simulation.interface import SolverSettings
 from simulated_rigs import DEVELOPMENT, RigTrial, draw_rig_trial, rig_kinds
 from simulated_rigs.faults import FAULTS, Faulty, with_fault, without_fault

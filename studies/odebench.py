@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.fleet import open_executor
+from aero_bayes.fleets import open_executor
 from odebench_tasks import Task, noisy_runs, peers, read_systems, tasks_of, times, verdict, visibility
 from trial_runs import Row, code, executor_options, run_trials, write_summary
 

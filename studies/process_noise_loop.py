@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from aero_bayes import load_model
-from aero_bayes.fleet import open_executor
+from aero_bayes.fleets import open_executor
 from coverage_wrong import closed_loop, generator
 from trial_runs import code, executor_options, rate, run_trials, write_summary
 from wrong_rigs import SIZES, rigs

@@ -29,7 +29,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from aero_bayes.fleet import open_executor
+from aero_bayes.fleets import open_executor
 from rig_trial_table import summarise
 from simulated_rigs import DEVELOPMENT, REPORT, RigTrial, draw_rig_trial, rig_kinds, write_trial
 from simulated_rigs.nodes import same_places

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.data import read_recording
-from aero_bayes.fleet import open_executor
+from aero_bayes.fleets import open_executor
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_trial import draw_aero_trial

@@ -14,7 +14,7 @@ import numpy as np
 import pandas
 from tqdm import tqdm
 
-from aero_bayes.fleet import Row, Table, Task, run_tasks
+from aero_bayes.fleets import Row, Table, Task, run_tasks
 
 #: Distances between which rates are given.
 BANDS = ((0.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, float("inf")))

@@ -10,8 +10,8 @@ from aero_bayes.laws import Law, LawModels, law_models, shipped_laws
 
 #: Folders of tests that close loops, sample posteriors, run commands or build many FMUs.
 SLOW_FOLDERS = {
-    "benchmarks", "design", "docs", "estimate", "export", "fleet", "known_answers", "laws", "library", "loop", "ports",
-    "report", "sample", "studies", "workflow",
+    "benchmarks", "design", "docs", "estimate", "export", "fleets", "known_answers", "laws", "library", "loop", "ports",
+    "report", "sampling", "studies", "workflow",
 }  # fmt: skip
 #: Tests of studies and benchmarks, which are not part of the package.
 STUDY_FOLDERS = {"bench", "benchmarks", "studies"}

@@ -22,9 +22,7 @@ A model of one's own is told what was recorded and what is free (run in ``exampl
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 from aero_bayes.diagnosis_backend import register_diagnosis
@@ -40,13 +38,13 @@ if TYPE_CHECKING:
     from aero_bayes.estimate.diagnosis import Diagnosis
     from aero_bayes.estimate.fit import fit
     from aero_bayes.export import export_fmu
-    from aero_bayes.fleet import Rig
-    from aero_bayes.fleet.whole import fleet
+    from aero_bayes.fleets import Rig
+    from aero_bayes.fleets.whole import fleet
     from aero_bayes.library import open_run, write_report
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
     from aero_bayes.plot_backend import PlotBackend
     from aero_bayes.report.run_directory import RunDirectory
-    from aero_bayes.sample import Posterior, SampleSettings, sample
+    from aero_bayes.sampling import Posterior, SampleSettings, sample
     from aero_bayes.simulation import Model, PythonModel
     from aero_bayes.simulation.load_model import load_model
 
@@ -86,12 +84,12 @@ _HOMES = {
     "errors": "CannotFinishError InputError",
     "estimate": "Fit FitSettings RecordingPrediction fit",
     "export": "export_fmu",
-    "fleet": "Rig",
-    "fleet.whole": "fleet",
+    "fleets": "Rig",
+    "fleets.whole": "fleet",
     "library": "open_run write_report",
     "loop": "LoopResult LoopSettings close_loop",
     "report.run_directory": "RunDirectory",
-    "sample": "Posterior SampleSettings sample",
+    "sampling": "Posterior SampleSettings sample",
     "simulation": "Model PythonModel",
     "simulation.load_model": "load_model",
 }
@@ -124,14 +122,3 @@ def _diagnosis() -> Callable[[Fit], Diagnosis]:
 
 
 register_diagnosis(_diagnosis)
-
-
-class _Package(ModuleType):
-    """The function ``sample`` keeps its name although its room is called so too."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in __all__ and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

@@ -300,8 +300,8 @@ def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
 def fleet_command(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
     """Fit many rigs of one model and compare them. Rigs that were fitted before are not fitted again."""
     from aero_bayes.files import one_run_at_a_time
-    from aero_bayes.fleet import open_executor, read_fleet
-    from aero_bayes.fleet.whole import fleet
+    from aero_bayes.fleets import open_executor, read_fleet
+    from aero_bayes.fleets.whole import fleet
     from aero_bayes.workflow import ProgressBar
 
     total, done = len(read_fleet(config).rigs), 0

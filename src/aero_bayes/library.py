@@ -12,7 +12,7 @@ from aero_bayes.report.run_directory import RunDirectory
 if TYPE_CHECKING:
     from aero_bayes.estimate.result import Fit
     from aero_bayes.loop.result import LoopResult
-    from aero_bayes.sample.posterior import Posterior
+    from aero_bayes.sampling.posterior import Posterior
 
 
 def open_run(directory: Path | str) -> RunDirectory:
@@ -71,7 +71,7 @@ def write_report(found: Fit | Posterior | LoopResult | str | Path, path: str | P
     """
     from aero_bayes.estimate.result import Fit
     from aero_bayes.loop.result import LoopResult
-    from aero_bayes.sample.posterior import Posterior
+    from aero_bayes.sampling.posterior import Posterior
     from aero_bayes.workflow.commands import write_page  # a second of imports that a finished run does not need
 
     if isinstance(found, str | Path):

@@ -14,7 +14,7 @@ from aero_bayes.design.information import ExperimentPredictor, posterior_sd
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import FitSettings, fit
 from aero_bayes.export import export_fmu
-from aero_bayes.sample import laplace_evidence
+from aero_bayes.sampling import laplace_evidence
 from aero_bayes.simulation import Model
 
 QUICK = SearchSettings(start=6, rounds=2, candidates=6, families=1, seed=3)

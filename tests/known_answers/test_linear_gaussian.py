@@ -23,10 +23,10 @@ from aero_bayes.estimate import (
     fit_calibration,
 )
 from aero_bayes.export import export_fmu
-from aero_bayes.sample import SampleSettings, run_chain
-from aero_bayes.sample.evidence import importance_posterior, laplace_evidence
-from aero_bayes.sample.importance import adaptive_importance_sample, importance_sample, pareto_smooth
-from aero_bayes.sample.moves import WarpedStudentT
+from aero_bayes.sampling import SampleSettings, run_chain
+from aero_bayes.sampling.evidence import importance_posterior, laplace_evidence
+from aero_bayes.sampling.importance import adaptive_importance_sample, importance_sample, pareto_smooth
+from aero_bayes.sampling.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, SolverSettings, open_simulator
 
 TIME = np.linspace(0.0, 8.0, 201)

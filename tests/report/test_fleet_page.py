@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from report.headless_chromium import Browser, find_chromium
 
-from aero_bayes.fleet import Table
-from aero_bayes.fleet.summary import summarise_fleet
+from aero_bayes.fleets import Table
+from aero_bayes.fleets.summary import summarise_fleet
 from aero_bayes.report import write_fleet_page
 from aero_bayes.schema import FleetJson
 

@@ -22,7 +22,7 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import NoiseLayout, Target
-from aero_bayes.sample.evidence import importance_posterior
+from aero_bayes.sampling.evidence import importance_posterior
 from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]

@@ -15,7 +15,7 @@ from aero_bayes.plots.figure import draw_panels
 from aero_bayes.plots.view import fit_view, loop_view, posterior_view, view
 from aero_bayes.report.curves import legend, opening_scene, recording_panels, scene_panels, stretch_words
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.sample.posterior import Posterior
+from aero_bayes.sampling.posterior import Posterior
 from aero_bayes.workflow.curves import band_series
 
 TIME = "time (s)"

@@ -14,7 +14,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.sample.posterior import Posterior
+from aero_bayes.sampling.posterior import Posterior
 from aero_bayes.schema import LoopJson, ParameterJson, RunJson
 from aero_bayes.simulation.model import Model
 from aero_bayes.workflow.curves import band_series, fitted_series, measured_series, only_measured, ripple_series

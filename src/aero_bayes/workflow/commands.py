@@ -65,7 +65,7 @@ from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings, sample_settings
 
 if TYPE_CHECKING:  # the sampler takes a second to import
-    from aero_bayes.sample import Posterior
+    from aero_bayes.sampling import Posterior
 
 Json = dict[str, Any]
 
@@ -180,7 +180,7 @@ def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = Non
 
 
 def _sample(job: Job, found: Fit, progress: ProgressBar, checkpoint: Checkpoint) -> Posterior:
-    from aero_bayes.sample import sample
+    from aero_bayes.sampling import sample
 
     posterior = sample(
         found,

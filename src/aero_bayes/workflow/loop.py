@@ -23,7 +23,7 @@ from aero_bayes.workflow.job import Job, later_of
 from aero_bayes.workflow.settings import fit_settings
 
 if TYPE_CHECKING:  # the sampler takes a second to import
-    from aero_bayes.sample import Posterior
+    from aero_bayes.sampling import Posterior
 
 Json = dict[str, Any]
 

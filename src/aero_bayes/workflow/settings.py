@@ -16,7 +16,7 @@ from aero_bayes.unknown_names import known_names_hint
 from aero_bayes.workflow.job import Job
 
 if TYPE_CHECKING:  # the sampler takes a second to import
-    from aero_bayes.sample.settings import SampleSettings
+    from aero_bayes.sampling.settings import SampleSettings
 
 
 def fit_settings(job: Job) -> FitSettings:
@@ -59,7 +59,7 @@ def _noise(job: Job) -> NoiseModel:
 
 def sample_settings(job: Job) -> SampleSettings:
     """Return how long the job wants its posterior sampled."""
-    from aero_bayes.sample.settings import SampleSettings
+    from aero_bayes.sampling.settings import SampleSettings
 
     section = job.config.posterior
     return SampleSettings(

@@ -1,0 +1,153 @@
+"""Markov chain Monte Carlo by independent ensembles of walkers, until the chain meets its criteria.
+
+The ensembles never exchange walkers. During burn-in all of them together train one proposal and one surrogate of the
+density. Then both are frozen and burn-in is thrown away, so that every step of the kept chain leaves the density
+invariant.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.checkpoint import Checkpoint, digest
+from aero_bayes.sampling.adaptation import Adaptation, Density
+from aero_bayes.sampling.diagnostics import Diagnosis
+from aero_bayes.sampling.ensembles import Ensembles
+from aero_bayes.sampling.moves import WarpedStudentT
+from aero_bayes.sampling.settings import SampleSettings
+from aero_bayes.sampling.standard_moves import MakeMoves, standard_moves
+from aero_bayes.sampling.stopping import StoppingDecision, decide
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """What sampling gave.
+
+    ``points`` has shape (ensembles, steps, walkers, d), ``log_density`` (ensembles, steps, walkers); ``diagnoses`` one
+    entry a dimension. ``evaluations`` counts points inside the prior's support, tuning included. ``converged`` is False
+    unless every criterion was met; ``reason`` says which was not.
+    """
+
+    points: FloatArray
+    log_density: FloatArray
+    diagnoses: tuple[Diagnosis, ...]
+    evaluations: int
+    seconds: float
+    converged: bool
+    reason: str
+    adaptation: Adaptation
+
+    @property
+    def acceptance(self) -> float:
+        """Share of steps in which a walker moved."""
+        return float(np.mean(np.any(np.diff(self.points, axis=1) != 0.0, axis=-1))) if self.points.shape[1] > 1 else 0.0
+
+    @property
+    def tau(self) -> float:
+        """Longest autocorrelation time in steps."""
+        return max(d.tau for d in self.diagnoses)
+
+    @property
+    def r_hat(self) -> float:
+        return max(d.r_hat for d in self.diagnoses)
+
+    @property
+    def ess_bulk(self) -> float:
+        return min(d.ess_bulk for d in self.diagnoses)
+
+    @property
+    def ess_tail(self) -> float:
+        return min(d.ess_tail for d in self.diagnoses)
+
+
+def run_chain(
+    density: Density,
+    proposal: WarpedStudentT,
+    settings: SampleSettings,
+    seed: int,
+    *,
+    checkpoint: Checkpoint | Path | str | None = None,
+    identity: str = "",
+    moves: MakeMoves = standard_moves,
+    progress: Callable[[str, float, str], object] | None = None,
+) -> Chain:
+    """Draw from a density until the criteria are met or a limit is reached.
+
+    Parameters
+    ----------
+    density : callable
+        Vectorised log-density: points (n, d) to (n,), minus infinity where there is none. If it has a method
+        ``log_prior`` of the same form, that part is taken as costing nothing.
+    proposal : WarpedStudentT
+        First approximation of the density; the ensembles start from draws of it, widened. The density may have
+        corners along its ``axes``.
+    settings : SampleSettings
+    seed : int
+    checkpoint : Checkpoint or Path, optional
+        Kept up to date; if it holds the state of the same run (seed, settings, ``identity``), the run goes
+        on from there and gives bit by bit what it would have given without the interruption.
+    identity : str
+        What makes the density this one and no other (hashes of model and data).
+    moves : callable, optional
+        Makes the moves; the standard mix by default.
+    progress : callable, optional
+        Told a phase, how far it is (0 to 1), and a line of text; the chain ends where it returns True.
+
+    Raises
+    ------
+    CannotFinishError
+        If no starting point of finite density can be found.
+    """
+    began = saved = time.perf_counter()
+    ensembles = Ensembles(density, proposal, settings, moves)
+    key = digest("chain", seed, settings.identity, identity, proposal.mean)
+    kept = Checkpoint.at(checkpoint)
+    if kept is not None and (stored := kept.get(key)) is not None:
+        ensembles.restore(stored)
+    else:
+        ensembles.start(np.random.default_rng(seed))
+    before = ensembles.seconds
+    verdict = StoppingDecision(False, "burn-in had not ended", (), 0)
+    asked = False
+    while True:
+        now = time.perf_counter()
+        ensembles.seconds = before + now - began
+        late = ensembles.seconds > settings.time_limit
+        over = asked or late or ensembles.kept >= settings.max_steps
+        if ensembles.kept >= ensembles.next_check or over:
+            verdict = decide(ensembles.chain()[0], settings, coupled=ensembles.coupled)
+            ensembles.next_check = verdict.next_check
+            if verdict.enough or over:
+                break
+        ensembles.advance()
+        told = "burn-in", ensembles.rounds / settings.max_rounds, f"round {ensembles.rounds + 1}"
+        if ensembles.adaptation.frozen:
+            words = verdict.line if verdict.diagnoses else f"{ensembles.kept} steps"
+            told = "sampling", ensembles.kept / ensembles.next_check, words
+        asked = progress is not None and progress(told[0], min(1.0, told[1]), told[2]) is True
+        if kept is not None and now - saved > settings.checkpoint_seconds:
+            kept.put(key, ensembles.state(), now=True)
+            saved = time.perf_counter()
+    if kept is not None:
+        kept.put(key, ensembles.state(), now=True)
+    end = "interrupted" if asked else f"stopped at the {'time' if late else 'step'} limit"
+    limit = "" if verdict.enough else f"{end}: "
+    points, level = ensembles.chain()
+    return Chain(
+        points,
+        level,
+        verdict.diagnoses,
+        ensembles.evaluations,
+        ensembles.seconds,
+        verdict.enough,
+        limit + verdict.reason,
+        ensembles.adaptation,
+    )

@@ -1,0 +1,128 @@
+"""A fleet from its file to its page: rigs of its own, one that cannot be read, the same table in any order."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from aero_bayes.cli import main
+from aero_bayes.data import read_recording
+from aero_bayes.errors import InputError
+from aero_bayes.fleets import Rig, Table, read_fleet
+from aero_bayes.fleets.task import attempt
+from aero_bayes.fleets.whole import fleet, tasks_of
+from aero_bayes.schema import FleetJson, undeclared
+from simulated_rigs import draw_fleet, write_fleet
+
+#: Fits from where they start; nothing that only a page of a single rig wants.
+QUICK = '[prediction]\nmax_seconds = 0\n\n[fit.local]\nstarts = 1\n\n[fit]\nmethod = "local"\n'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four simulated carts, one of them with a wrong mass; and one rig without a file."""
+    root = tmp_path_factory.mktemp("carts")
+    path = write_fleet(root, draw_fleet("cart", 1, share=0.0), 4, work="fit")
+    path.write_text(path.read_text("utf-8").replace("[fit]\n", QUICK), "utf-8")
+    table = root / "rigs.csv"
+    lines = table.read_text("utf-8").splitlines()
+    lines = [lines[0] + ',parameters."mass.m".value', *(f"{line}," for line in lines[1:])]
+    lines[4] += "1.6"
+    table.write_text("\n".join([*lines, "lost,recordings/lost/train.csv,,"]) + "\n", "utf-8")
+    return root
+
+
+@pytest.fixture(scope="module")
+def done(folder: Path) -> tuple[Path, FleetJson]:
+    return folder / "out", fleet(folder / "fleet.toml", folder / "out", seed=3)
+
+
+def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, FleetJson]) -> None:
+    out, found = done
+    truth = {r["name"]: r["parameters"] for r in json.loads((folder / "truth.json").read_text("utf-8"))["rigs"]}
+    with Table(out / "rigs.sqlite") as table:
+        rows = {row["key"]: row for row in table.rows()}
+        assert table.digest() == found.table_sha256
+    assert "no such file" in rows["lost"]["error"]
+    assert (found.rigs, found.failed) == (5, 1)
+    for name in ("cart-1", "cart-2", "cart-3"):
+        entry = rows[name]["parameters"]["spring.k"]
+        assert entry["centre"] == pytest.approx(np.log(truth[name]["spring.k"]), abs=6 * entry["width"])
+        assert set(rows[name]["parameters"]) == {"spring.k", "damper.d"}
+    held = json.loads((out / "rigs" / "cart-4" / "result.json").read_text("utf-8"))["parameters"]["mass.m"]
+    assert (held["value"], held["status"]) == (1.6, "fixed")
+    # A mass that is said to be larger than it is leaves structure in the residual.
+    assert [entry.rig for entry in found.stand_out] == ["cart-4"]
+    assert "times the noise floor" in found.stand_out[0].reasons[0]
+    assert found.simulated
+    assert not list(undeclared(FleetJson.model_validate_json((out / "fleet.json").read_text("utf-8"))))
+    page = (out / "report.html").read_text("utf-8")
+    assert "Simulated data" in page
+    for link in re.findall(r'href="(rigs/[^"]+)"', page):
+        assert (out / link).is_file()
+
+
+def test_a_rig_gives_the_same_row_alone_and_again(folder: Path, done: tuple[Path, FleetJson], tmp_path: Path) -> None:
+    out, _ = done
+    *_, task = (t for t in tasks_of(read_fleet(folder / "fleet.toml"), tmp_path, 3) if t.key == "cart-2")
+    with Table(out / "rigs.sqlite") as table:
+        assert json.loads(json.dumps(attempt(task))) == table.get("cart-2")
+    before = {path: path.stat().st_mtime_ns for path in out.glob("rigs/*/result.json")}
+    fleet(folder / "fleet.toml", out, seed=3)
+    assert {path: path.stat().st_mtime_ns for path in out.glob("rigs/*/result.json")} == before
+
+
+def test_seeds_belong_to_the_rig() -> None:
+    rigs = [Rig(name, ()) for name in ("a", "b")]
+    assert [rig.seed(1) for rig in rigs] == [rig.seed(1) for rig in reversed(rigs)][::-1]
+    assert len({rig.seed(seed) for rig in rigs for seed in (1, 2)}) == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "rigs", "says"),
+    [
+        ("[fleet]\nwork = 'dance'\n", None, "fleet.work"),
+        ("[fleet]\n", None, "no rigs"),
+        ("[fleet]\nrigs = 'rigs.csv'\n", "name;train\n", "no column name"),
+        ("[fleet]\nrigs = 'rigs.csv'\n", "name,train\n../up,a.csv\n", "row 2"),
+        ("[fleet]\nrigs = 'rigs.csv'\n", None, "cannot be read"),
+        ("[fit]\nmethods = 'local'\n[[rig]]\nname = 'a'\ntrain = ['a.csv']\n", None, "did you mean 'method'"),
+        ("[[rig]]\nname = 'a'\ntrain = ['a.csv']\ntests = ['b.csv']\n", None, "did you mean 'test'"),
+    ],
+)
+def test_a_file_that_is_wrong_is_one_line(tmp_path: Path, text: str, rigs: str | None, says: str) -> None:
+    (tmp_path / "fleet.toml").write_text(text, "utf-8")
+    if rigs is not None:
+        (tmp_path / "rigs.csv").write_text(rigs, "utf-8")
+    answer = CliRunner().invoke(
+        main, ["fleet", "--config", str(tmp_path / "fleet.toml"), "--out", str(tmp_path / "out"), "--quiet"]
+    )
+    assert answer.exit_code == 2
+    assert says in answer.output
+    assert len(answer.output.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_rigs_of_one_name_are_refused(tmp_path: Path) -> None:
+    rigs = [Rig("a", (tmp_path / "a.csv",)), Rig("a", (tmp_path / "b.csv",))]
+    plan = read_fleet_of(rigs)
+    with pytest.raises(InputError, match="two rigs are called a"):
+        list(tasks_of(plan, tmp_path, 1))
+
+
+def read_fleet_of(rigs: list[Rig]):
+    from aero_bayes.fleets import FleetPlan
+
+    return FleetPlan({"model": {"name": "Aero.Systems.OneDof"}}, Path(), "fit", rigs)
+
+
+def test_recordings_of_the_simulated_fleet_are_read(folder: Path) -> None:
+    from aero_bayes.data import Layout
+
+    recording = read_recording(folder / "recordings" / "cart-1" / "train.csv", layout=Layout.of(["F"], ["position"]))
+    assert recording.rows == 6001

@@ -1,0 +1,177 @@
+"""Nothing is lost: dead workers, killed callers, restarts and failures all end in the same table."""
+
+from __future__ import annotations
+
+import re
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from facts import facts
+from fleets.fleet_tasks import Count, killed_half_way, one_always_dies, plain, work
+
+from aero_bayes.errors import InputError
+from aero_bayes.fleets import Table, open_executor, run_tasks
+
+pytestmark = pytest.mark.long
+
+assert killed_half_way  # run by a process of its own below
+
+
+def tasks(folder: Path, count: int) -> list[Count]:
+    folder.mkdir(exist_ok=True)
+    return [Count(k, folder) for k in range(count)]
+
+
+def expected(folder: Path, count: int) -> str:
+    with Table(folder / "expected.sqlite") as table:
+        run_tasks(tasks(folder / "none", count), plain, table)
+        assert len(table) == count
+        return table.digest()
+
+
+@pytest.mark.parametrize("dask", [None, "local"])
+def test_workers_that_die_change_nothing(tmp_path: Path, dask: str | None) -> None:
+    if dask:
+        pytest.importorskip("distributed")
+    with open_executor(dask, 2) as executor, Table(tmp_path / "rows.sqlite") as table:
+        run_tasks(tasks(tmp_path / "marks", 8), work, table, executor)
+        assert table.digest() == expected(tmp_path, 8)
+        assert table.get("0006") == {"key": "0006", "error": "ValueError: this one cannot be"}
+
+
+def test_a_task_that_kills_every_worker_is_a_row_that_says_so(tmp_path: Path) -> None:
+    with open_executor(None, 2) as executor, Table(tmp_path / "rows.sqlite") as table:
+        run_tasks([Count(k, tmp_path, 0.3) for k in range(4)], one_always_dies, table, executor)
+        rows = {row["key"]: row.get("error", "") for row in table.rows()}
+    # The others break with the pool as often as it dies, and are not taken for what kills it.
+    assert re.search(facts("worker", "3"), rows.pop("0001"))
+    assert set(rows.values()) == {""}
+
+
+def test_a_caller_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
+    count, path = 60, tmp_path / "rows.sqlite"
+    code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r});"
+        f"from fleets.fleet_tasks import killed_half_way; killed_half_way({str(path)!r}, {str(tmp_path)!r}, {count})"
+    )
+    for least in (5, 15):
+        caller = subprocess.Popen([sys.executable, "-c", code])
+        while not path.exists() or rows_in(path) < least:
+            assert caller.poll() is None
+            time.sleep(0.01)
+        caller.send_signal(signal.SIGKILL)
+        caller.wait()
+    done = rows_in(path)
+    assert 15 <= done < count
+    again = []
+    with Table(path) as table:
+        run_tasks(tasks(tmp_path / "marks", count), lambda task: again.append(task) or plain(task), table)
+        assert table.digest() == expected(tmp_path, count)
+    assert len(again) == count - done
+
+
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])
+def test_workers_end_with_their_caller(tmp_path: Path, sent: signal.Signals) -> None:
+    code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r});"
+        f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+        f"from fleets.fleet_tasks import killed_with_a_pool;"
+        f"killed_with_a_pool({str(tmp_path / 'rows.sqlite')!r}, {str(tmp_path / 'marks')!r})"
+    )
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    # in a session of its own: what Ctrl-C sends reaches this process alone
+    with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL, start_new_session=True) as caller:
+        while len(workers := [int(mark.name) for mark in marks.iterdir()]) < 2:
+            assert caller.poll() is None
+            time.sleep(0.01)
+        caller.send_signal(sent)
+        caller.wait(timeout=10.0)
+    ends = time.monotonic() + 10.0
+    while any(map(running, workers)) and time.monotonic() < ends:
+        time.sleep(0.1)
+    assert not any(map(running, workers))
+
+
+def running(process: int) -> bool:
+    """Whether a process is there and not merely not yet waited for."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def rows_in(path: Path) -> int:
+    try:
+        with Table(path) as table:
+            return len(table)
+    except sqlite3.OperationalError:  # locked just now
+        return 0
+
+
+def test_a_row_made_of_something_else_is_made_anew(tmp_path: Path) -> None:
+    with Table(tmp_path / "rows.sqlite") as table:
+        table.put({"key": "0000", "value": 7.0}, {}, "old")
+        table.put({"key": "0001", "value": 7.0}, {}, "new")
+        run_tasks(tasks(tmp_path, 2), plain, table, made_of=lambda task: "new")
+        assert table.get("0000") != {"key": "0000", "value": 7.0}
+        assert table.get("0001") == {"key": "0001", "value": 7.0}
+        table.keep_only({"0001"})
+        assert [row["key"] for row in table.rows()] == ["0001"]
+
+
+class Held(Executor):
+    """An executor that finishes the oldest task once four are waiting."""
+
+    window = 4
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Future, Callable, tuple]] = []
+        self.most = 0
+
+    def submit(self, fn, /, *args, **kwargs):
+        future: Future = Future()
+        self.waiting.append((future, fn, args))
+        self.most = max(self.most, len(self.waiting))
+        if len(self.waiting) == self.window:
+            for one, function, given in self.waiting:
+                one.set_result(function(*given))
+            self.waiting.clear()
+        return future
+
+
+def test_tasks_are_drawn_no_faster_than_they_are_worked_on(tmp_path: Path) -> None:
+    drawn, done, ahead = [], [], []
+
+    def stream():
+        for k in range(40):
+            drawn.append(k)
+            ahead.append(len(drawn) - len(done))
+            yield Count(k, tmp_path)
+
+    executor = Held()
+    with Table(tmp_path / "rows.sqlite") as table:
+        run_tasks(stream(), plain, table, executor, progress=done.append)
+        assert len(table) == 40
+    assert max(ahead) <= Held.window + 1
+
+
+def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "rows.sqlite").write_text("not a database at all, but long enough to be looked at as one" * 20)
+    with pytest.raises(InputError, match="not a table"):
+        Table(tmp_path / "rows.sqlite")
+
+
+def test_nobody_at_the_address_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(import_module("aero_bayes.fleets.executors"), "CONNECT_TIMEOUT", 0.3)
+    with pytest.raises(InputError, match="no Dask scheduler"), open_executor("tcp://127.0.0.1:9"):
+        pass

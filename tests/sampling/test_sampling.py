@@ -1,0 +1,220 @@
+"""The sampler as a whole: known answers, honesty about short chains, and survival of kill -9."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import interrupted_run
+import numpy as np
+import pytest
+from emcee.moves import MHMove
+from facts import facts
+from scipy import stats
+
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.sampling import Adaptation, Chain, SampleSettings, run_chain
+from aero_bayes.sampling.moves import StretchMove, WarpedStudentT
+
+pytestmark = pytest.mark.long
+
+QUICK = SampleSettings(walkers=16, ess=1500.0, max_rounds=6, max_steps=3000)
+CORRELATED = np.array([[1.0, 0.95, 0.3], [0.95, 1.0, 0.2], [0.3, 0.2, 2.0]])
+
+
+def stretch_only(adaptation: Adaptation, prior: object) -> list[tuple[StretchMove, float]]:
+    return [(StretchMove(), 1.0)]
+
+
+def off(chain: Chain, quantity: np.ndarray, truth: float) -> float:
+    """Error of a mean over its standard error at the chain's smallest effective size."""
+    ess = min(chain.ess_bulk, chain.ess_tail)
+    return abs(float(np.mean(quantity)) - truth) / float(np.std(quantity) / np.sqrt(ess))
+
+
+def test_correlated_gaussian_has_its_moments_at_few_evaluations() -> None:
+    precision = np.linalg.inv(CORRELATED)
+    start = WarpedStudentT.of(np.array([0.5, 0.5, -1.0]), np.diag([1.0, 0.5, 3.0]))
+    chain = run_chain(lambda x: -0.5 * np.einsum("ni,ij,nj->n", x, precision, x), start, QUICK, 4)
+    assert chain.converged
+    assert chain.tau < 2.0
+    assert chain.evaluations < 4.0 * min(chain.ess_bulk, chain.ess_tail) + 4000
+    x = chain.points.reshape(-1, 3)
+    for i in range(3):
+        assert off(chain, x[:, i], 0.0) < 5.0
+        for j in range(i + 1):
+            assert off(chain, x[:, i] * x[:, j], CORRELATED[i, j]) < 5.5
+
+
+def test_banana_has_its_moments() -> None:
+    chain = run_chain(interrupted_run.banana, WarpedStudentT.of(np.zeros(2), np.diag([1.0, 3.0])), QUICK, 3)
+    assert chain.converged
+    assert chain.r_hat <= 1.01
+    x = chain.points.reshape(-1, 2)
+    assert off(chain, x[:, 0], 0.0) < 5.0
+    assert off(chain, x[:, 1], 1.0) < 5.0
+    assert off(chain, (x[:, 1] - 1.0) ** 2, 3.0) < 5.5
+    assert stats.kstest(x[:: int(4 * chain.tau), 0], "norm").pvalue > 1e-5
+
+
+class AtABound:
+    """A normal cut off at half a standard deviation above its middle, times a wide one; the bound is in the prior."""
+
+    def __init__(self) -> None:
+        self.outside = 0
+
+    def log_prior(self, x: np.ndarray) -> np.ndarray:
+        return np.where(x[:, 0] >= 0.5, 0.0, -np.inf)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        self.outside += int(np.sum(x[:, 0] < 0.5))
+        return self.log_prior(x) - 0.5 * x[:, 0] ** 2 - 0.5 * (x[:, 1] - x[:, 0]) ** 2
+
+
+def test_a_truncated_normal_is_right_up_to_its_bound() -> None:
+    chain = run_chain(AtABound(), WarpedStudentT.of(np.array([0.5, 0.5]), np.eye(2)), QUICK, 6)
+    assert chain.converged
+    x = chain.points.reshape(-1, 2)
+    exact = stats.truncnorm(0.5, np.inf)
+    assert x[:, 0].min() >= 0.5
+    assert off(chain, x[:, 0], exact.mean()) < 5.0
+    assert off(chain, x[:, 0] < exact.ppf(0.05), 0.05) < 5.0
+    assert off(chain, x[:, 0] > exact.ppf(0.95), 0.05) < 5.0
+    assert stats.kstest(x[:: int(4 * chain.tau), 0], exact.cdf).pvalue > 1e-5
+
+
+def test_a_corner_across_all_coordinates_is_sampled_at_few_evaluations() -> None:
+    """Exponential to both sides of an oblique plane, a hundred times narrower than the start says, and else normal."""
+    axes = np.array([[1.0, -0.6, 0.4, 0.2], [0.2, 1.0, 0.0, -0.3], [0.0, 0.5, 1.0, 0.0], [-0.4, 0.0, 0.3, 1.0]])
+
+    def corner(x: np.ndarray) -> np.ndarray:
+        y = x @ axes.T
+        return -np.where(y[:, 0] > 0.0, 100.0, -1000.0) * y[:, 0] - 0.5 * np.sum(y[:, 1:] ** 2, axis=1)
+
+    chain = run_chain(corner, WarpedStudentT.of(np.zeros(4), np.eye(4), axes=axes), SampleSettings(), 8)
+    assert chain.converged
+    assert chain.evaluations < 5.0 * min(chain.ess_bulk, chain.ess_tail)
+    y = chain.points.reshape(-1, 4) @ axes.T
+    right = 10.0 / 11.0
+    assert off(chain, y[:, 0] > 0.0, right) < 5.0
+    assert off(chain, y[:, 0], right / 100.0 - (1.0 - right) / 1000.0) < 5.0
+    assert off(chain, y[:, 3] ** 2, 1.0) < 5.0
+
+
+def test_two_near_modes_have_their_weights() -> None:
+    def modes(x: np.ndarray) -> np.ndarray:
+        one, two = -0.5 * ((x[:, 0] - 2.5) / 0.7) ** 2, -0.5 * ((x[:, 0] + 2.5) / 0.7) ** 2
+        return np.logaddexp(np.log(0.3) + one, np.log(0.7) + two) - 0.5 * x[:, 1] ** 2
+
+    chain = run_chain(modes, WarpedStudentT.of(np.zeros(2), np.diag([6.0, 1.0])), QUICK, 7)
+    assert chain.converged
+    assert off(chain, chain.points[..., 0] > 0.0, 0.3) < 5.0
+
+
+def test_walkers_that_meet_need_fifty_autocorrelation_times() -> None:
+    settings = SampleSettings(walkers=8, burn_in=10, max_rounds=1, settle=0, max_steps=60, lengths=1.0, ess=1.0)
+    chain = run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, settings, 3, moves=stretch_only)
+    assert not chain.converged
+    assert re.search(facts("50"), chain.reason)
+
+
+def test_two_separate_modes_are_not_called_converged() -> None:
+    def modes(x: np.ndarray) -> np.ndarray:
+        return np.logaddexp(-0.5 * ((x[:, 0] - 20) / 0.5) ** 2, -0.5 * ((x[:, 0] + 20) / 0.5) ** 2) - 0.5 * x[:, 1] ** 2
+
+    settings = SampleSettings(walkers=8, burn_in=20, max_rounds=1, max_steps=800)
+    chain = run_chain(modes, WarpedStudentT.of(np.zeros(2), np.diag([400.0, 1.0])), settings, 5, moves=stretch_only)
+    assert not chain.converged
+
+
+class Walk(MHMove):
+    """A user's own move: one method, and the sampler keeps its target."""
+
+    def __init__(self, width: float) -> None:
+        super().__init__(self.propose_from)
+        self.width = width
+
+    def propose_from(self, points: np.ndarray, random: np.random.RandomState) -> tuple[np.ndarray, np.ndarray]:
+        """New points, and by how much the logarithm of their way back exceeds that of their way here."""
+        return points + self.width * random.uniform(-1.0, 1.0, points.shape), np.zeros(len(points))
+
+
+def test_a_move_of_ones_own() -> None:
+    settings = replace(QUICK, ess=1000.0)
+    own = run_chain(
+        interrupted_run.banana,
+        interrupted_run.PROPOSAL,
+        settings,
+        3,
+        moves=lambda adaptation, prior: [(Walk(2.5), 1.0)],
+    )
+    assert own.converged
+    assert off(own, own.points[..., 1], 1.0) < 5.0
+
+
+def test_same_seed_same_chain_and_another_seed_another() -> None:
+    settings = replace(interrupted_run.SETTINGS, checkpoint_seconds=1e9)
+    one, two, three = (
+        run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, settings, s).points for s in (5, 5, 6)
+    )
+    np.testing.assert_array_equal(one, two)
+    assert not np.array_equal(one, three)
+
+
+def test_no_finite_start_is_said() -> None:
+    with pytest.raises(CannotFinishError, match="no starting point"):
+        run_chain(lambda x: np.full(len(x), -np.inf), interrupted_run.PROPOSAL, interrupted_run.SETTINGS, 1)
+
+
+def test_kill_nine_at_any_moment_changes_no_bit(tmp_path: Path) -> None:
+    whole = run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, interrupted_run.SETTINGS, 5, identity="banana")
+    path = tmp_path / "chain.npz"
+    script = Path(interrupted_run.__file__)
+    moments = random.Random(8)
+    kills = 0
+    for _ in range(12):
+        process = subprocess.Popen([sys.executable, str(script), str(path)])
+        while not path.exists() and process.poll() is None:
+            time.sleep(0.01)
+        size = path.stat().st_size
+        deadline = time.monotonic() + 20
+        while path.stat().st_size <= size and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.005)
+        time.sleep(moments.uniform(0.0, 0.15))
+        if process.poll() is None:
+            os.kill(process.pid, signal.SIGKILL)
+            kills += 1
+        process.wait()
+        if kills == 3:
+            break
+    assert kills >= 2
+    resumed = run_chain(
+        interrupted_run.banana,
+        interrupted_run.PROPOSAL,
+        interrupted_run.SETTINGS,
+        5,
+        checkpoint=path,
+        identity="banana",
+    )
+    np.testing.assert_array_equal(resumed.points, whole.points)
+    np.testing.assert_array_equal(resumed.log_density, whole.log_density)
+    assert resumed.evaluations == whole.evaluations
+
+
+def test_a_checkpoint_of_another_run_is_not_continued(tmp_path: Path) -> None:
+    path = tmp_path / "chain.npz"
+    settings = replace(interrupted_run.SETTINGS, max_steps=20)
+    run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, settings, 5, checkpoint=path, identity="one")
+    fresh = run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, settings, 5, identity="two")
+    other = run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, settings, 5, checkpoint=path, identity="two")
+    assert other.evaluations == fresh.evaluations
+    path.write_bytes(b"half a file")
+    again = run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, settings, 5, checkpoint=path, identity="two")
+    np.testing.assert_array_equal(again.points, fresh.points)
