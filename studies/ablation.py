@@ -14,19 +14,16 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
-import importlib
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from ablation_table import summarise, table
-from aero_bayes.fleets import open_executor
-from rig_trial import Answer, RigTrialTask, attempt_rig_trial, close_loop_by_command
+from aero_bayes.search import PARTS
+from rig_trial import Answer, RigTrialTask, close_loop_by_command, run_rig_trial
 from simulated_rigs import DEVELOPMENT, rig_kinds
-from trial_runs import Row, code, executor_options, run_trials, write_summary
+from trial_runs import Row, code, run_study, study_parser, write_summary
 
 #: Trials of each sort, over all kinds of rigs.
 COUNTS = {"law": 20, "none": 6, "pair": 8, "outside": 6}
@@ -81,36 +78,25 @@ def close_without(folder: Path, part: str) -> Answer:
 
 def run(task: Ablation, version: str) -> Row:
     """Run the trial, and return its row under the key of the ablation."""
-    row = attempt_rig_trial(task.trial, partial(close_without, part=task.part))
+    row = run_rig_trial(task.trial, partial(close_without, part=task.part))
     return {**row, "key": task.key, "trial": task.trial.key, "part": task.part, "code": version}
 
 
-def known_parts() -> tuple[str, ...]:
-    """Return the names of all parts; none where the program has no such list."""
-    try:
-        return tuple(importlib.import_module("aero_bayes.search").PARTS)
-    except (ModuleNotFoundError, AttributeError):
-        return ()
-
-
 def main() -> None:
-    parts = known_parts()
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("reports"))
+    parts = tuple(PARTS)
+    parser = study_parser(__doc__)
     parser.add_argument("--part", choices=parts, action="append", help="only these parts (may be repeated)")
     parser.add_argument("--baseline", action="store_true", help="leave nothing out: the comparison alone")
     parser.add_argument("--trials", type=int, default=sum(COUNTS.values()), help="so many of the list, from its top")
-    parser.add_argument("--stop-after", type=float, default=float("inf"), help="start no trial after so many minutes")
     parser.add_argument("--table", action="store_true", help="run nothing, only summarise what is there")
-    executor_options(parser)
     options = parser.parse_args()
+    if options.table:
+        options.stop_after = 0.0
     wanted = () if options.baseline else tuple(options.part or parts)
-    end = time.monotonic() + 60.0 * (0.0 if options.table else options.stop_after)
-    with open_executor(options.dask, options.processes) as executor:
-        rows = run_trials(
-            ablations(wanted, options.trials), partial(run, version=code()),
-            options.out / "ablation" / "trials.sqlite", executor, until=lambda: time.monotonic() >= end,
-        )  # fmt: skip
+    rows = run_study(
+        ablations(wanted, options.trials), partial(run, version=code()),
+        options.out / "ablation" / "trials.sqlite", options,
+    )  # fmt: skip
     summary = summarise(rows)
     write_summary(summary, options.out / "ablation.json")
     (options.out / "ablation.md").write_text(table(summary) + "\n", encoding="utf-8")

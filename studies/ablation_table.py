@@ -7,7 +7,7 @@ from math import sqrt
 from typing import Any
 
 from rig_trial_table import names_a_law, right_law, right_pair
-from trial_runs import Row, quantile
+from trial_runs import Row, markdown_table, quantile
 
 #: Rates by name: the sort of trials, and whether a row counts.
 RATES = {
@@ -45,7 +45,7 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
     parts = list(dict.fromkeys(row["part"] for row in done))
     failed = [{"key": row["key"], "error": row["error"]} for row in rows if "error" in row]
     return {
-        "code": sorted({row["code"] for row in rows}),
+        "code": sorted({row["code"] for row in done}),
         "parts": [_part(part, [row for row in done if row["part"] == part], whole) for part in parts],
         "failed": failed,
         "table": list(rows),
@@ -99,18 +99,18 @@ def _says(row: Row) -> str:
 
 def table(summary: dict[str, Any]) -> str:
     """Write the rates in Markdown, then the trials that changed, part by part."""
-    lines = ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
+    cells = []
     for part in summary["parts"]:
         flips = [one["right"] for one in part["changed"]]
-        cells = [
+        cells.append([
             f"`{part['left_out']}`" if part["left_out"] else "nothing",
             str(part["trials"]),
             *(_share(part[name]) for name in RATES),
             "-" if part["seconds_median"] is None else f"{part['seconds_median']:.1f}",
             *((str(flips.count(flip)) for flip in ([True, False], [False, True])) if part["left_out"] else ("", "")),
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
-    lines += [
+        ])  # fmt: skip
+    lines = [
+        *markdown_table(HEAD, cells),
         "",
         "Rates with their binomial standard error, in %; lost and won: trials that come out wrong or right then.",
     ]

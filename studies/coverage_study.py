@@ -17,11 +17,9 @@ and in a few studies of one recording to check it, the ensembles of the main pro
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
-import sys
 import time
 from dataclasses import asdict, dataclass, replace
 from functools import cache
@@ -46,7 +44,6 @@ from aero_bayes.estimate import (
 )
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.export import export_fmu
-from aero_bayes.fleets import open_executor
 from aero_bayes.sampling import SampleSettings, run_chain
 from aero_bayes.sampling.evidence import importance_posterior
 from aero_bayes.sampling.importance import WeightedSample
@@ -62,7 +59,7 @@ from aero_bayes.simulation import (
     open_simulator,
 )
 from coverage_page import write_coverage_page
-from trial_runs import executor_options, run_trials
+from trial_runs import run_study, study_parser, write_summary
 
 #: Correlation times in s of each kind of correlated noise.
 CORRELATION = {"correlated": (0.02, 0.25), "slow": (0.35, 1.5)}
@@ -365,13 +362,10 @@ def standard_error(level: float, count: int) -> float:
     return float(np.sqrt(level * (1.0 - level) / count))
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description="calibration of the intervals over simulated recordings")
-    parser.add_argument("--out", type=Path, default=Path("reports"))
+def main() -> None:
+    parser = study_parser(__doc__, stop_after=18.5)
     parser.add_argument("--seed", type=int, default=1)
-    executor_options(parser)
     parser.add_argument("--share", type=float, default=1.0, help="share of the studies of every cell")
-    parser.add_argument("--minutes", type=float, default=18.5, help="start no new study after so long")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     fmu = export_fmu("Aero.Systems.OneDof", options.out / "coverage_model.fmu")
@@ -380,22 +374,12 @@ def main() -> int:
         Study(plan, fmu.resolve(), cell, k) for cell in CELLS for k in range(round(options.share * cell.studies))
     ]
     studies.sort(key=lambda one: (one.index / one.cell.studies, one.cell.name))
-    began = time.monotonic()
-
-    def late() -> bool:
-        return time.monotonic() - began > 60.0 * options.minutes
-
-    with open_executor(options.dask, options.processes) as executor:
-        table = options.out / "coverage.sqlite"
-        rows = run_trials(studies, study, table, executor, made_of=plan.key, until=late)
+    rows = run_study(studies, study, options.out / "coverage.sqlite", options, made_of=plan.key)
     result = summarise(rows, plan)
-    temporary = options.out / "coverage.json.part"
-    temporary.write_text(json.dumps(result, indent=1))
-    temporary.replace(options.out / "coverage.json")
+    write_summary(result, options.out / "coverage.json")
     write_coverage_page(options.out / "coverage.html", result)
     print(json.dumps({k: v for k, v in result.items() if k != "rows"}, indent=1))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

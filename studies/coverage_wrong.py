@@ -18,11 +18,9 @@ interval of this estimate that could hold: 1.645 times the root mean square erro
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -41,11 +39,10 @@ from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter
-from aero_bayes.fleets import open_executor
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, open_simulator
-from coverage_wrong_page import write_page
-from trial_runs import code, executor_options, run_trials, write_summary
+from coverage_wrong_page import write_wrong_page
+from trial_runs import code, run_study, trial_parser, write_summary
 from wrong_intervals import (
     HALF_90,
     Intervals,
@@ -145,18 +142,14 @@ def generator(*parts: object) -> Generator:
 
 
 def attempt(task: Task) -> dict[str, Any]:
-    """A row for a task; one that fails is a row that says so."""
-    began = time.perf_counter()
-    try:
-        rig = rigs()[task.rig]
-        if isinstance(task, Best):
-            row = best_values(task, rig)
-        elif isinstance(task, Mend):
-            row = mend(task, rig)
-        else:
-            row = repetition(task, rig)
-    except Exception as error:
-        row = {"error": f"{type(error).__name__}: {error}"}
+    """Make the row of a task."""
+    began, rig = time.perf_counter(), rigs()[task.rig]
+    if isinstance(task, Best):
+        row = best_values(task, rig)
+    elif isinstance(task, Mend):
+        row = mend(task, rig)
+    else:
+        row = repetition(task, rig)
     return {"key": task.key, **row, "seconds": round(time.perf_counter() - began, 2)}
 
 
@@ -345,13 +338,9 @@ def of_rig(rows: Sequence[Mapping[str, Any]], method: str) -> dict[str, Any]:
     return {"50": half, "90": most, "width_90": float(np.mean(widths)), "recordings": len(rows)}
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description="coverage of the intervals of models that are wrong")
-    parser.add_argument("--out", type=Path, default=Path("reports"))
-    parser.add_argument("--development", action="store_true", help="the seeds on which intervals were developed")
+def main() -> None:
+    parser = trial_parser(__doc__, stop_after=14.0)
     parser.add_argument("--recordings", type=int, default=RECORDINGS, help="of each rig in each state")
-    parser.add_argument("--minutes", type=float, default=14.0, help="start no new recording after so long")
-    executor_options(parser)
     options = parser.parse_args()
     seed = DEVELOPMENT if options.development else REPORT
     folder = (options.out / "coverage_wrong").resolve()
@@ -359,29 +348,22 @@ def main() -> int:
     for name, rig in rigs().items():
         if not (folder / f"{name}.fmu").exists():
             load_model(rig.reference, folder=folder / name).path.replace(folder / f"{name}.fmu")
-    table, began = folder / "rows.sqlite", time.monotonic()
-
-    def late() -> bool:
-        return time.monotonic() - began > 60.0 * options.minutes
-
     first: list[Best | Mend] = [Mend(seed, name, folder) for name in rigs()]
     first += [
         Best(seed, name, state, size, folder)
         for name in rigs() for state in ("missing", "unlisted", "process_noise") for size in SIZES
     ]  # fmt: skip
-    with open_executor(options.dask, options.processes) as executor:
-        made = {row["key"]: row for row in run_trials(first, attempt, table, executor, until=late)}
-        mended = {name: made.get(f"{seed}/mend/{name}", {}) for name in rigs()}
-        tasks = tasks_of(seed, folder, options.recordings, made, mended)
-        rows = run_trials(tasks, attempt, table, executor, until=late)
+    made = {row["key"]: row for row in run_study(first, attempt, folder / "rows.sqlite", options)}
+    mended = {name: made.get(f"{seed}/mend/{name}", {}) for name in rigs()}
+    tasks = tasks_of(seed, folder, options.recordings, made, mended)
+    rows = run_study(tasks, attempt, folder / "rows.sqlite", options)
     seeds = {"report": REPORT, "development": DEVELOPMENT, "used": seed}
     result = summarise(rows, mended, seeds, sum("values" in row for row in made.values()))
     result["failed"] += sorted({str(row["error"]) for row in made.values() if "error" in row})
     write_summary(result, options.out / "coverage_wrong.json")
-    write_page(options.out / "coverage_wrong.html", result)
+    write_wrong_page(options.out / "coverage_wrong.html", result)
     print(json.dumps({k: v for k, v in result.items() if k != "by_rig"}, indent=1))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -15,7 +15,6 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import tempfile
 import time
 import tomllib
@@ -30,11 +29,10 @@ import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.fleets import open_executor
 from aero_bayes.simulation.interface import SolverSettings
 from simulated_rigs import DEVELOPMENT, RigTrial, draw_rig_trial, rig_kinds
 from simulated_rigs.faults import FAULTS, Faulty, with_fault, without_fault
-from trial_runs import Row, cell, executor_options, rate, run_trials, write_summary
+from trial_runs import Row, cell, markdown_table, rate, run_study, trial_parser, write_summary
 
 #: First number of the seeds of the report.
 REPORT = 44302
@@ -184,9 +182,13 @@ def _rates(rows: Sequence[Row]) -> dict[str, Any]:
 
 def table(found: dict[str, Any]) -> str:
     """The rates in Markdown, then the trials that went wrong."""
-    lines = ["| fault | trials | cause named | model blamed |", "|" + " --- |" * 4]
-    for kind, own in [*found["kinds"].items(), ("all", found["faults"])]:
-        lines.append(f"| {kind} | {own['loops']} | {cell(own['cause_named'])} | {cell(own['model_blamed'])} |")
+    lines = markdown_table(
+        ("fault", "trials", "cause named", "model blamed"),
+        (
+            (kind, str(own["loops"]), cell(own["cause_named"]), cell(own["model_blamed"]))
+            for kind, own in [*found["kinds"].items(), ("all", found["faults"])]
+        ),
+    )
     clear = found["clear"]
     lines += ["", f"without a fault: {clear['loops']} trials, a cause named in {cell(clear['cause_named'])}", ""]
     for row in found["rows"]:
@@ -197,19 +199,12 @@ def table(found: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--development", action="store_true", help="the seeds that methods may be tuned on")
-    parser.add_argument("--out", type=Path, default=Path("reports"), help="folder of fault_trial.json and its trials")
-    executor_options(parser)
+    parser = trial_parser(__doc__, stop_after=15.0)
     parser.add_argument("--faults", type=int, default=COUNTS["fault"], help="trials with a fault")
     parser.add_argument("--clear", type=int, default=COUNTS["clear"], help="trials without")
-    parser.add_argument("--stop-after", type=float, default=15.0, help="start no trial after so many minutes")
     options = parser.parse_args()
     tasks = fault_tasks(DEVELOPMENT if options.development else REPORT, options.faults, options.clear)
-    end = time.monotonic() + 60.0 * options.stop_after
-    kept = options.out / "fault_trial" / "trials.sqlite"
-    with open_executor(options.dask, options.processes) as executor:
-        rows = run_trials(tasks, attempt, kept, executor, until=lambda: time.monotonic() > end)
+    rows = run_study(tasks, attempt, options.out / "fault_trial" / "trials.sqlite", options)
     found = summarise(rows, len(tasks) - len(rows))
     print(table(found))
     write_summary(found, options.out / ("fault_trial-dev.json" if options.development else "fault_trial.json"))

@@ -15,7 +15,6 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import json
 import subprocess
 import sys
@@ -23,17 +22,15 @@ import tempfile
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from aero_bayes.fleets import open_executor
 from rig_trial_table import summarise
 from simulated_rigs import DEVELOPMENT, REPORT, RigTrial, draw_rig_trial, rig_kinds, write_trial
 from simulated_rigs.nodes import same_places
-from trial_runs import Row, executor_options, run_trials, write_summary
+from trial_runs import Row, run_study, trial_counts, trial_parser, write_summary
 
 WHATS = ("law", "none", "pair", "outside")
 #: Trials of each kind of rig.
@@ -116,7 +113,7 @@ def rig_trial_tasks(base: int, counts: Mapping[str, int], rigs: tuple[str, ...])
     return sorted(tasks, key=lambda t: ((t.number + 0.5) / counts[t.what], t.what, t.rig))
 
 
-def run(task: RigTrialTask, program: CloseLoop) -> Row:
+def run_rig_trial(task: RigTrialTask, program: CloseLoop = close_loop_by_command) -> Row:
     """Draw, record, close the loop, and set the answer beside the truth."""
     began = time.perf_counter()
     trial = draw_rig_trial(task.rig, task.number, task.base, task.what)  # type: ignore[arg-type]
@@ -155,37 +152,16 @@ def _over_noise(trial: RigTrial, answer: Answer) -> dict[str, float]:
     return over
 
 
-def attempt_rig_trial(task: RigTrialTask, program: CloseLoop = close_loop_by_command) -> Row:
-    """Run a trial as :func:`run` does; a trial that fails is a row that says so."""
-    try:
-        return run(task, program)
-    except Exception as error:
-        return {"key": task.key, "rig": task.rig, "what": task.what, "error": f"{type(error).__name__}: {error}"}
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--quick", action="store_true", help="a small fixed part")
-    parser.add_argument("--development", action="store_true", help="the seeds that methods may be tuned on")
-    parser.add_argument(
-        "--out", type=Path, default=Path("reports"), help="folder of rig_trial.json and finished trials"
-    )
-    executor_options(parser)
-    parser.add_argument("--only", choices=WHATS)
+    parser = trial_parser(__doc__, WHATS)
     parser.add_argument("--rig", choices=rig_kinds(), action="append")
-    parser.add_argument("--count", type=int, help="trials of each kind of rig, with --only")
-    arguments = parser.parse_args()
-    counts = dict(QUICK if arguments.quick else FULL)
-    if arguments.only:
-        counts = {arguments.only: arguments.count or counts.get(arguments.only, 1)}
-    base = DEVELOPMENT if arguments.development else REPORT
-    tasks = rig_trial_tasks(base, counts, tuple(arguments.rig or rig_kinds()))
-    work = partial(attempt_rig_trial, program=close_loop_by_command)
-    with open_executor(arguments.dask, arguments.processes) as executor:
-        rows = run_trials(tasks, work, arguments.out / "rig_trial" / "trials.sqlite", executor)
+    options = parser.parse_args()
+    base = DEVELOPMENT if options.development else REPORT
+    tasks = rig_trial_tasks(base, trial_counts(options, FULL, QUICK), tuple(options.rig or rig_kinds()))
+    rows = run_study(tasks, run_rig_trial, options.out / "rig_trial" / "trials.sqlite", options)
     summary, text = summarise(rows, base, DEVELOPMENT)
     print(text)
-    write_summary(summary, arguments.out / ("rig_trial-quick.json" if arguments.quick else "rig_trial.json"))
+    write_summary(summary, options.out / ("rig_trial-quick.json" if options.quick else "rig_trial.json"))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -51,31 +51,59 @@ def names_a_law(row: Row) -> bool:
     return any(one["kind"] != "free_form" for one in row["found"])
 
 
-def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[str, Any], str]:
-    """Compute the summary, and the table to print."""
+def sort_trials(rows: Sequence[Row], kind: str, one: str) -> dict[str, list[Row]]:
+    """Sort the trials that did not fail by what is missing, and by the distance at which it shows.
+
+    ``kind`` is the entry of a row that says what is missing: ``one`` law, or ``none``, ``pair`` or ``outside``.
+    """
     good = [row for row in rows if "error" not in row]
-    law, none, pair, outside = ([r for r in good if r["what"] == what] for what in ("law", "none", "pair", "outside"))
-    strong = [row for row in law if row["d"][0] >= 20.0]
-    weak = [row for row in law if 8.0 <= row["d"][0] < 20.0]
-    seen = [*strong, *weak]
-    clear_pairs = [row for row in pair if min(row["d"]) >= 20.0]
-    after = [max(row["after_over_noise"].values()) for row in seen if row["after_over_noise"]]
-    summary: dict[str, Any] = {
+    sorts = {what: [row for row in good if row[kind] == what] for what in (one, "none", "pair", "outside")}
+    strong = [row for row in sorts[one] if row["d"][0] >= 20.0]
+    weak = [row for row in sorts[one] if 8.0 <= row["d"][0] < 20.0]
+    pairs = [row for row in sorts["pair"] if min(row["d"]) >= 20.0]
+    return {**sorts, "good": good, "strong": strong, "weak": weak, "seen": [*strong, *weak], "clear pairs": pairs}
+
+
+def shared_rates(rows: Sequence[Row], sorts: Mapping[str, Sequence[Row]]) -> dict[str, Any]:
+    """Return the rates, times and counts that the summaries of all blind trials have."""
+    after = [max(row["after_over_noise"].values()) for row in sorts["seen"] if row["after_over_noise"]]
+    return {
         "trials": len(rows),
-        "right_law": {"d>=20": rate(strong, right_law), "8<=d<20": rate(weak, right_law)},
-        "right_law_or_similar": {"d>=20": rate(strong, right_or_similar), "8<=d<20": rate(weak, right_or_similar)},
-        "right_place": rate(seen, right_place),
-        "right_pair": rate(clear_pairs, right_pair),
-        "nothing_missing": rate(none, lambda row: row["outcome"] == "adequate"),
-        "false_name": rate(none, names_a_law),
-        "no_name_outside": rate(outside, lambda row: not names_a_law(row)),
+        "right_pair": rate(sorts["clear pairs"], right_pair),
+        "nothing_missing": rate(sorts["none"], lambda row: row["outcome"] == "adequate"),
         "after_over_noise_median": quantile(after, 0.5),
         "after_over_noise_q95": quantile(after, 0.95),
-        "seconds_median": quantile([row["seconds"] for row in good], 0.5),
+        "seconds_median": quantile([row["seconds"] for row in sorts["good"]], 0.5),
         "counts": {
-            "d>=20": len(strong), "8<=d<20": len(weak), "none": len(none), "pair": len(clear_pairs),
-            "outside": len(outside), "failed": len(rows) - len(good),
+            "d>=20": len(sorts["strong"]), "8<=d<20": len(sorts["weak"]), "none": len(sorts["none"]),
+            "pair": len(sorts["clear pairs"]), "outside": len(sorts["outside"]),
+            "failed": len(rows) - len(sorts["good"]),
         },
+        "table": list(rows),
+    }  # fmt: skip
+
+
+def trials_as_text(summary: Mapping[str, Any], seen: Sequence[Row]) -> str:
+    """Write a summary for the terminal, with the trials that were missed or failed."""
+    missed = [f"  {r['key']} {r['noise']}: {r['ids'][0][0]} {answer(r)}" for r in seen if not right_law(r)]
+    failed = [f"  {row['key']}: {row['error']}" for row in summary["table"] if "error" in row]
+    notes = [*(["missed with d >= 8:", *missed] if missed else ()), *(["failed:", *failed] if failed else ())]
+    return as_text(summary, notes)
+
+
+def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[str, Any], str]:
+    """Compute the summary, and the table to print."""
+    sorts = sort_trials(rows, "what", "law")
+    good, law, none, outside, seen = (sorts[name] for name in ("good", "law", "none", "outside", "seen"))
+    summary: dict[str, Any] = {
+        **shared_rates(rows, sorts),
+        **{
+            name: {"d>=20": rate(sorts["strong"], right), "8<=d<20": rate(sorts["weak"], right)}
+            for name, right in (("right_law", right_law), ("right_law_or_similar", right_or_similar))
+        },
+        "right_place": rate(seen, right_place),
+        "false_name": rate(none, names_a_law),
+        "no_name_outside": rate(outside, lambda row: not names_a_law(row)),
         "wins": calibration(law + none),
         "by_rig": _by(good, lambda row: row["rig"]),
         "by_law": _by(law, lambda row: row["truth"][0]["law"]),
@@ -86,12 +114,8 @@ def summarise(rows: Sequence[Row], base: int, development: int) -> tuple[dict[st
         },
         "curve": rates_by_band(law, {"right_law": right_law, "right_place": right_place}),
         "seeds": {"table": [base, "rig", "number", "what"], "development": [development, "rig", "number", "what"]},
-        "table": list(rows),
-    }  # fmt: skip
-    missed = [f"  {r['key']} {r['noise']}: {r['ids'][0][0]} {answer(r)}" for r in seen if not right_law(r)]
-    failed = [f"  {row['key']}: {row['error']}" for row in rows if "error" in row]
-    notes = [*(["missed with d >= 8:", *missed] if missed else ()), *(["failed:", *failed] if failed else ())]
-    return summary, as_text(summary, notes)
+    }
+    return summary, trials_as_text(summary, seen)
 
 
 def calibration(rows: Sequence[Row]) -> dict[str, Any]:

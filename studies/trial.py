@@ -16,7 +16,6 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import tempfile
 import time
 from dataclasses import dataclass
@@ -26,12 +25,11 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.data import read_recording
-from aero_bayes.fleets import open_executor
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_trial import draw_aero_trial
 from trial_distance import effect_distances, scaled_to
-from trial_runs import executor_options, run_trials, write_summary
+from trial_runs import run_study, trial_counts, trial_parser, write_summary
 from trial_table import summarise
 
 TABLE, DEVELOPMENT = 7201, 1001
@@ -109,37 +107,20 @@ def run(task: AeroTrialTask) -> dict[str, Any]:
     }
 
 
-def attempt_aero_trial(task: AeroTrialTask) -> dict[str, Any]:
-    """Run a trial as :func:`run` does; a trial that fails is a row that says so."""
-    try:
-        return run(task)
-    except Exception as error:
-        return {"key": task.key, "kind": task.kind, "noise": task.noise, "error": f"{type(error).__name__}: {error}"}
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--quick", action="store_true", help="a small fixed part, within three minutes")
-    parser.add_argument("--development", action="store_true", help="the seeds that methods may be tuned on")
-    parser.add_argument("--out", type=Path, default=Path("reports"), help="folder of trial.json and of finished trials")
-    executor_options(parser)
-    parser.add_argument("--only", choices=KINDS)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--count", type=int)
-    arguments = parser.parse_args()
-    counts = dict(QUICK if arguments.quick else FULL)
-    if arguments.only:
-        counts = {arguments.only: arguments.count or counts[arguments.only]}
-    root = DEVELOPMENT if arguments.development else TABLE
-    work = arguments.out / "trial"
+    parser = trial_parser(__doc__, KINDS)
+    parser.add_argument("--first", type=int, default=0, help="number of the first trial")
+    options = parser.parse_args()
+    counts = trial_counts(options, FULL, QUICK)
+    root = DEVELOPMENT if options.development else TABLE
+    work = options.out / "trial"
     cache = (work / "fmu").resolve()
     ModelicaFamily(BASE, (), cache).base_model()
-    tasks = [t for t in aero_trial_tasks(root, counts, cache) if t.number >= arguments.first]
-    with open_executor(arguments.dask, arguments.processes) as executor:
-        rows = run_trials(tasks, attempt_aero_trial, work / "trials.sqlite", executor)
+    tasks = [t for t in aero_trial_tasks(root, counts, cache) if t.number >= options.first]
+    rows = run_study(tasks, run, work / "trials.sqlite", options)
     summary, text = summarise(rows, root, DEVELOPMENT)
     print(text)
-    write_summary(summary, arguments.out / ("trial-quick.json" if arguments.quick else "trial.json"))
+    write_summary(summary, options.out / ("trial-quick.json" if options.quick else "trial.json"))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""What blind trials share: the runner whose finished rows are kept, rates, and how they are shown."""
+"""What studies share: their options, the runner whose finished rows are kept, rates, and how they are shown."""
 
 from __future__ import annotations
 
 import json
 import subprocess
-from argparse import ArgumentParser
-from collections.abc import Callable, Mapping, Sequence
+import time
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 import pandas
 from tqdm import tqdm
 
-from aero_bayes.fleets import Row, Table, Task, run_tasks
+from aero_bayes.fleets import Row, Table, Task, open_executor, run_tasks
 
 #: Distances between which rates are given.
 BANDS = ((0.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, float("inf")))
@@ -40,6 +41,52 @@ def executor_options(parser: ArgumentParser) -> None:
     """Add the options that say where trials run: processes here, or a Dask scheduler's workers."""
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--dask", help="address of a scheduler, its file, or local")
+
+
+def study_parser(description: str | None, stop_after: float = float("inf")) -> ArgumentParser:
+    """Make a parser with the options that every study has.
+
+    ``stop_after`` is the default of the option of this name, in minutes from now.
+    """
+    parser = ArgumentParser(description=description, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("reports"), help="folder of the summary and of finished rows")
+    parser.add_argument("--stop-after", type=float, default=stop_after, help="start nothing after so many minutes")
+    parser.set_defaults(began=time.monotonic())
+    executor_options(parser)
+    return parser
+
+
+def trial_parser(
+    description: str | None, kinds: Sequence[str] = (), stop_after: float = float("inf")
+) -> ArgumentParser:
+    """Make a parser of a study with seeds for development, and with a choice of ``kinds`` of trials where given."""
+    parser = study_parser(description, stop_after)
+    parser.add_argument("--development", action="store_true", help="the seeds that methods may be tuned on")
+    if kinds:
+        parser.add_argument("--quick", action="store_true", help="a small fixed part")
+        parser.add_argument("--only", choices=kinds, help="one kind of trial")
+        parser.add_argument("--count", type=int, help="trials of this kind, with --only")
+    return parser
+
+
+def trial_counts(options: Namespace, full: Mapping[str, int], quick: Mapping[str, int]) -> dict[str, int]:
+    """Return how many trials of each kind the options of :func:`trial_parser` ask for."""
+    counts = dict(quick if options.quick else full)
+    return {options.only: options.count or counts.get(options.only, 1)} if options.only else counts
+
+
+def run_study(
+    tasks: Sequence[Task], attempt: Callable[[Task], Row], path: Path, options: Namespace, *, made_of: str = ""
+) -> list[Row]:
+    """Run :func:`run_trials` as the options of :func:`study_parser` say."""
+    end = options.began + 60.0 * options.stop_after
+    with open_executor(options.dask, options.processes) as executor:
+        return run_trials(tasks, attempt, path, executor, made_of=made_of, until=lambda: bool(time.monotonic() >= end))
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Write the lines of a table in Markdown."""
+    return [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)]
 
 
 def write_summary(summary: dict[str, Any], path: Path) -> None:

@@ -89,11 +89,6 @@ class ModelEvaluator:
             np.where(good[:, None, None], found.hessian, 0.0),
         )
 
-    @property
-    def failures(self) -> int:
-        """Runs that did not complete."""
-        return sum(count for outcome, count in self.outcomes.items() if outcome is not Outcome.OK)
-
     def _count(self, outcomes: NDArray[np.uint8]) -> None:
         codes, counts = np.unique(outcomes, return_counts=True)
         for code, count in zip(codes.tolist(), counts.tolist(), strict=True):

@@ -4,34 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
+from aero_bayes.report.text import tidy
 from aero_bayes.simulation import Outcome
 from paper_replay.published import BOX, FMINCON, PSO, PSO_DATASHEET, TABLE_1, UNOPTIMISED
 from paper_replay.result import PAPER, RERUN, SCALED, Details, ReplayRow, row_of
 from paper_replay.search import Slope, StageEnd
 
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+#: Numbers in sentences have three digits.
+number = partial(tidy, digits=3)
 
 
 def write_notes(rows: Sequence[ReplayRow], details: Details, outcomes: Counter[Outcome]) -> tuple[str, ...]:
     """Write all sentences, in reading order."""
     return (*_comparison(rows, details), *_swarm(details), *_search(details), *_data(rows, details),
             *_failures(outcomes))  # fmt: skip
-
-
-def number(value: float, digits: int = 3) -> str:
-    """Write a number with significant digits, without an exponent where that reads well."""
-    if value == 0.0 or not np.isfinite(value):
-        return f"{value:g}"
-    mantissa, power = f"{value:.{digits - 1}e}".split("e")
-    exponent = int(power)
-    if -4 < exponent < 6:
-        text = f"{float(f'{mantissa}e{power}'):.{max(digits - 1 - exponent, 0)}f}"
-        return text.rstrip("0").rstrip(".") if "." in text else text
-    lead = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
-    return f"{lead}×10{str(exponent).translate(_RAISED)}"
 
 
 def _comparison(rows: Sequence[ReplayRow], details: Details) -> Iterator[str]:
@@ -42,11 +32,11 @@ def _comparison(rows: Sequence[ReplayRow], details: Details) -> Iterator[str]:
         f"order of the models can be compared. Best first, the paper's order of the {len(TABLE_1)} models is {paper}. "
         f"The same parameters on this bench: {'; '.join(row.model for row in here)}."
     )
-    fitted = details.linear.value("k_t")
+    excess = UNOPTIMISED.parameters["k_t"] / details.linear.value("k_t")
     yield (
         "Table 1 gives `k_t` and `k_d` in the units of a linear law, so they are used with it; Eqs. 4 and 5 are "
         f"quadratic. `k_d` = {number(UNOPTIMISED.parameters['k_d'])} is negative there, as a load on the rotor; our "
-        f"drag torque opposes the rotation by itself. `k_t` is {number(UNOPTIMISED.parameters['k_t'] / fitted, 2)} "
+        f"drag torque opposes the rotation by itself. `k_t` is {number(excess, digits=2)} "
         "times what this bench asks for."
     )
     first, second = (row_of(rows, one.label, PAPER).fitness or np.nan for one in (PSO, PSO_DATASHEET))
@@ -68,7 +58,7 @@ def _swarm(details: Details) -> Iterator[str]:
         f"{len(details.endings)} seeds, had their best `J_r` + `J_s` at {number(median[0])} kg·m² after the first "
         f"iteration (median; largest {number(largest[0])}) and at {number(median[-1])} after {median.size}. On "
         f"logarithmic axes they end at {number(_inertia(scaled.values))} kg·m², where the speed's Eq. 6 is "
-        f"{number(scaled.cost / scaled.start_cost, 2)} times that of the data sheet."
+        f"{number(scaled.cost / scaled.start_cost, digits=2)} times that of the data sheet."
     )
 
 
@@ -87,7 +77,7 @@ def _search(details: Details) -> Iterator[str]:
     yield (
         f"How `R_a` and `L_a` can stay: along `L_a` the current's Eq. 6 has a slope of {number(l_a.exact)} per H; the "
         f"step of {number(l_a.step)} H sees {number(l_a.coarse)}{_sign(l_a)}. {_stayed(electrical)} There was little "
-        f"to win: the exact search lowers this stage's cost by {number(won, 2)} %."
+        f"to win: the exact search lowers this stage's cost by {number(won, digits=2)} %."
     )
     yield (
         f"The step sees a slope of {number(k_t.coarse)} along `k_t` and {number(k_d.coarse)} along `k_d` (exact: "

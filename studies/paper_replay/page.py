@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ def write_run(replay: Replay, folder: Path) -> Path:
 def run_result(replay: Replay) -> dict[str, Any]:
     """Return the content of ``result.json``.
 
-    ``study`` is what the page shows; ``replay`` holds all numbers, those of every search among them.
+    ``study`` is what the page shows; ``replay`` holds the rows with all their errors.
     """
     best = min((row for row in replay.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
     return {
@@ -35,7 +36,7 @@ def run_result(replay: Replay) -> dict[str, Any]:
         "data": [],
         "simulated": True,
         "study": study_section(replay).model_dump(),
-        NAME: replay.to_dict(),
+        NAME: {"rows": [asdict(row) | {"model": row.label} for row in replay.rows]},
         "failures": dict(replay.failures),
         "seconds": replay.seconds,
         "verdict": {

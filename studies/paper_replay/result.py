@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,18 +79,6 @@ class Details:
     linear: Fit
     quadratic: Fit
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values, without the fits (their rows hold them)."""
-        searches = ("swarm", "swarm_scaled", "line_search", "interior_point", "exact")
-        return {name: [_stage(end) for end in getattr(self, name)] for name in searches} | {
-            "slopes": [asdict(slope) for end in self.line_search for slope in end.slopes],
-            "rotor_inertia_by_iteration": {
-                "median": np.median(self.endings, axis=0).tolist(),
-                "largest": np.max(self.endings, axis=0).tolist(),
-                "seeds": len(self.endings),
-            },
-        }
-
 
 @dataclass(frozen=True, eq=False)
 class Replay:
@@ -132,21 +120,3 @@ class Replay:
         """Curves for Fig. 6 by their key in series.npz."""
         curves = {"replay/time": self.time, "replay/measured": self.measured}
         return curves | {f"replay/{label}": values for label, values in self.pitch.items()}
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the ``replay`` entry of result.json."""
-        return {
-            "rows": [asdict(row) | {"model": row.label} for row in self.rows],
-            "notes": list(self.notes),
-            "simulated": True,
-            "seed": self.seed,
-            "samples": int(self.time.size),
-            "failures": dict(self.failures),
-            "seconds": self.seconds,
-            "details": self.details.to_dict(),
-        }
-
-
-def _stage(end: StageEnd) -> dict[str, Any]:
-    values = {name: end.values[name] for name in end.stage.parameters}
-    return {"output": end.stage.outputs[0], "values": values, "start_cost": end.start_cost, "cost": end.cost}

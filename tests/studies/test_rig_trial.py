@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import ColumnSpec, Layout, read_recording
-from rig_trial import Answer, RigTrialTask, answer_of, attempt_rig_trial, rig_trial_tasks
+from rig_trial import Answer, RigTrialTask, answer_of, rig_trial_tasks, run_rig_trial
 from rig_trial_table import calibration, right_law, right_or_similar, right_pair, right_place, summarise
 from simulated_rigs import LawPlace, LawTruth, draw_rig_trial
 from simulated_rigs.nodes import joined_connectors, same_places
@@ -38,7 +38,7 @@ def test_a_program_that_knows_is_right_and_one_that_guesses_is_not(tmp_path: Pat
         ("wrong", "delay@elsewhere", ()),
     ):
         program = lambda folder, answer=answer, same=same: says(answer, folder=folder, equivalent=same)  # noqa: E731
-        (rows[name],) = run_trials([task], partial(attempt_rig_trial, program=program), tmp_path / name / "rows.sqlite")
+        (rows[name],) = run_trials([task], partial(run_rig_trial, program=program), tmp_path / name / "rows.sqlite")
         assert "error" not in rows[name]
     assert [right_law(row) for row in rows.values()] == [True, True, False]
     assert [right_place(row) for row in rows.values()] == [True, True, False]
@@ -56,8 +56,8 @@ def test_finished_trials_are_kept_and_failures_are_rows(tmp_path: Path) -> None:
     def fails(folder: Path) -> Answer:
         raise RuntimeError("no such thing")
 
-    first = run_trials(tasks[:1], partial(attempt_rig_trial, program=_nothing), tmp_path / "rows.sqlite")
-    both = run_trials(tasks, partial(attempt_rig_trial, program=fails), tmp_path / "rows.sqlite")
+    first = run_trials(tasks[:1], partial(run_rig_trial, program=_nothing), tmp_path / "rows.sqlite")
+    both = run_trials(tasks, partial(run_rig_trial, program=fails), tmp_path / "rows.sqlite")
     assert both[0] == first[0]
     assert both[1]["error"] == "RuntimeError: no such thing"
     summary, text = summarise(both, 17001, 11001)
