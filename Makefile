@@ -87,7 +87,7 @@ test-long: $(VENV)/.tested ## the studies' tests, and longer tests of what short
 	$(BIN)/python -m pytest -n 2 -m long --durations 10
 
 test-fast: $(VENV)/.tested ## the tests that take no longer than a minute together
-	$(BIN)/python -m pytest -n 2 -m "not slow and not long"
+	$(BIN)/python -m pytest -n 2 -m "fast and not slow and not long"
 
 test-platforms: $(VENV)/.tested ## exported FMUs of Windows (Wine) and ARM (qemu-user) give this machine's numbers
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[platforms]'

@@ -15,6 +15,8 @@ from simulated_aero.exponential import block
 from simulated_aero.integrate import AeroIntegrator
 from simulated_aero.rig import equations_of
 
+pytestmark = pytest.mark.long
+
 P = Parameters()
 DESIGN = Levels((0.0, 1.0, 2.5, 4.0, 5.2, 6.0), (14.0, -9.0, 18.0, 18.0, -17.0, 4.0))
 TIME = even_times(8.0, 100.0)

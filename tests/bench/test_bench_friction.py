@@ -11,6 +11,8 @@ from scipy.integrate import solve_ivp
 from aero_trial import ALL_KINDS
 from simulated_aero import Levels, Parameters, Truth, effect, even_times, simulate_truth
 
+pytestmark = pytest.mark.long
+
 P = Parameters()
 
 

@@ -27,6 +27,8 @@ from simulated_aero import (
 )
 from simulated_aero.sensors import ornstein_uhlenbeck, quantise
 
+pytestmark = pytest.mark.long
+
 TIME = even_times(30.0, 200.0)
 RUN = simulate_truth(Truth(), equal_steps([8.0, -12.0, 16.0], 9.0), TIME)
 

@@ -7,10 +7,13 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import aero_bayes
 from aero_bayes.data import read_recording
 from simulated_aero import KINDS, default_recordings
+
+pytestmark = pytest.mark.long
 
 STUDIES = Path(__file__).parents[2] / "studies"
 CATALOGUE = {

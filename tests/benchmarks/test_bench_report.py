@@ -20,6 +20,8 @@ from harness import Goal, Route, TimingRow, missing, ratio, time_routes, update
 from aero_bayes.estimate import Target
 from aero_bayes.simulation import open_simulator
 
+pytestmark = pytest.mark.long
+
 
 def test_goals_are_met_on_the_right_side():
     low, high = Goal("a", "a", 2.0), Goal("b", "b", 2.0, at_most=True)

@@ -10,6 +10,8 @@ from aero_bayes.check import profile_likelihood
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import FitSettings, LogUniform, Normal, fit_calibration
 
+pytestmark = pytest.mark.fast
+
 T = np.linspace(0.0, 4.0, 120)
 
 

@@ -15,6 +15,8 @@ from aero_bayes.judge import rms_error
 from aero_bayes.sensors import OutputNoise, SampleTimes, autocorrelation, whiten
 from aero_bayes.simulation import InputSignal
 
+pytestmark = pytest.mark.fast
+
 N = 4000
 TIME = np.arange(N) * 0.01
 NOISE = OutputNoise(1.0, 0.8, 0.3)

@@ -9,6 +9,8 @@ import pytest
 
 from aero_bayes.data import Layout, Recording, read_recording, write_csv
 
+pytestmark = pytest.mark.fast
+
 
 def random_recording(rng: np.random.Generator) -> Recording:
     rows = int(rng.integers(4, 200))

@@ -15,6 +15,8 @@ from aero_bayes import InputError, read_recording
 from aero_bayes.data import ColumnMap, Layout
 from aero_bayes.data.file_forms import column_names
 
+pytestmark = pytest.mark.fast
+
 LAYOUT = Layout.of(["P", "Q"], ["T"], {"P": "W", "Q": "W", "T": "K"})
 TIME = 0.5 * np.arange(40)
 P, Q = 1000.0 + 500.0 * (np.arange(40) % 3), -0.25 * np.arange(40)

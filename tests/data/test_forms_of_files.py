@@ -13,6 +13,8 @@ from aero_bayes import InputError, Recording, read_recording
 from aero_bayes.data import Layout
 from aero_bayes.data.layout import ColumnMap
 
+pytestmark = pytest.mark.fast
+
 LAYOUT = Layout.of(["P", "Q"], ["T"], {"P": "W", "Q": "W", "T": "K"})
 TIME = 120.0 * np.arange(40)
 P, Q = 1000.0 + 500.0 * (np.arange(40) % 3), -0.25 * np.arange(40)

@@ -9,6 +9,8 @@ from scipy.signal import lfilter
 from aero_bayes.data import noise_floor, quantisation_step
 from simulated_aero import Truth, even_times, random_levels, simulate_truth
 
+pytestmark = pytest.mark.fast
+
 TIME = even_times(60.0, 100.0)
 RUN = simulate_truth(Truth(), random_levels(np.random.default_rng(11), 20.0, 60.0), TIME)
 INPUTS = [RUN.volts]

@@ -11,6 +11,8 @@ from scipy.signal import butter, lfilter
 
 from aero_bayes.data import Recording, noise_floor, noise_floors, summarise
 
+pytestmark = pytest.mark.fast
+
 SAMPLES = 3000
 COUNT = np.arange(SAMPLES)
 Generator = np.random.Generator
@@ -116,7 +118,7 @@ def test_a_level_that_moves_is_no_slow_noise_of_its_sensor() -> None:
         assert found.sd is None or found.sd < 2e-3
 
 
-def test_fast_quantised_readings_are_unknown_and_slow_ones_have_the_quantum() -> None:
+def test_slow_quantised_readings_have_the_quantum_fast_ones_are_unknown() -> None:
     u = levels(np.random.default_rng(4), 1)
     fast = noise_floor(np.round(lag(u, 5.0) / 0.01) * 0.01, 0.01 * COUNT, [u])
     assert fast.sd is None

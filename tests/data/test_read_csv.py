@@ -13,6 +13,8 @@ from facts import facts
 from aero_bayes.data import ColumnMap, Layout, read_header, read_recording
 from aero_bayes.errors import InputError
 
+pytestmark = pytest.mark.fast
+
 GOOD = "time,V_m,i_m,omega_m,theta\n" + "".join(
     f"{k / 100:.2f},{10 if k > 5 else 0},{0.5 if k > 5 else 0},{20.0 * max(k - 5, 0)},{0.01 * k}\n" for k in range(20)
 )

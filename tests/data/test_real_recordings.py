@@ -11,7 +11,10 @@ from aero_bayes.data import read_recording, summarise, to_experiment
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data"
 STEP, PULSE = FOLDER / "aero_step_16v5_1khz.csv", FOLDER / "aero_pitch_pulse_500hz.csv"
-pytestmark = pytest.mark.skipif(not STEP.exists(), reason="the measured recordings are not on this machine")
+pytestmark = [
+    pytest.mark.skipif(not STEP.exists(), reason="the measured recordings are not on this machine"),
+    pytest.mark.fast,
+]
 
 
 def test_step() -> None:

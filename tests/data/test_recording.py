@@ -8,6 +8,8 @@ import pytest
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import InputError
 
+pytestmark = pytest.mark.fast
+
 AT_REST = ("omega_m", "i_m")
 
 

@@ -10,6 +10,8 @@ from aero_bayes.data import Recording, screen
 from aero_bayes.data.findings import DataFinding
 from aero_bayes.errors import InputError
 
+pytestmark = pytest.mark.fast
+
 
 def only(recording: Recording) -> tuple[Recording, DataFinding]:
     """The one part and the one finding of a recording."""

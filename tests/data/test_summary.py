@@ -13,6 +13,8 @@ from facts import facts
 from aero_bayes.data import Recording, ripple_amplitudes, summarise
 from simulated_aero import SensorNoise, Sensors, Truth, clean, equal_steps, real, simulate_recording
 
+pytestmark = pytest.mark.fast
+
 STAIRS = equal_steps([6.0, 18.0, 12.0, -9.0, 0.0], 5.0)
 
 

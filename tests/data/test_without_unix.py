@@ -7,7 +7,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.io import savemat
+
+pytestmark = pytest.mark.fast
 
 CART = Path(__file__).parents[2] / "examples" / "cart"
 PROGRAM = """

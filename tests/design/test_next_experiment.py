@@ -17,6 +17,8 @@ from aero_bayes.export import export_fmu
 from aero_bayes.sampling import laplace_evidence
 from aero_bayes.simulation import Model
 
+pytestmark = pytest.mark.fast
+
 QUICK = SearchSettings(start=6, rounds=2, candidates=6, families=1, seed=3)
 LOCAL = FitSettings(method="local")
 

@@ -12,6 +12,8 @@ import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.estimate.outliers import outlier_rows
 
+pytestmark = pytest.mark.fast
+
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:

@@ -9,6 +9,8 @@ import aero_bayes
 from aero_bayes.estimate.diagnosis import CAUSES, Diagnosis, DiagnosisRow
 from aero_bayes.workflow.describe import fit_verdict
 
+pytestmark = pytest.mark.fast
+
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import aero_bayes
 from aero_bayes import FitSettings, Recording
 from aero_bayes.diagnosis.failed_runs import domain_texts
+
+pytestmark = pytest.mark.fast
 
 TANK = """
 model Tank

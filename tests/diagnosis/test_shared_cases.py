@@ -17,7 +17,7 @@ from aero_bayes.data import ColumnMap, Layout
 from aero_bayes.errors import InputError
 
 CASES = Path(os.environ.get("AERO_BAYES_CASES", Path(__file__).parents[2].parent / "shared" / "cases"))
-pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason=f"no cases at {CASES}")
+pytestmark = [pytest.mark.skipif(not CASES.is_dir(), reason=f"no cases at {CASES}"), pytest.mark.fast]
 
 
 def fitted(folder: str, config: str, data: str, out: Path, text: str = "") -> dict[str, Any]:

@@ -16,6 +16,8 @@ from aero_bayes.estimate.calibration import CalibrationSettings
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import SolverSettings
 
+pytestmark = pytest.mark.fast
+
 NATURAL, DAMPING, SD = 7.0, 0.02, 1e-3
 PENDULUM = """model Pendulum
   parameter Real w(unit = "rad/s", min = 5.0, max = 9.0) = 6.9 "Natural frequency";

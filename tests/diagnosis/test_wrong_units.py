@@ -12,6 +12,8 @@ import pytest
 import aero_bayes
 from aero_bayes.data import Recording
 
+pytestmark = pytest.mark.fast
+
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:

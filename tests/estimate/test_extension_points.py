@@ -13,6 +13,8 @@ from scipy.stats import gamma
 
 from aero_bayes.estimate import FitSettings, QuadraticModel, fit_calibration, levenberg_marquardt
 
+pytestmark = pytest.mark.fast
+
 
 def test_a_user_brings_a_terrain_of_his_own():
     """Maximum likelihood of a Poisson rate whose logarithm is linear in x; the score vanishes there."""

@@ -19,6 +19,8 @@ from aero_bayes.estimate import (
     fit_calibration,
 )
 
+pytestmark = pytest.mark.fast
+
 T = np.linspace(0.0, 4.0, 120)
 SMALL = SwarmSettings(particles=16, iterations=30)
 

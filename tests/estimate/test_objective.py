@@ -18,6 +18,8 @@ from aero_bayes.estimate import (
 )
 from aero_bayes.simulation import ParameterTarget, SolverSettings, open_simulator
 
+pytestmark = pytest.mark.fast
+
 RINGING = """
 model Ringing "A damped oscillator"
   parameter Real w(min = 0.1, max = 50) = 6 "Angular frequency";

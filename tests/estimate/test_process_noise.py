@@ -180,7 +180,7 @@ def test_prediction_of_another_recording_spreads_as_the_process_does(model, case
     assert 0.85 < np.mean((inside.lower[:, 0] <= y) & (y <= inside.upper[:, 0])) < 0.95
 
 
-def test_diffusion_that_is_given_is_kept_and_an_uncertain_start_is_the_models_own(model):
+def test_given_diffusion_is_kept_and_an_uncertain_start_is_the_models(model):
     recording, _ = drawn(np.random.default_rng(4))
     fit = fitted(model, recording, process={"x": 1.0}, initial_sd={"x": 0.5})
     assert "process.x" not in fit.calibration.parameters

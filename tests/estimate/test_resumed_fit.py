@@ -13,6 +13,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate import Calibration, Fit, FitSettings, NoiseModel, SwarmSettings, Uniform, fit_calibration
 from aero_bayes.simulation import Likelihoods, Problem, Trajectories
 
+pytestmark = pytest.mark.fast
+
 T = np.linspace(0.0, 4.0, 80)
 SETTINGS = FitSettings(swarm=SwarmSettings(particles=12, iterations=20))
 

@@ -11,6 +11,8 @@ from scipy.optimize import least_squares, lsq_linear
 from aero_bayes.estimate import CostShape, FixedCost, LocalSettings, QuadraticModel, Stop, levenberg_marquardt
 from aero_bayes.estimate.levenberg_marquardt import bounded_step
 
+pytestmark = pytest.mark.fast
+
 
 def test_bounded_step_agrees_with_bvls() -> None:
     rng = np.random.default_rng(1)
@@ -96,7 +98,7 @@ def test_failures_are_walls_and_a_failed_start_is_said() -> None:
     np.testing.assert_array_equal(failed.point, np.ones(3))
 
 
-def test_a_start_outside_is_brought_inside_and_no_evaluation_leaves_the_box() -> None:
+def test_a_start_is_brought_inside_and_no_evaluation_leaves_the_box() -> None:
     seen = []
 
     def watched(point: np.ndarray) -> QuadraticModel:
@@ -124,7 +126,7 @@ def test_a_column_without_effect_stays_where_it_is() -> None:
     np.testing.assert_allclose(found.point[:3], 1.0, atol=1e-4)
 
 
-def test_noise_that_is_estimated_between_the_steps_converges_with_the_parameters() -> None:
+def test_noise_estimated_between_steps_converges_with_the_parameters() -> None:
     """Mean and width of a normal sample in turn: steps change the mean, the noise update changes the width."""
     sample = np.random.default_rng(3).normal(2.0, 0.7, 50)
 

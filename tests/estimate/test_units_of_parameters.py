@@ -18,6 +18,8 @@ from aero_bayes.estimate import (
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model, open_simulator
 
+pytestmark = pytest.mark.fast
+
 LINE = """model Line "A level and a slope"
   parameter Real a = 1;
   parameter Real b = 0;

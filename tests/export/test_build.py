@@ -12,6 +12,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.export import c_compiler, export_fmu, modelica_root, refuse_dropped, write_archive
 from aero_bayes.language import base_units, conversion, to_modelica_unit
 
+pytestmark = pytest.mark.fast
+
 
 def test_no_compiler_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))

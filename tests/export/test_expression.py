@@ -9,6 +9,8 @@ import pytest
 from aero_bayes.export import Builder, Node, evaluate_nodes
 from aero_bayes.language import BINARY, UNARY
 
+pytestmark = pytest.mark.fast
+
 SMOOTH = ["sqrt", "exp", "log", "log10", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "abs"]
 
 

@@ -23,6 +23,8 @@ from aero_bayes.simulation import (
     open_simulator,
 )
 
+pytestmark = pytest.mark.fast
+
 SOURCE = """
 model Ball "A ball that bounces, driven, read twice"
   parameter Real g(unit = "m/s2", min = 0) = 9.81;

@@ -9,6 +9,8 @@ import pytest
 
 from aero_bayes.export import link_packages, names_used_in
 
+pytestmark = pytest.mark.fast
+
 FILES = {
     "package.mo": "package Modelica\nend Modelica;\n",
     "Blocks/package.mo": "package Blocks\npackage Examples\n  model Heavy\n    Fluid.Pipe p;\n"

@@ -13,6 +13,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu, first_compiler
 from aero_bayes.export.openmodelica import DERIVATIVES, FLAGS, first_error, script
 
+pytestmark = pytest.mark.fast
+
 STAND_IN = """#!/bin/sh
 # writes what a compiler would write for the name that the script gives
 cat "$1" > "{log}"

@@ -8,6 +8,8 @@ from scipy.stats import beta
 
 from aero_bayes.fleets.prevalence import NamedEffect, estimate_prevalence, shared_out
 
+pytestmark = pytest.mark.fast
+
 LEVELS = np.array([0.05, 0.5, 0.95])
 
 

@@ -16,6 +16,8 @@ from aero_bayes.search import CandidateModel, FitNoise, Library, Parts, Structur
 from aero_bayes.sensors import OutputNoise
 from aero_bayes.simulation import DelayTarget, ParameterTarget, open_simulator
 
+pytestmark = pytest.mark.fast
+
 TIME = np.arange(600) * 0.05
 NOISE = 0.3
 FIT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noise=True)
@@ -81,7 +83,7 @@ def test_the_place_with_its_curve_is_the_answer_where_no_law_does_as_well():
     assert choice.looks_like("curve@u") == "line@u"
 
 
-def test_a_delay_that_moves_an_input_is_not_told_from_one_elsewhere_by_the_error_of_an_approximation(monkeypatch):
+def test_an_approximation_error_does_not_tell_two_delays_apart(monkeypatch):
     """The second delay is off by a little, which the data show clearly and which is not material."""
     basis, terms = BASIS.copy(), {"delay@v": TERMS["square@v"], "delay@w": TERMS["twin@w"]}
     basis[4] += 0.06 * np.sin(2.3 * TIME)
@@ -95,7 +97,7 @@ def test_a_delay_that_moves_an_input_is_not_told_from_one_elsewhere_by_the_error
     assert {s.terms for s in moving.rivals} == {("delay@v",), ("delay@w",)}
 
 
-def test_two_laws_are_named_where_both_are_missing_and_each_stands_for_its_class():
+def test_two_missing_laws_are_named_each_for_its_class():
     choice = chosen(1.5 * BASIS[2] + 1.0 * BASIS[3], 3)
     assert set(choice.terms) in ({"line@u", "square@v"}, {"line@u", "twin@w"})
     (pulse,) = set(choice.terms) - {"line@u"}
@@ -110,7 +112,7 @@ def test_nothing_is_named_where_nothing_is_missing(seed):
     assert choice.smaller == ()
 
 
-def test_a_term_that_lowers_the_error_by_less_than_a_quarter_is_a_smaller_one():
+def test_a_term_that_lowers_the_error_by_under_a_quarter_is_smaller():
     """Beside a slow wave that nothing explains, a square of half its size helps and is no cause."""
     left = 3.0 * np.sin(0.61 * TIME)
     choice = chosen(left + 1.65 * BASIS[3], 4)
@@ -123,7 +125,7 @@ def test_a_term_that_lowers_the_error_by_less_than_a_quarter_is_a_smaller_one():
     assert chosen(left + 1.65 * BASIS[3], 4, ChoiceSettings(min_share=0.99)).terms
 
 
-def test_a_small_term_is_named_where_nothing_but_noise_is_left_with_it_and_not_without():
+def test_a_small_term_is_named_where_only_with_it_noise_is_left():
     choice = chosen(0.2 * BASIS[2], 5)
     assert choice.terms == ("line@u",)
     assert choice.share("line@u").value > 0.75
@@ -155,7 +157,7 @@ def test_a_law_that_the_best_beats_by_less_than_a_quarter_is_close_to_it():
     assert Judge(explored, comparison, ChoiceSettings()).close_to(best) == [near]
 
 
-def test_a_formula_gives_way_to_a_law_that_does_as_well_and_a_curve_to_a_formula():
+def test_a_formula_gives_way_to_an_equal_law_and_a_curve_to_a_formula():
     choice = chosen(1.5 * BASIS[3], 7)
     explored = replace(choice.explored, formulas=("square@v",))
     assert {s.terms for s in choice.near if len(s) == 1} >= {("square@v",), ("twin@w",)}
@@ -176,7 +178,7 @@ def test_a_formula_that_leaves_structure_is_not_named():
 
 
 @pytest.mark.parametrize(("fine", "taken"), [(0.198, "coarse@u"), (0.12, "fine@u")])
-def test_a_refinement_takes_the_place_of_the_coarser_law_only_where_it_lowers_the_error_by_a_quarter(fine, taken):
+def test_a_refinement_replaces_a_law_only_where_it_gains_a_quarter(fine, taken):
     size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
     errors = {(): 1.0, ("coarse@u",): 0.2, ("fine@u",): fine}
     comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
@@ -195,7 +197,7 @@ def test_where_unseen_readings_refuse_a_pair_its_parts_are_offered_first():
     assert part.comparison is pair.comparison
 
 
-def test_where_unseen_readings_refuse_all_that_does_as_well_nothing_is_left():
+def test_nothing_is_left_where_unseen_readings_refuse_all():
     choice, offered = chosen(1.5 * BASIS[2], 1), []
     while choice is not None:
         offered.append(choice.structure)
@@ -205,7 +207,7 @@ def test_where_unseen_readings_refuse_all_that_does_as_well_nothing_is_left():
     assert not any(s.contains(offered[0]) for s in offered[1:])
 
 
-def test_a_law_that_acts_twice_is_not_told_by_the_one_place_that_all_structures_share(monkeypatch):
+def test_a_law_that_acts_twice_is_not_told_by_a_shared_place(monkeypatch):
     laws = {"lag@u": TERMS["line@u"], "lag@v": TERMS["square@v"], "other@w": TERMS["twin@w"]}
     monkeypatch.setattr(f"{__name__}.TERMS", {f: replace(t, id=f) for f, t in laws.items()})
     told = chosen(1.5 * BASIS[2] + 1.0 * BASIS[3], 3).told()

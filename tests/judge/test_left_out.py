@@ -14,6 +14,8 @@ from aero_bayes.search import CandidateModel, FitNoise, Structure
 from aero_bayes.sensors import OutputNoise
 from aero_bayes.simulation import ParameterTarget, open_simulator
 
+pytestmark = pytest.mark.fast
+
 EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-10), hold_noise=True)
 PRIOR_SD = 3.0
 TIME = np.arange(200) * 0.05
@@ -76,7 +78,7 @@ def test_blocks_of_time_are_predicted_as_by_least_squares_without_them(size):
         np.testing.assert_allclose(again, exact, rtol=1e-6)
 
 
-def test_a_block_is_left_out_of_all_outputs_at_once_and_each_output_counts_alone():
+def test_a_block_is_left_out_of_all_outputs_each_counted_alone():
     rng = np.random.default_rng(4)
     x = np.concatenate([rows(TIME) / 0.1, -2.0 * rows(TIME)[:, ::-1] / 0.4])
     noisy = x @ [1.0, 2.0, 0.1] + rng.normal(size=2 * TIME.size)
@@ -91,7 +93,7 @@ def test_a_block_is_left_out_of_all_outputs_at_once_and_each_output_counts_alone
     assert common.outputs == ("y", "z")
 
 
-def test_of_three_recordings_one_at_a_time_is_left_out_and_its_own_offset_stays():
+def test_one_of_three_recordings_is_left_out_and_its_offset_stays():
     """Each recording has an offset of its own, which readings of the others do not tell."""
     rng = np.random.default_rng(5)
     times = [TIME + 100.0 * k for k in range(3)]

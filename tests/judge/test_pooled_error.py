@@ -7,6 +7,8 @@ import pytest
 
 from aero_bayes.judge.prediction import Error, Prediction
 
+pytestmark = pytest.mark.fast
+
 
 def test_deviation_of_a_pooled_error(rng: np.random.Generator):
     parts = {("a", "y"): Error(1.0, 0.02, 500), ("b", "y"): Error(0.1, 0.02, 3000)}

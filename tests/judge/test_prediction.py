@@ -9,6 +9,8 @@ from scipy.signal import lfilter
 from aero_bayes.data import Recording
 from aero_bayes.judge import Error, Prediction, Recordings, describe_error_change, surely_worse
 
+pytestmark = pytest.mark.fast
+
 
 def prediction(**rms: float) -> Prediction:
     return Prediction({}, {("run", output): Error(value, 0.02 * value, 100) for output, value in rms.items()}, {})

@@ -11,6 +11,8 @@ from aero_bayes.check import ResidualReport
 from aero_bayes.data import Recording
 from aero_bayes.judge import MAX_ERROR_RATIO, Prediction, Recordings, refusal, rms_error
 
+pytestmark = pytest.mark.fast
+
 TIME = np.arange(2000) * 0.05
 NOISE = np.random.default_rng(1).normal(0.0, 0.1, (2, TIME.size))
 UNSEEN = Recording("run", TIME, {"u": np.sin(TIME)}, {"y": NOISE[0], "z": NOISE[1]}, {"time": "s"}, "")
@@ -31,7 +33,7 @@ def test_what_is_predicted_better_is_not_refused():
     assert refusal(predicted(y=0.5), predicted(y=0.1), RECORDINGS, [STRUCTURED]) == ""
 
 
-def test_an_output_that_is_surely_predicted_worse_refuses_though_another_gains():
+def test_an_output_surely_predicted_worse_refuses_though_another_gains():
     said = refusal(predicted(y=0.5), predicted(z=0.2), RECORDINGS, [SETTLED])
     assert "worse" in said
     assert "(z)" in said
@@ -69,7 +71,7 @@ def test_without_unseen_readings_nothing_is_refused():
 
 
 @pytest.mark.parametrize(("size", "refused"), [(2.3, True), (1.5, False)])
-def test_an_error_that_doubles_refuses_though_few_readings_do_not_make_it_sure(size, refused):
+def test_an_error_that_doubles_refuses_even_with_few_readings(size, refused):
     """One slow drift is one independent reading."""
     few = replace(
         UNSEEN, time=TIME[:9], inputs={"u": np.zeros(9)}, outputs={o: y[:9] for o, y in UNSEEN.outputs.items()}

@@ -31,7 +31,7 @@ end Rig;
 
 
 @pytest.mark.skipif(not STEPS.exists(), reason="the measured recording aero_2dof is not on this machine")
-def test_pitch_and_yaw_of_the_real_rig_are_followed_where_nothing_was_fitted(tmp_path: Path) -> None:
+def test_pitch_and_yaw_of_the_real_rig_are_predicted_on_unseen_data(tmp_path: Path) -> None:
     source = tmp_path / "Rig.mo"
     source.write_text(RIG, encoding="utf-8")
     fmu = export_fmu("Rig", tmp_path / "Rig.fmu", compiler="embedded", sources=[source])

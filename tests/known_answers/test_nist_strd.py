@@ -13,6 +13,8 @@ import pytest
 
 from aero_bayes.estimate import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
 
+pytestmark = pytest.mark.fast
+
 STRD = json.loads((Path(__file__).parent / "nist_strd.json").read_text())["problems"]
 
 

@@ -27,6 +27,8 @@ from aero_bayes.language import (
 )
 from aero_bayes.ports import find_insertion_point, is_driver
 
+pytestmark = pytest.mark.fast
+
 NOISE = [
     " ",
     "\n",

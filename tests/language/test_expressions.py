@@ -33,6 +33,8 @@ from aero_bayes.language import (
     walk,
 )
 
+pytestmark = pytest.mark.fast
+
 VALUES = {"a": 1.3, "b": -0.7, "c.d": 2.1, "e": 0.4}
 FUNCTIONS = {"sqrt": math.sqrt, "abs": abs, "min": min, "max": max, "exp": math.exp}
 
@@ -68,7 +70,7 @@ def by_python(text: str) -> float:
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_random_expressions_have_the_value_the_places_and_the_parts_that_they_were_written_with(seed: int) -> None:
+def test_random_expressions_have_the_values_and_places_of_their_text(seed: int) -> None:
     text = written(np.random.default_rng(seed), 4)
     tree = parse_text(text)
     value = by_python(text)

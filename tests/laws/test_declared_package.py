@@ -72,7 +72,7 @@ def test_priors_columns_and_reasons_come_from_the_package(tmp_path: Path) -> Non
         read_recording(path, layout=layout)
 
 
-def test_a_model_that_extends_a_system_has_its_declaration_and_a_stranger_has_none(tmp_path: Path) -> None:
+def test_only_a_model_that_extends_a_system_has_its_declaration(tmp_path: Path) -> None:
     for name, text in (("Loaded", EXTENDED), ("Stranger", STRANGER)):
         (tmp_path / f"{name}.mo").write_text(text)
     loaded = load_model("Loaded", sources=[SLEDGE, tmp_path / "Loaded.mo"])
@@ -129,7 +129,7 @@ def test_the_loop_finds_an_effect_by_the_name_that_the_package_gives_it(tmp_path
     assert found.effects[0].summary == "runners that rub (under the sledge)"
 
 
-def test_without_a_declaration_the_same_law_is_found_at_the_replaceable_model(tmp_path: Path) -> None:
+def test_without_declaration_the_law_is_found_at_the_replaceable_model(tmp_path: Path) -> None:
     package = tmp_path / "Sledge"
     package.mkdir()
     shutil.copy(SLEDGE / "package.mo", package)

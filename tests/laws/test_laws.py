@@ -28,6 +28,8 @@ from aero_bayes.laws import (
     read_laws,
 )
 
+pytestmark = pytest.mark.fast
+
 LISTED = {
     "input": "gain offset dead_zone dead_zone_by_side saturation saturation_by_side rate_limit square_law lag delay "
     "lag_of_second_order hysteresis curve",

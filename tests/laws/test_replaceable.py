@@ -165,7 +165,7 @@ def test_laws_in_one_place_act_one_after_the_other(source: Path) -> None:
     assert reading == pytest.approx((1.5 + 0.2) * 1.1, rel=1e-12)
 
 
-def test_a_law_in_a_replaceable_model_and_one_at_another_port_stand_in_one_file(source: Path) -> None:
+def test_laws_in_a_replaceable_model_and_at_a_port_stand_in_one_file(source: Path) -> None:
     found = written(source, {"contact@link": {"R_c": 3.0}, "offset@V": {"b": 0.5}})
     assert found.text.count("\nend ") == 2
     rate, _ = at(explicit_model(found.name, [source, found.path]), 1.5, 9.0)

@@ -95,9 +95,7 @@ def test_the_users_text_is_kept(laws: tuple[Law, ...], tmp_path: Path) -> None:
     assert written.path.read_text(encoding="utf-8") == written.text
 
 
-def test_a_law_at_a_connector_extends_and_one_in_series_splits_a_connection(
-    laws: tuple[Law, ...], tmp_path: Path
-) -> None:
+def test_a_law_at_a_connector_extends_one_in_series_splits_a_connection(laws: tuple[Law, ...], tmp_path: Path) -> None:
     flat = rig("Shaft.Motor")
     sources = [RIGS / "Shaft.mo"]
     node = write_law(sources, "Shaft.Motor", flat, uses_at(flat, laws, "coulomb_friction@load.a"), tmp_path)

@@ -15,6 +15,8 @@ from matplotlib.figure import Figure
 import aero_bayes
 from aero_bayes.plots import palette
 
+pytestmark = pytest.mark.fast
+
 #: Colour-blind vision (Machado, Oliveira & Fernandes, 2009, IEEE TVCG 15, 1291), full severity, on linear sRGB.
 VISION = {
     "normal": np.eye(3),

@@ -104,7 +104,7 @@ def test_a_fit_predicts_as_its_posterior_does(cart: SimpleNamespace, posterior: 
     assert one.upper - one.lower == pytest.approx(other.upper - other.lower, rel=0.15)
 
 
-def test_the_band_of_a_wrong_model_is_as_wide_as_what_is_left_on_the_fitted_recording(cart: SimpleNamespace):
+def test_the_band_of_a_wrong_model_is_as_wide_as_its_residual(cart: SimpleNamespace):
     found = cart.fit.predict(cart.recording)
     left = np.quantile(np.abs(cart.fit.residuals[0][:, 0]), 0.9)
     half = 0.5 * (found.predictive.upper - found.predictive.lower)

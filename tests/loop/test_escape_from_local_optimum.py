@@ -61,7 +61,7 @@ def result(tmp_path_factory):
     return close_loop([train], [test], model="Spring", settings=settings, workers=0)
 
 
-def test_a_hardening_spring_is_told_from_a_stop_though_the_first_fit_is_far_off(result) -> None:
+def test_a_hardening_spring_is_told_from_a_stop_after_a_bad_first_fit(result) -> None:
     assert result.predicted_before.test["test", "y"].rms > 100.0 * NOISE
     assert [effect.id for effect in result.effects] == ["cubic_stiffness@v"]
     for name, truth in {"m": M, "c": C, "k": K}.items():

@@ -109,7 +109,7 @@ def test_a_body_that_starts_hot_radiates_to_the_room_that_its_model_knows(tmp_pa
     assert result.parameters["C"].value == pytest.approx(250.0, rel=0.03)
 
 
-def test_a_recording_that_begins_in_motion_is_predicted_from_where_it_begins(tmp_path):
+def test_a_recording_in_motion_is_predicted_from_where_it_begins(tmp_path):
     result = close(CART, ("m", "c"), ("quadratic_drag", "coulomb_friction", "saturation"), cart, tmp_path)
     assert [effect.id for effect in result.effects] == ["quadratic_drag@v"]
     assert unseen(result)[1] < 1.5 * 0.005

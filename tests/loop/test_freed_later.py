@@ -51,7 +51,7 @@ def settings(tmp_path):
     )  # fmt: skip
 
 
-def test_a_value_that_was_held_wrong_is_freed_beside_the_effect_and_is_no_second_one(settings):
+def test_a_wrong_fixed_value_is_freed_beside_the_effect(settings):
     result = close_loop([driven("a", 61)], [driven("b", 62)], model="Ladder", settings=settings, workers=0)
     assert [effect.id for effect in result.effects] == ["square_loss@y"]
     assert result.predicted_after.pooled("test")["y"] < 1.1 * SD

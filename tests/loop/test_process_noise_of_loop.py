@@ -91,7 +91,7 @@ def test_the_smoothed_states_hold_the_reading(pushed):
     assert np.all(low <= high)
 
 
-def test_no_random_force_is_named_where_a_law_is_missing_and_where_nothing_is(cart):
+def test_no_random_force_is_named_where_a_law_or_nothing_is_missing(cart):
     hard = closed(cart, driven(6, 0.0, hardening=20.0))
     assert hard.outcome == "unexplained"
     assert hard.process_noise is None or not hard.process_noise.explains

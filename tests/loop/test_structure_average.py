@@ -65,7 +65,7 @@ def test_draws_of_a_sampler_take_the_place_of_the_chosen_structures_normal() -> 
     assert [found.q05, found.q50, found.q95] == pytest.approx([exact.q05, exact.q50, exact.q95], abs=0.01)
 
 
-def test_fitted_parameters_keep_their_value_and_get_the_interval_of_the_mixture() -> None:
+def test_parameters_keep_their_value_and_get_the_mixture_interval() -> None:
     fitted = {
         "a": NewParameter("a", 1.0, 0.2, 0.67, 1.33, "m", ""),
         "new": NewParameter("new", 3.0, 0.1, 2.8, 3.2, "N", ""),

@@ -204,7 +204,7 @@ def cascade(name: str, seed: int) -> Recording:
     return Recording(name, h * np.arange(u.size), {"u": u}, {"y": y + rng.normal(0.0, NOISE, u.size)})
 
 
-def test_what_a_part_hands_on_to_the_next_is_a_port_where_nothing_comes_back(tmp_path):
+def test_what_a_part_hands_on_is_a_port_where_nothing_comes_back(tmp_path):
     source = tmp_path / "Cascade.mo"
     source.write_text(CASCADE, encoding="utf-8")
     ports = {p.id: p for p in ports_with_laws(load_flat("Cascade", [source]), shipped_laws())}
@@ -217,7 +217,7 @@ def test_what_a_part_hands_on_to_the_next_is_a_port_where_nothing_comes_back(tmp
 
 
 @pytest.mark.long
-def test_a_limit_between_two_filters_that_differs_by_side_is_found_as_one_law(tmp_path):
+def test_a_limit_that_differs_by_side_is_found_as_one_law(tmp_path):
     source = tmp_path / "Cascade.mo"
     source.write_text(CASCADE, encoding="utf-8")
     settings = LoopSettings(

@@ -112,7 +112,7 @@ end Cell;
 
 
 @pytest.mark.parametrize("sign", ["-", "+"])
-def test_a_voltage_drops_as_over_its_resistance_and_a_counted_charge_has_no_second_storage(
+def test_a_voltage_takes_its_resistances_laws_a_charge_no_second_storage(
     sign: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
 ) -> None:
     path = tmp_path / "Cell.mo"

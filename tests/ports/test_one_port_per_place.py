@@ -11,6 +11,8 @@ from small_rigs import Numbers, explicit, rig, somewhere
 from aero_bayes.export import load_flat
 from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, write_law
 
+pytestmark = pytest.mark.fast
+
 LIBRARY = """package Lib
   package Units
     type Place = Real(unit = "m");

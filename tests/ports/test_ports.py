@@ -23,6 +23,8 @@ from aero_bayes.laws import (
 )
 from aero_bayes.ports import DIFFERENCE, port_table
 
+pytestmark = pytest.mark.fast
+
 FOUND = {
     "Cart": {"F": "input input N", "q": "output output m", "v": "motion equation N"},
     "Pendulum": {"u": "input input N.m", "angle": "output output rad", "w": "motion equation N.m"},

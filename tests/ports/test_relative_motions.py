@@ -109,14 +109,14 @@ def test_two_masses_that_a_force_couples_have_a_place_between_them(tmp_path):
     assert damper.neighbour.id == "v_w"
 
 
-def test_a_twist_that_is_a_state_is_the_displacement_between_and_who_is_alone_has_none(tmp_path):
+def test_a_twist_that_is_a_state_is_the_displacement_between_two_bodies(tmp_path):
     ports = found(tmp_path, SHAFT)
     assert [id_ for id_ in ports if "-" in id_] == ["w_2-w_1"]
     assert ports["w_2-w_1"].signals == {"v": "w_2 - w_1", "x": "phi"}
     assert ports["w_2-w_1"].units["x"] == "rad"
 
 
-def test_what_a_component_joins_has_a_place_beside_it_and_what_none_joins_has_none(tmp_path):
+def test_only_what_a_component_joins_has_a_place_beside_it(tmp_path):
     ports = found(tmp_path, DRIVE)
     assert [id_ for id_ in ports if "-" in id_] == ["motor.fl-load.fl", "load.fl-far.fl"]
     twist = ports["motor.fl-load.fl"]
@@ -148,7 +148,7 @@ M_B, M_W, K_S, C_S, K_T, K_3 = 250.0, 40.0, 16000.0, 1500.0, 160000.0, 8e6
         (DRIVE, ("backlash@motor.fl-load.fl", "quadratic_drag@load.fl-far.fl", "coulomb_friction@load.fl")),
     ],
 )
-def test_what_is_written_between_two_motions_moves_them_like_what_was_judged(source, ids, laws, models, tmp_path, rng):
+def test_a_written_law_between_two_motions_moves_them_as_judged(source, ids, laws, models, tmp_path, rng):
     name = source.split()[1]
     (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
     flat = load_flat(name, [tmp_path / f"{name}.mo"])
@@ -176,7 +176,7 @@ def drive(name: str, seed: int) -> Recording:
     return Recording(name, 0.01 * np.arange(700), {"road": road}, {"body": seen[:, 0], "wheel": seen[:, 1]})
 
 
-def test_a_spring_that_stiffens_is_found_between_its_ends_and_written_into_both_balances(tmp_path):
+def test_a_stiffening_spring_is_found_and_written_into_both_balances(tmp_path):
     (tmp_path / "Car.mo").write_text(CAR, encoding="utf-8")
     settings = LoopSettings(
         structures=StructureSettings(max_effects=2), sources=(tmp_path / "Car.mo",), free=("k_s", "c_s"),
@@ -192,7 +192,7 @@ def test_a_spring_that_stiffens_is_found_between_its_ends_and_written_into_both_
     assert result.modelica.count("k_3 * (body - wheel) ^ 3") == 2
 
 
-def test_a_deflection_whose_rate_is_taken_is_no_storage_beside_the_two_it_is_between(tmp_path):
+def test_a_deflection_whose_rate_is_taken_is_no_storage(tmp_path):
     strut = CAR.replace("f = k_s*(body - wheel) + c_s*(v_b - v_w);", "x = body - wheel;\n  f = k_s*x + c_s*der(x);")
     ports = found(tmp_path, strut.replace("protected", 'protected\n  Real x(unit = "m");'))
     assert {p.id for p in ports.values() if p.attachment == "equation"} == {"v_b", "v_w", "v_b-v_w", "v_w-road"}

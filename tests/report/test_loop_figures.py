@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
 from aero_bayes.report import changed_equations, is_all_equations, rounds_plates
 from aero_bayes.schema import CandidateJson, ComponentJson, DiagramJson, LoopJson, StepJson
+
+pytestmark = pytest.mark.fast
 
 
 def rounds_of(shares: dict[str, float]) -> LoopJson:
@@ -47,7 +51,7 @@ def test_the_documentation_of_a_law_is_no_equation() -> None:
     assert changed_equations(loop) == "<mark>z = u;</mark>\n<mark>der(z) = u - z;</mark>"
 
 
-def test_a_diagram_of_states_gives_way_to_the_equation_and_one_of_components_stays() -> None:
+def test_only_a_diagram_of_components_stays_beside_the_equation() -> None:
     box = ComponentJson(name="R", type="model", extent=(0, 0, 1, 1))
     assert is_all_equations(DiagramJson(components=[box]))
     assert not is_all_equations(DiagramJson(components=[box.model_copy(update={"type": "Mass"})]))

@@ -133,7 +133,7 @@ def test_text_in_figures_stays_readable_on_a_phone(browser: Browser, page: Path)
     assert browser.evaluate(smallest) > 8.5
 
 
-def test_dragging_zooms_every_panel_of_a_recording_and_reset_brings_the_still_back(loop: Browser) -> None:
+def test_dragging_zooms_every_panel_and_reset_undoes_it(loop: Browser) -> None:
     at = show(loop, STACK)
     still = loop.evaluate(f"look.axis(look.seen({STACK}).querySelector('.y.axis')).length")
     drag(loop, at(0.3, 0.3), at(0.4, 0.3))

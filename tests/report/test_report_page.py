@@ -176,7 +176,7 @@ def test_the_rounds_name_every_candidate_and_mark_the_chosen(runs: Path, pages: 
     assert step["chosen"] == "pivot_coulomb_friction"
 
 
-def test_the_fall_of_the_error_is_shown_with_its_spread_and_smaller_effects_make_no_claim(
+def test_the_error_falls_with_its_spread_and_smaller_effects_claim_nothing(
     runs: Path, pages: dict[str, str], tmp_path: Path
 ) -> None:
     result = result_of(copied(runs, "loop", tmp_path))

@@ -39,6 +39,8 @@ from aero_bayes.report import (
 )
 from aero_bayes.sensors import autocorrelation
 
+pytestmark = pytest.mark.fast
+
 
 @pytest.mark.parametrize("seed", range(20))
 def test_envelope_keeps_the_extremes_of_every_column(seed: int) -> None:

@@ -12,6 +12,8 @@ from pydantic import ValidationError
 from aero_bayes.schema import RunJson, undeclared
 from aero_bayes.workflow import write_result
 
+pytestmark = pytest.mark.fast
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["loop", "posterior"])

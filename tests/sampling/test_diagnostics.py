@@ -8,6 +8,8 @@ import pytest
 
 from aero_bayes.sampling import autocorrelation_time, diagnose, r_hat
 
+pytestmark = pytest.mark.fast
+
 
 def ar1(rng: np.random.Generator, rho: float, shape: tuple[int, int, int]) -> np.ndarray:
     x = np.empty(shape)

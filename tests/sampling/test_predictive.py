@@ -13,6 +13,8 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.sampling import posterior_predictive
 from aero_bayes.simulation import Outcome
 
+pytestmark = pytest.mark.fast
+
 
 def test_draws_that_all_fail_are_one_line() -> None:
     def simulate(values: np.ndarray) -> Any:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from aero_bayes.search.formula_gains import prediction_slopes
 from aero_bayes.simulation.interface import FilteredStates
+
+pytestmark = pytest.mark.fast
 
 A = np.array([[-0.5, 1.0], [0.2, -0.8]])
 STEP, SAMPLES = 0.01, 300

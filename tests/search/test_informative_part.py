@@ -13,6 +13,8 @@ from aero_bayes.search.informative_part import informative_share
 from aero_bayes.sensors import OutputNoise
 from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
+pytestmark = pytest.mark.fast
+
 
 class LinearSimulator:
     """Answers ``y = basis' p`` with exact sensitivities."""
@@ -69,7 +71,7 @@ def test_the_part_reaches_until_a_parameter_or_a_term_has_acted():
         (np.cos(1.7 * LONG), np.where(0.6 * LONG[-1] < LONG, np.cos(2.3 * LONG), 0.0)),
     ],
 )
-def test_all_is_taken_where_the_beginning_does_not_show_a_term_or_what_is_missing(term, missing):
+def test_all_readings_are_taken_where_the_beginning_shows_too_little(term, missing):
     assert share(LONG, np.sin(LONG), term, missing) == 1.0
 
 

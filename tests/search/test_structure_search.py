@@ -41,6 +41,8 @@ from aero_bayes.sensors import OutputNoise
 from aero_bayes.sensors.whiteness import residual_correlation_time
 from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
+pytestmark = pytest.mark.fast
+
 TIME = np.arange(600) * 0.05
 #: Response to each parameter: two of the base, three of effects (the last is a twin of the first effect).
 BASIS = np.stack(
@@ -199,7 +201,7 @@ def test_a_term_that_the_free_parameters_imitate_is_not_offered():
     assert not any("sine" in s.terms for s in searched(cache).fits)
 
 
-def test_what_is_required_stays_whatever_it_gains_and_the_missing_term_is_found_beside_it():
+def test_a_required_term_stays_and_the_missing_one_is_found_beside_it():
     settings = StructureSettings(require=("square",))
     alone = found([1.0, 2.0, 0.0, 0.0, 0.0], 100, settings)
     best = max((f for f in alone.fits.values() if "square" in f.terms), key=alone.penalty.score)
@@ -273,7 +275,7 @@ def limited(time, p):
     return (np.exp(p[0]) * np.minimum(LEVELS, 1.0 / np.maximum(p[2], 1e-12)) ** p[1])[:, None]
 
 
-def test_a_limit_is_found_though_the_other_parameters_readjust_to_it_along_no_line():
+def test_a_limit_is_found_though_other_parameters_readjust_along_no_line():
     limit, noise = 3.5, OutputNoise(0.01, 0.0, 1.0)
     exact = limited(TIME, np.array([0.3, 0.7, 1.0 / limit]))[:, 0]
     measured = exact + noise.sd_white * np.random.default_rng(8).normal(size=600)
@@ -309,7 +311,7 @@ def test_what_only_led_the_fit_out_of_a_local_optimum_is_no_missing_term():
     assert explored.best.values["b"] == pytest.approx(3.7, abs=0.01)
 
 
-def test_what_is_required_begins_where_it_is_off_if_it_can_begin_nowhere_else():
+def test_a_required_term_begins_off_if_it_can_begin_nowhere_else():
     def breaks(time, p):
         """A line and a wave, which breaks as soon as it is seen."""
         wave = p[2] * np.sin(time) if np.real(p[2]) < 0.5 else np.nan * time

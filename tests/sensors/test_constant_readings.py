@@ -7,6 +7,8 @@ import pytest
 
 from aero_bayes.sensors import find_ripple, quantum, thin_constant_readings
 
+pytestmark = pytest.mark.fast
+
 
 def test_quantum_is_found_on_counts_and_nowhere_else():
     rng = np.random.default_rng(1)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from aero_bayes.sensors import correlation_p_value
+
+pytestmark = pytest.mark.fast
 
 RUNS, N = 2000, 1000
 

@@ -9,6 +9,8 @@ from scipy.stats import multivariate_normal
 from aero_bayes.estimate import OutputNoise, estimate_noise, innovations
 from aero_bayes.sensors import SampleTimes, log_density, whiten
 
+pytestmark = pytest.mark.fast
+
 
 def dense(t: np.ndarray, n: OutputNoise) -> np.ndarray:
     k = n.sd_ou**2 * np.exp(-np.abs(t[:, None] - t) / n.tau) if n.sd_ou else 0.0
@@ -77,7 +79,7 @@ def test_lag_one_correlation_of_the_sum() -> None:
     assert n.sd == pytest.approx(np.sqrt(k[0, 0]))
 
 
-def test_what_lasts_too_long_for_noise_is_held_at_its_own_size_and_the_rest_is_searched() -> None:
+def test_what_lasts_too_long_for_noise_keeps_its_size() -> None:
     """The limit is a fiftieth of the recording, here 0.6 s, for what is larger than the white noise."""
     time = np.arange(3000) * 0.01
     rng = np.random.default_rng(8)

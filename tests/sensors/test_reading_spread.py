@@ -10,6 +10,8 @@ from scipy.stats import t as student_t
 
 from aero_bayes.sensors.reading_spread import SpreadModel, choose_spread, estimate_spread
 
+pytestmark = pytest.mark.fast
+
 N = 600
 READINGS = 50.0 + 40.0 * np.sin(np.arange(N) / 30.0)
 Draw = Callable[[np.random.Generator], np.ndarray]

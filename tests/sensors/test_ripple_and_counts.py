@@ -16,6 +16,8 @@ from aero_bayes.sensors import describe_quantisation, find_ripple, interval_log_
 from aero_bayes.simulation import Model
 from aero_bayes.workflow import ripple_series
 
+pytestmark = pytest.mark.fast
+
 STEP_RECORDING = Path(__file__).resolve().parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
 
 

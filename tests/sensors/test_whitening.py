@@ -17,6 +17,8 @@ from aero_bayes.sensors import (
     whiten,
 )
 
+pytestmark = pytest.mark.fast
+
 NOISES = [
     OutputNoise(0.7),
     OutputNoise(0.3, 1.2, 0.4),

@@ -27,6 +27,8 @@ from aero_bayes.simulation import (
     supervision,
 )
 
+pytestmark = pytest.mark.fast
+
 (PRINT_FOREVER, ALLOCATE, ALLOCATE_SHARED, FORK, EXECUTE, WRITE_OUTSIDE, CHANGE_MODE, FILL_FILE, CONNECT,
  SIGNAL_PARENT, SAY_DONE) = range(14, 25)  # fmt: skip
 #: File descriptors below this one are those that the hostile model writes to.

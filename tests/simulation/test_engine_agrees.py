@@ -20,6 +20,8 @@ from aero_bayes.simulation import (
     open_simulator,
 )
 
+pytestmark = pytest.mark.fast
+
 TIGHT = SolverSettings(1e-8, 1e-8)
 
 

@@ -23,6 +23,8 @@ from aero_bayes.simulation import (
     WorkerPool,
 )
 
+pytestmark = pytest.mark.fast
+
 TIGHT = SolverSettings(1e-9, 1e-9)
 VARIANTS = [
     pytest.param({"directional": True}, id="exact derivatives"),

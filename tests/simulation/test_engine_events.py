@@ -21,6 +21,8 @@ from aero_bayes.simulation import (
     open_simulator,
 )
 
+pytestmark = pytest.mark.fast
+
 
 def bounce(time: np.ndarray, height: float, e: float, g: float = 9.81) -> np.ndarray:
     """Closed form of the ball's height."""

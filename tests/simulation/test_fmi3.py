@@ -23,6 +23,8 @@ from aero_bayes.simulation import (
     open_simulator,
 )
 
+pytestmark = pytest.mark.fast
+
 TIGHT = SolverSettings(1e-8, 1e-8)
 Drive = Callable[[np.ndarray], tuple[InputSignal, ...]]
 JUMP = InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, 3.0]))

@@ -19,6 +19,8 @@ from aero_bayes.simulation import (
     open_simulator,
 )
 
+pytestmark = pytest.mark.fast
+
 SOURCE = """model Two "A lag with two inputs, one of which is also read"
   parameter Real k(unit = "1/s") = 0.5;
   input Real u(unit = "1/s");

@@ -29,6 +29,8 @@ from aero_bayes.simulation import (
 )
 from aero_bayes.simulation.smoothing import smooth
 
+pytestmark = pytest.mark.fast
+
 EXACT = SolverSettings(1e-11, 1e-13)
 
 OSCILLATOR = """model Oscillator

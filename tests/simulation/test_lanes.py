@@ -26,6 +26,8 @@ from aero_bayes.simulation import (
     WorkerPool,
 )
 
+pytestmark = pytest.mark.fast
+
 #: What expressions can hold: functions, powers, branches, an input beside the time.
 RIG = """model Rig
   parameter Real k(min = 0) = 40 "Stiffness";

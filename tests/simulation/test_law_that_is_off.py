@@ -20,6 +20,8 @@ from aero_bayes.simulation import (
     open_simulator,
 )
 
+pytestmark = pytest.mark.fast
+
 TIME = np.linspace(0.0, 2.0, 81)
 DRIVE = InputSignal("u", np.array([0.0, 0.7]), np.array([0.5, -1.0]))
 #: Model, what it does as other tools' do, output, targets with their values.

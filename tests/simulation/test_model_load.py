@@ -15,6 +15,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.simulation import Experiment, InputSignal, Model, NativeSimulator, Problem, open_simulator
 from aero_bayes.simulation import archive as archive_module
 
+pytestmark = pytest.mark.fast
+
 Edit = Callable[[dict[str, bytes]], None]
 
 

@@ -24,6 +24,8 @@ from aero_bayes.simulation import (
     SolverSettings,
 )
 
+pytestmark = pytest.mark.fast
+
 MOTOR = """model Motor "A stiff circuit drives a rotor against the air"
   parameter Real R = 8.4;
   parameter Real L = 1.16e-3;

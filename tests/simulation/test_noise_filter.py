@@ -9,6 +9,8 @@ from scipy.stats import multivariate_normal
 from aero_bayes.simulation import Experiment, NativeSimulator, ParameterTarget, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.gaussian import gauss_newton_products
 
+pytestmark = pytest.mark.fast
+
 GRIDS = {
     "uniform": np.linspace(0.0, 3.0, 121),
     "irregular": np.sort(np.random.default_rng(2).uniform(0.0, 3.0, 80)),

@@ -26,6 +26,8 @@ from aero_bayes.simulation import (
     open_simulator,
 )
 
+pytestmark = pytest.mark.fast
+
 TIGHT = SolverSettings(1e-9, 1e-9)
 TIME = np.linspace(0.0, 3.0, 121)
 

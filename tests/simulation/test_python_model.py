@@ -17,6 +17,8 @@ from aero_bayes.simulation import (
     open_simulator,
 )
 
+pytestmark = pytest.mark.fast
+
 SD, GAIN, RATE = 0.05, 2.0, 0.7
 
 

@@ -17,6 +17,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.scratch import ScratchFolder, sweep
 from aero_bayes.simulation import Experiment, Model, Problem, open_simulator
 
+pytestmark = pytest.mark.fast
+
 RUN = """
 import sys, time
 import numpy as np

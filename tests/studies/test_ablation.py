@@ -15,6 +15,8 @@ from ablation_table import good, summarise, table
 from rig_trial import Answer
 from simulated_rigs import rig_kinds
 
+pytestmark = pytest.mark.long
+
 
 def test_the_list_is_fixed_and_its_beginning_balanced() -> None:
     tasks = ablation.trials()

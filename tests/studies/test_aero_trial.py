@@ -14,6 +14,8 @@ from aero_trial import draw_aero_trial
 from aero_trial.outside import KINDS as OUTSIDE
 from simulated_aero import KINDS, Levels, Truth, even_times, simulate_truth
 
+pytestmark = pytest.mark.long
+
 
 def test_effects_outside_the_catalogue_are_others_at_every_port() -> None:
     assert len(OUTSIDE) >= 8

@@ -13,6 +13,8 @@ from coverage_wrong import DEVELOPMENT, REPORT, STATES, Best, best_values, of_ri
 from coverage_wrong_page import misses, parts
 from wrong_rigs import rigs
 
+pytestmark = pytest.mark.long
+
 RIGS = rigs()
 
 

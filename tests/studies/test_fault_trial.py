@@ -14,6 +14,8 @@ from fault_trial import FaultTask, Rig, attempt, draw, fault_tasks, shortened, s
 from simulated_rigs import draw_rig_trial
 from simulated_rigs.faults import FAULTS, Faulty, with_fault, without_fault
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Rig:

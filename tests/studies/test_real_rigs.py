@@ -17,6 +17,8 @@ from aero_bayes.config import load_config
 from aero_bayes.export import export_fmu
 from real_rigs_table import Expectation, judge_answer, judge_names, table
 
+pytestmark = pytest.mark.long
+
 STARTS = {
     "tanks": (5.0, 5.0), "tank2006": (1.0, 1.0), "tclab": (20.0, 20.0), "whiffle": (47.0, 0.0), "paramecium": (2.0,),
     "hotend": (25.0,), "coastdown": (8.0,),
@@ -94,7 +96,7 @@ def test_a_reference_leaves_gaps_and_keeps_all_of_a_few_readings(tmp_path: Path)
     assert 0.3 * np.sqrt(np.mean(np.square(sizes))) < found["rms"]["count"] < np.sqrt(np.mean(np.square(sizes)))
 
 
-def test_the_drive_moves_freely_within_its_play_and_rests_on_its_spring_outside() -> None:
+def test_the_drive_is_free_within_its_play_and_rests_on_its_spring() -> None:
     a = play_drive.FRICTION / play_drive.INERTIA
     time = play_drive.INTERVAL * np.arange(30)
     slow = play_drive.angles(np.full(30, 0.01))

@@ -13,6 +13,8 @@ import real_trial
 from aero_bayes.export import load_flat
 from aero_bayes.laws import find_candidates, ports_with_laws, shipped_laws
 
+pytestmark = pytest.mark.long
+
 MODELS = real_trial.complete_models()
 TASKS = real_trial.tasks(MODELS)
 

@@ -19,6 +19,8 @@ from paper_replay.page import run_result
 from paper_replay.published import TABLE_1, TABLE_PARAMETERS
 from paper_replay.result import JOINT, PAPER, RERUN, SCALED
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def told():

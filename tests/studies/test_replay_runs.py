@@ -23,6 +23,8 @@ from paper_replay.published import (
 )
 from paper_replay.search import coarse_gradient, coarse_stage, coarse_step, exact_stage, swarm_recipe
 
+pytestmark = pytest.mark.long
+
 COLUMN = {name: k for k, name in enumerate(OUTPUTS)}
 
 
@@ -111,7 +113,7 @@ def test_exact_slopes_are_those_of_the_closed_form(linear, recording):
             assert slope == pytest.approx((high - low) / (2.0 * h), rel=2e-3)
 
 
-def test_coarse_slopes_have_the_recipes_step_and_the_wrong_sign_for_the_inertia(linear, recording):
+def test_coarse_slopes_have_the_wrong_sign_for_the_inertia(linear, recording):
     end = coarse_stage(linear, PAPER_STAGES[1], UNOPTIMISED.model_values)
     slope = end.slopes[0]
     assert slope.step == pytest.approx(0.1)

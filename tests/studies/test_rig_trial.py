@@ -15,6 +15,8 @@ from simulated_rigs import LawPlace, LawTruth, draw_rig_trial
 from simulated_rigs.nodes import joined_connectors, same_places
 from trial_runs import run_trials, write_summary
 
+pytestmark = pytest.mark.long
+
 
 def says(*ids: str, folder: Path, equivalent: tuple[tuple[str, ...], ...] = ()) -> Answer:
     """A program that always answers the same, having looked at what it was given."""

@@ -20,6 +20,8 @@ from simulated_rigs.signals import (
 )
 from simulated_rigs.truth import law_kind
 
+pytestmark = pytest.mark.long
+
 CART, HEAT, RESERVOIRS, SHAFT, TANKS = (KINDS[name] for name in ("cart", "heat", "reservoirs", "shaft", "tanks"))
 
 
@@ -40,7 +42,7 @@ def balance(law: str, name: str, **parameters: float) -> LawTruth:
     return LawTruth(law, LawPlace("balance", name), parameters)
 
 
-def test_dry_friction_takes_the_same_from_every_swing_until_the_cart_sticks() -> None:
+def test_dry_friction_takes_the_same_from_every_swing_until_it_sticks() -> None:
     """Without damping each half swing is shorter by 2 F_c / k, and the last ends within F_c / k of rest."""
     p = {"mass.m": 1.5, "spring.k": 60.0, "damper.d": 0.0}
     time = times(CART, 601)
@@ -63,7 +65,7 @@ def test_dry_friction_takes_the_same_from_every_swing_until_the_cart_sticks() ->
     assert (states[time > count * half + 0.01, 1] == 0.0).all()
 
 
-def test_an_end_stop_throws_the_cart_back_after_half_a_period_of_the_contact() -> None:
+def test_an_end_stop_throws_the_cart_back_after_half_a_contact_period() -> None:
     p = {"mass.m": 1.5, "spring.k": 1e-9, "damper.d": 0.0}
     law = balance("end_stop", "mass.v", x_s=0.5, k_s=600.0)
     time = times(CART, 301)
@@ -245,7 +247,7 @@ def test_friction_does_not_depend_on_the_step(law: str) -> None:
     np.testing.assert_allclose(runs[0], runs[1], atol=1e-6 * np.ptp(runs[1]))
 
 
-def test_every_law_of_the_library_stands_somewhere_and_unknown_ones_are_refused() -> None:
+def test_every_law_stands_somewhere_and_unknown_ones_are_refused() -> None:
     listed = {law for kind in KINDS.values() for law, _ in law_places(kind)}
     expected = (
         "gain offset dead_zone saturation rate_limit square_law lag delay hysteresis coulomb_friction "

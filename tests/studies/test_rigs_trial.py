@@ -20,6 +20,8 @@ from simulated_rigs import MODELS, LawPlace, LawTruth, draw_rig_trial, rig_kinds
 from simulated_rigs.distance import RigExperiment, arma_innovations
 from simulated_rigs.kinds import KINDS
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize("name", KINDS)
 def test_the_modelica_model_and_the_simulator_are_the_same_rig(name: str, tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from click.testing import CliRunner, Result
 from aero_bayes.cli import main
 from aero_bayes.export import export_fmu
 
+pytestmark = pytest.mark.fast
+
 HEADER = "time,V_m,i_m,omega_m,theta"
 RATE_HZ = 50.0
 

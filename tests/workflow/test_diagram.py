@@ -14,6 +14,8 @@ from aero_bayes.schema import ComponentJson, DiagramJson
 from aero_bayes.simulation import Model, Variable
 from aero_bayes.workflow import model_diagrams
 
+pytestmark = pytest.mark.fast
+
 LIBRARY = """
 within ;
 package Rig "A rig"
@@ -113,9 +115,7 @@ def test_an_effect_deep_within_a_component_is_marked_on_the_way_to_it(files: lis
     assert [(s.kind, s.points, s.filled) for s in effect.shapes] == [("rectangle", [(-50, 40), (70, -40)], True)]
 
 
-def test_a_model_without_placements_is_laid_out_without_overlaps_from_inputs_to_outputs(
-    files: list[Path], fmu: Model
-) -> None:
+def test_a_model_without_placements_is_laid_out_without_overlaps(files: list[Path], fmu: Model) -> None:
     (diagram,) = model_diagrams(fmu, "Rig.Bare", files)
     assert not diagram.drawn
     parts = named(diagram)

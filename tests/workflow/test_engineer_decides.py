@@ -31,7 +31,7 @@ laws = ["offset", "gain"]
 """
 
 
-def test_a_required_effect_is_added_though_nothing_is_missing_and_the_choices_are_told(tmp_path: Path):
+def test_a_required_effect_is_added_though_nothing_is_missing(tmp_path: Path):
     rng = np.random.default_rng(6)
     u, level = np.repeat(rng.uniform(0.0, 2.0, 20), 20), np.zeros(400)
     for n in range(399):

@@ -307,7 +307,7 @@ def test_what_a_loop_cannot_do_is_one_line(key, value, word, folder):
     assert not (folder / "refused" / "result.json").exists()
 
 
-def test_a_parameter_that_a_loop_does_not_free_is_held_where_the_user_put_it(folder):
+def test_a_parameter_that_the_loop_does_not_free_keeps_the_users_value(folder):
     job = opened(folder, document("parameters.*.value", 2.0, {"parameters.gain": {"free": "auto"}}))
     settings = loop_settings(job)
     assert settings.free == ("k",)

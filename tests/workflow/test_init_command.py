@@ -17,6 +17,8 @@ from aero_bayes.cli import main
 from aero_bayes.language import main_class
 from aero_bayes.workflow import match_columns, split_unit
 
+pytestmark = pytest.mark.fast
+
 RIG = """within ;
 partial model Base
   parameter Real k(unit = "1/s", min = 0.01, max = 10) = 0.3 "Rate of \\"loss\\"";
@@ -196,7 +198,7 @@ def test_the_model_is_the_one_that_nothing_uses(rig):
     assert main_class(rig / "Rig.mo") == known
 
 
-def test_columns_are_matched_without_their_units_which_are_written_where_they_differ(rig):
+def test_columns_are_matched_without_units_and_differing_ones_written(rig):
     record(rig / "odd.csv", "t_ms,U [mV],level/g")
     assert run("init", rig / "models" / "Rig.mo", rig / "odd.csv", "--out", rig / "rig.toml").exit_code == 0
     assert tomllib.loads((rig / "rig.toml").read_text())["data"]["columns"] == {

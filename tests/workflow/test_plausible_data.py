@@ -12,6 +12,8 @@ from facts import facts
 
 from aero_bayes.cli import main
 
+pytestmark = pytest.mark.fast
+
 ROOM = """
 model Room
   parameter Real C(unit = "J/K", min = 0) = 2e6;

@@ -103,7 +103,7 @@ end Scaled;
 """
 
 
-def test_a_reading_that_a_lag_would_move_is_seen_though_offset_and_gain_are_free(rig):
+def test_a_lag_of_a_reading_is_seen_beside_free_offset_and_gain(rig):
     """The least that a lag by T moves it is T times its rate, less what gain and zero imitate of that."""
     (rig / "Scaled.mo").write_text(SCALED)
     (rig / "scaled.toml").write_text(
@@ -139,7 +139,7 @@ end Still;
 """
 
 
-def test_a_force_that_follows_the_motion_is_seen_though_a_constant_one_is_imitated(tmp_path):
+def test_a_force_that_follows_the_motion_is_seen_a_constant_one_not(tmp_path):
     """The slope of the track does what a constant force does, but not what friction does."""
     (tmp_path / "Still.mo").write_text(STILL)
     (tmp_path / "rig.toml").write_text(

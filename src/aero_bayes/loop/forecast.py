@@ -17,14 +17,35 @@ MIN_ANNOUNCED_SECONDS = 60.0
 def announce_duration(context: LoopContext, first: FittedModel, terms: int) -> None:
     """Announce how long the search may take and how to shorten it, if it takes a minute or more."""
     run = min(_run(first) for _ in range(3))
-    limit = context.settings.max_minutes
-    minutes = min(RUNS_PER_CANDIDATE * terms * run / max(context.pool.size, 1) / 60.0, limit)
+    message = forecast_duration(run, terms, context.pool.size, context.settings.max_minutes)
+    if message:
+        context.progress(message, 0.15)
+
+
+def forecast_duration(run: float, terms: int, workers: int, max_minutes: float) -> str:
+    """Say how long a search may take; nothing where it takes less than :data:`MIN_ANNOUNCED_SECONDS`.
+
+    Parameters
+    ----------
+    run : float
+        Time of a simulation with its derivatives, in s.
+    terms : int
+        Candidates.
+    workers : int
+        Processes that simulate.
+    max_minutes : float
+        The search's time limit, in minutes.
+
+    Returns
+    -------
+    str
+    """
+    minutes = min(RUNS_PER_CANDIDATE * terms * run / max(workers, 1) / 60.0, max_minutes)
     if 60.0 * minutes < MIN_ANNOUNCED_SECONDS:
-        return
-    context.progress(
+        return ""
+    return (
         f"the search may take {minutes:.2g} min ({terms} candidates, {1e3 * run:.2g} ms per simulation). [loop] ports, "
-        f"laws and exclude leave out candidates; max_minutes = {limit:g} is the time limit.",
-        0.15,
+        f"laws and exclude leave out candidates; max_minutes = {max_minutes:g} is the time limit."
     )
 
 
