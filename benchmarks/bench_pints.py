@@ -20,7 +20,7 @@ from harness import TimingRow, missing
 from aero_bayes.estimate import Fit
 from aero_bayes.estimate.swarm import SwarmSettings, minimise
 from aero_bayes.estimate.target import Target
-from aero_bayes.sampling.diagnostics import diagnose
+from aero_bayes.sampling.diagnostics import check_convergence
 from aero_bayes.simulation import DelayTarget, ParameterTarget, StartTarget, open_simulator
 
 GROUPS = ("swarm", "pints")
@@ -159,7 +159,7 @@ def chain_rows(fit: Fit, slow: float | None) -> list[TimingRow]:
         began = time.perf_counter()
         chains = np.asarray(run.run())[:, STEPS // 2 :]
         seconds = time.perf_counter() - began
-    found = [diagnose(chains[:, :, j : j + 1]) for j in range(d)]
+    found = [check_convergence(chains[:, :, j : j + 1]) for j in range(d)]
     ess = min(f.ess_bulk for f in found)
     total = CHAINS * STEPS
     text = f"{ess:.0f} effective of {total} evaluations, R-hat {max(f.r_hat for f in found):.4f}"

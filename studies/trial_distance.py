@@ -73,7 +73,7 @@ def scaled_to(spec: TrialSpec, wanted: float, family: ModelicaFamily) -> TrialSp
 def _distance(spec: TrialSpec, noise_free: Recording, family: ModelicaFamily, known: Sequence[str]) -> float:
     model = family.base_model()
     shared = parameters_from_model(
-        model, overrides={name: item for name, item in declared_overrides(model).items() if not item.auto}
+        model, overrides={name: item for name, item in declared_overrides(model).items() if not item.free_if_identified}
     )
     loop = LoopSettings()
     settings = replace(loop.calibration, outputs=OUTPUTS, solver=SolverSettings(1e-6, 1e-6))

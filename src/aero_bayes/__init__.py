@@ -1,4 +1,4 @@
-"""Modelica model -> FMU -> fit -> honest posterior -> the effect the model lacks.
+"""Modelica model -> FMU -> fit -> posterior -> the effect the model lacks.
 
 A model of a package that declares its rigs brings parameters, priors and columns:
 

@@ -102,7 +102,7 @@ def two_recordings(tmp_path_factory: pytest.TempPathFactory):
         )
         for name, delay in (("first", 0.004), ("second", 0.011))
     ]  # fmt: skip
-    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="free", resting=("theta",)))
+    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="free", may_start_at_rest=("theta",)))
     return fit(recordings, model, settings=settings, workers=0)
 
 

@@ -54,7 +54,7 @@ def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[tup
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])
         fit = replace(settings.local_fit, floors=base.plain.floors, hold_noise=True)
-        root = model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), fit)
+        root = model.fit(Structure(), model.coordinates_of(base.values, ()), FitNoise(base.fit.noise), fit)
         searching = StructureSearch(cache, library, settings.structures, fit, base.floors, parts)
         yield searching, searching.run(root)
         cache.close()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import simulated_aero as bench
-from aero_bayes.estimate import CalibrationSettings, FitSettings, QuadraticModel, SearchResult, Stop, fit
+from aero_bayes.estimate import CalibrationSettings, FitSettings, LocalResult, QuadraticModel, Stop, fit
 from aero_bayes.estimate.delays import laplace_log_evidence
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model
@@ -49,8 +49,8 @@ def test_delays_of_two_recordings_are_found_apart(model):
 
 def test_a_needle_holds_less_than_a_valley():
     def end(cost, curvature):
-        return SearchResult(np.zeros(2), QuadraticModel(cost, np.zeros(2), curvature), 3, Stop.CONVERGED, 1)
+        return LocalResult(np.zeros(2), QuadraticModel(cost, np.zeros(2), curvature), 3, Stop.CONVERGED, 1)
 
     needle, valley = end(0.0, np.diag([1e12, 1.0])), end(4.0, np.diag([1e4, 1.0]))
     assert laplace_log_evidence(valley) - laplace_log_evidence(needle) == pytest.approx(0.5 * np.log(1e8) - 4.0)
-    assert laplace_log_evidence(SearchResult(np.zeros(2), None, 0, Stop.FAILED_START, 1)) == -np.inf
+    assert laplace_log_evidence(LocalResult(np.zeros(2), None, 0, Stop.FAILED_START, 1)) == -np.inf

@@ -139,7 +139,7 @@ def test_an_optional_parameter_is_freed_only_where_the_data_shows_it() -> None:
         y = two_speeds(times, np.array([0.5, 0.02])) + 0.01 * rng.normal(size=(times.size, 1))
         items = [
             parameter("A", 0.4, 0.1, 9.0, Uniform(0.1, 9.0)),
-            parameter("L_a", 0.03, 0.003, 0.3, LogUniform(0.003, 0.3), "log", auto=True),
+            parameter("L_a", 0.03, 0.003, 0.3, LogUniform(0.003, 0.3), "log", free_if_identified=True),
         ]
         found = fit_calibration(
             calibration([(times, y)], ["y"], items), lambda p: FormulaSimulator(p, two_speeds), FitSettings(swarm=SMALL)

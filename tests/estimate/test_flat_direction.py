@@ -64,7 +64,7 @@ def test_without_the_current_no_torque_is_identified(drive: tuple[aero_bayes.Mod
     fit = aero_bayes.fit(recording, model, parameters=FREE, settings=SETTINGS, workers=0)
     (direction,) = fit.identifiability.flat
     assert {"R", "F_c", "J_l"} <= set(direction.members)
-    assert direction.held == ("b = 0.001",)
+    assert direction.fixed_names == ("b = 0.001",)
     assert abs(fit["R"].value - TRUTH["R"]) > 5.0 * (fit["R"].sd or 0.0)  # what a held guess does to it
     assert all(str(fit[name].status) == "weak" for name in direction.members)
     assert "`b = 0.001`" in fit.to_dict()["identifiability"]["text"][0]

@@ -84,7 +84,7 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
     calibration = calibrate(
         [Recording("swing", TIME, {"u": force}, {"x": readings})], model,
         parameters_from_model(model, overrides={"w": Override()}),
-        settings=CalibrationSettings(delay="none", resting=()),
+        settings=CalibrationSettings(delay="none", may_start_at_rest=()),
     )  # fmt: skip
     assert np.all(np.diff(force) != 0.0)
 
@@ -121,7 +121,7 @@ def test_few_changes_of_the_input_are_left_as_they_are(modelica):
     calibration = calibrate(
         [Recording("swing", TIME, {"u": force}, {"x": np.cos(TIME)})], model,
         parameters_from_model(model, overrides={"w": Override()}),
-        settings=CalibrationSettings(delay="none", resting=()),
+        settings=CalibrationSettings(delay="none", may_start_at_rest=()),
     )  # fmt: skip
     with open_simulator(calibration.problem(), workers=0) as simulator:
         cheap = with_few_samples(calibration, simulator, SAMPLES)

@@ -68,7 +68,7 @@ def objectives(modelica):
             Parameter("c", "1", 0.1, -10.0, 10.0, Normal(0.0, 1.0), "linear", "", ParameterTarget("c")),
         )
     )
-    settings = CalibrationSettings(delay="none", resting=(), solver=SolverSettings(1e-8, 1e-8))
+    settings = CalibrationSettings(delay="none", may_start_at_rest=(), solver=SolverSettings(1e-8, 1e-8))
     opened = {}
     for sampling in ("even", "gaps", "uneven"):
         calibration = calibrate(recordings(sampling), modelica(RINGING), parameters, settings=settings)

@@ -51,7 +51,7 @@ def test_value_of_the_search_is_kept(
     assert fit.value("tau") == pytest.approx(4.0, rel=0.03)
     assert fit.rms["y"] < 0.012
     assert fit.value("idle") == 3.0
-    assert fit.held[-1] == "idle"
+    assert fit.unidentified[-1] == "idle"
     steps = fit.identifiability.in_steps
     if gain == 1.0:  # where the start is in the right branch there is nothing to keep
         assert steps["limit"].lower == pytest.approx(0.1)

@@ -45,7 +45,7 @@ def test_a_range_far_wider_leaves_the_intervals_of_least_squares(tmp_path):
     run = Recording("run", time, {"u": u}, {"y": y})
     wide = {"a": Override(lower=0.0, upper=2.0), "b": Override(lower=-1e6, upper=1e6)}
     free = parameters_from_model(model, overrides=wide)
-    calibration = calibrate([run], model, free, settings=CalibrationSettings(resting=("s",)))
+    calibration = calibrate([run], model, free, settings=CalibrationSettings(may_start_at_rest=("s",)))
     with open_simulator(calibration.problem(), workers=0) as simulator:
         objective = Objective(calibration, simulator)
         start = calibration.parameters.to_search(calibration.parameters.start)

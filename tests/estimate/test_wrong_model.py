@@ -71,7 +71,8 @@ def wrong(modelica):
     model = modelica(LINEAR_SPRING)
     parameters = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
     settings = FitSettings(
-        swarm=SwarmSettings(particles=16, iterations=30), calibration=CalibrationSettings(delay="none", resting=())
+        swarm=SwarmSettings(particles=16, iterations=30),
+        calibration=CalibrationSettings(delay="none", may_start_at_rest=()),
     )
     recording = Recording("spring", TIME, {"u": LEVELS}, {"x": readings})
     return fit(recording, model, parameters=parameters, settings=settings, workers=0), readings
@@ -104,7 +105,7 @@ def test_the_right_model_says_nothing(modelica):
     readings = linear(10.0, 0.6) + NOISE * np.random.default_rng(5).standard_normal(TIME.size)
     model = modelica(LINEAR_SPRING)
     parameters = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
-    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", resting=()))
+    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", may_start_at_rest=()))
     recording = Recording("spring", TIME, {"u": LEVELS}, {"x": readings})
     found = fit(recording, model, parameters=parameters, settings=settings, workers=0)
     assert found.warnings == ()

@@ -64,7 +64,7 @@ def chosen(missing, seed: int, settings: ChoiceSettings | None = None, samples: 
         cache, Library([tuple(TERMS)], {}, tuple(t for t in TERMS if t.startswith("curve"))), StructureSettings(), FIT,
         {("run 0", "y"): NOISE}, Parts(restarts=()),
     )  # fmt: skip
-    root = cache.model.fit(Structure(), cache.model.at({}, ()), FitNoise({"y": OutputNoise(NOISE)}), FIT)
+    root = cache.model.fit(Structure(), cache.model.coordinates_of({}, ()), FitNoise({"y": OutputNoise(NOISE)}), FIT)
     return Chooser(settings or ChoiceSettings(), FIT, searching.complete, searching.alone).choose(searching.run(root))
 
 

@@ -43,7 +43,7 @@ def study(times, measured, design, parameters, term):
     candidates = {"wave": CandidateTerm("wave", "one", ((1.0,),), (term,))}
     model = CandidateModel(Objective(problem, simulator), candidates, own, open_simulator)
     noise = FitNoise({o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)})
-    return [model.fit(s, model.at({}, ()), noise, EXACT) for s in (WAVE, NOTHING)]
+    return [model.fit(s, model.coordinates_of({}, ()), noise, EXACT) for s in (WAVE, NOTHING)]
 
 
 def squares_without(x, y, blocks):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.judge.prediction import Error, Prediction
+from aero_bayes.judge.prediction import Prediction, RmsError
 
 pytestmark = pytest.mark.fast
 
 
 def test_deviation_of_a_pooled_error(rng: np.random.Generator):
-    parts = {("a", "y"): Error(1.0, 0.02, 500), ("b", "y"): Error(0.1, 0.02, 3000)}
+    parts = {("a", "y"): RmsError(1.0, 0.02, 500), ("b", "y"): RmsError(0.1, 0.02, 3000)}
     found = Prediction({}, parts, {})
     draws = {key: e.rms + e.sd * rng.standard_normal(20_000) for key, e in parts.items()}
     squares = sum(e.readings * draws[key] ** 2 for key, e in parts.items())

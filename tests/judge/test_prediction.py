@@ -7,13 +7,13 @@ import pytest
 from scipy.signal import lfilter
 
 from aero_bayes.data import Recording
-from aero_bayes.judge import Error, Prediction, Recordings, describe_error_change, surely_worse
+from aero_bayes.judge import Prediction, Recordings, RmsError, describe_error_change, surely_worse
 
 pytestmark = pytest.mark.fast
 
 
 def prediction(**rms: float) -> Prediction:
-    return Prediction({}, {("run", output): Error(value, 0.02 * value, 100) for output, value in rms.items()}, {})
+    return Prediction({}, {("run", output): RmsError(value, 0.02 * value, 100) for output, value in rms.items()}, {})
 
 
 def test_an_output_that_gets_worse_is_told_beside_the_one_that_gains_most() -> None:
@@ -35,7 +35,7 @@ def test_what_a_disturbance_gives_or_takes_is_not_surely_better(missed: float, s
         slow, wrong, other = lfilter([0.1], [1.0, -0.995], rng.standard_normal((3, time.size)))
         sine = missed * np.sin(0.8 * time)
         recording = Recording("run", time, {"u": sine}, {"y": sine + slow}, {"time": "s"}, "")
-        test = {("run", "y"): Error(1.0, 0.1, time.size)}
+        test = {("run", "y"): RmsError(1.0, 0.1, time.size)}
         one = Prediction({}, test, {("run", "y"): 0.1 * wrong})
         two = Prediction({}, test, {("run", "y"): sine + 0.1 * other})
         counts += bool(surely_worse(one, two, Recordings((), (recording,), (), {}, ("y",))))

@@ -9,7 +9,7 @@ import pytest
 
 from aero_bayes.check import ResidualReport
 from aero_bayes.data import Recording
-from aero_bayes.judge import MAX_ERROR_RATIO, Prediction, Recordings, refusal, rms_error
+from aero_bayes.judge import MAX_ERROR_RATIO, Prediction, Recordings, rejection_reason, rms_error
 
 pytestmark = pytest.mark.fast
 
@@ -29,12 +29,12 @@ def predicted(**missed: float) -> Prediction:
 
 
 def test_what_is_predicted_better_is_not_refused():
-    assert refusal(predicted(y=0.5), predicted(y=0.1), RECORDINGS, [SETTLED]) == ""
-    assert refusal(predicted(y=0.5), predicted(y=0.1), RECORDINGS, [STRUCTURED]) == ""
+    assert rejection_reason(predicted(y=0.5), predicted(y=0.1), RECORDINGS, [SETTLED]) is None
+    assert rejection_reason(predicted(y=0.5), predicted(y=0.1), RECORDINGS, [STRUCTURED]) is None
 
 
 def test_an_output_surely_predicted_worse_refuses_though_another_gains():
-    said = refusal(predicted(y=0.5), predicted(z=0.2), RECORDINGS, [SETTLED])
+    said = rejection_reason(predicted(y=0.5), predicted(z=0.2), RECORDINGS, [SETTLED])
     assert "worse" in said
     assert "(z)" in said
 
@@ -43,7 +43,7 @@ def test_what_chance_takes_does_not_refuse():
     change = 1e-3 * np.random.default_rng(2).normal(size=TIME.size)
     before = predicted(y=0.5)
     fitted = {key: values + change for key, values in before.fitted.items()}
-    assert refusal(before, replace(before, fitted=fitted), RECORDINGS, [SETTLED]) == ""
+    assert rejection_reason(before, replace(before, fitted=fitted), RECORDINGS, [SETTLED]) is None
 
 
 @pytest.mark.parametrize(
@@ -54,20 +54,20 @@ def test_structure_that_is_left_asks_for_an_error_that_falls_visibly(share, refu
     after = predicted(y=1.0)
     for key, error in before.test.items():
         after.test[key] = replace(error, rms=share * error.rms)
-    assert bool(refusal(before, after, RECORDINGS, [STRUCTURED])) is refused
-    assert refusal(before, after, RECORDINGS, [SETTLED]) == ""
+    assert bool(rejection_reason(before, after, RECORDINGS, [STRUCTURED])) is refused
+    assert rejection_reason(before, after, RECORDINGS, [SETTLED]) is None
 
 
 def test_a_term_without_which_the_last_fit_leaves_hardly_more_is_refused():
     before, little, much = (replace(p, train=p.test, test={}) for p in map(lambda y: predicted(y=y), (1.0, 0.95, 0.5)))
-    assert "last fit" in refusal(before, little, RECORDINGS, [STRUCTURED])
-    assert refusal(before, little, RECORDINGS, [SETTLED]) == ""
-    assert refusal(before, much, RECORDINGS, [STRUCTURED]) == ""
+    assert "last fit" in rejection_reason(before, little, RECORDINGS, [STRUCTURED])
+    assert rejection_reason(before, little, RECORDINGS, [SETTLED]) is None
+    assert rejection_reason(before, much, RECORDINGS, [STRUCTURED]) is None
 
 
 def test_without_unseen_readings_nothing_is_refused():
     after = replace(predicted(y=1.0), test={})
-    assert refusal(predicted(), after, RECORDINGS, [STRUCTURED]) == ""
+    assert rejection_reason(predicted(), after, RECORDINGS, [STRUCTURED]) is None
 
 
 @pytest.mark.parametrize(("size", "refused"), [(2.3, True), (1.5, False)])
@@ -82,5 +82,5 @@ def test_an_error_that_doubles_refuses_even_with_few_readings(size, refused):
         fitted = {("run", "y"): few.outputs["y"] + y, ("run", "z"): few.outputs["z"] + z}
         return Prediction({}, {k: rms_error(few.outputs[k[1]] - v) for k, v in fitted.items()}, fitted)
 
-    said = refusal(off(1.0, 1.0), off(0.3, size), recordings, [STRUCTURED])
+    said = rejection_reason(off(1.0, 1.0), off(0.3, size), recordings, [STRUCTURED])
     assert bool(said) is refused

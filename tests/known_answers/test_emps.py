@@ -73,7 +73,9 @@ def test_published_parameters_come_back_from_a_simulated_record(tmp_path: Path, 
     parameters = parameters_from_model(
         model, overrides={"M": Override(), "F_v": Override(), "F_c": Override(scale="linear"), "offset": Override()}
     )
-    settings = FitSettings(method="local", staged=False, calibration=CalibrationSettings(delay="none", resting=resting))
+    settings = FitSettings(
+        method="local", staged=False, calibration=CalibrationSettings(delay="none", may_start_at_rest=resting)
+    )
     found = fit(record(np.random.default_rng(3)), model, parameters=parameters, settings=settings, workers=0)
     for name, value in PUBLISHED.items():
         estimate = found.parameters[name]

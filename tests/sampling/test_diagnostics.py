@@ -6,7 +6,7 @@ import arviz as az
 import numpy as np
 import pytest
 
-from aero_bayes.sampling import autocorrelation_time, diagnose, r_hat
+from aero_bayes.sampling import autocorrelation_time, check_convergence, r_hat
 
 pytestmark = pytest.mark.fast
 
@@ -25,7 +25,7 @@ def test_autocorrelation_time_of_ar1(rho: float) -> None:
     x = ar1(np.random.default_rng(1), rho, (4, 4000, 10))
     truth = (1 + rho) / (1 - rho)
     assert autocorrelation_time(x) == pytest.approx(truth, rel=0.25)
-    found = diagnose(x)
+    found = check_convergence(x)
     assert found.ess_bulk == pytest.approx(x.size / truth, rel=0.25)
     assert found.r_hat < 1.01
 

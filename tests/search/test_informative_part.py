@@ -45,7 +45,7 @@ def share(time, own, term, missing):
     objective = Objective(problem, LinearSimulator(time, measured, basis))
     model = CandidateModel(objective, {"term": CandidateTerm("term", "p", ((1.0,),), (1,))}, (0,), open_simulator)
     noise = FitNoise({"y": OutputNoise(0.5)})
-    root = model.fit(Structure(), model.at({}, ()), noise, LocalFitSettings(hold_noise=True))
+    root = model.fit(Structure(), model.coordinates_of({}, ()), noise, LocalFitSettings(hold_noise=True))
     return informative_share(root)
 
 

@@ -111,7 +111,7 @@ class OneModel:
         return self.model
 
     def root(self, values=None, noise=NOISE):
-        return self.model.fit(Structure(), self.model.at(values or {}, ()), FitNoise({"y": noise}), EXACT)
+        return self.model.fit(Structure(), self.model.coordinates_of(values or {}, ()), FitNoise({"y": noise}), EXACT)
 
 
 FLOORS = {("run 0", "y"): 0.36}
@@ -153,7 +153,12 @@ def test_a_term_that_is_fitted_to_a_magnitude_of_zero_is_off():
     for size, off in ((-0.6, ("sine",)), (0.6, ())):
         cache = OneModel(study([1.0, 2.0, size, 0.0, 0.0], 2, low=0.0))
         both = Structure(("sine",))
-        assert cache.model.fit(both, cache.model.at({"c": 0.5}, ("sine",)), cache.root().noise, EXACT).off_terms == off
+        assert (
+            cache.model.fit(
+                both, cache.model.coordinates_of({"c": 0.5}, ("sine",)), cache.root().noise, EXACT
+            ).off_terms
+            == off
+        )
 
 
 def test_when_the_time_is_up_what_was_found_by_then_is_kept():
@@ -295,7 +300,7 @@ class FromElsewhere:
     """A restart of a user's own: from a frequency of 3.72."""
 
     def refit(self, fitted, settings):
-        start = fitted.model.at(fitted.values | {"b": 3.72}, fitted.terms)
+        start = fitted.model.coordinates_of(fitted.values | {"b": 3.72}, fitted.terms)
         return fitted.model.fit(fitted.structure, start, fitted.noise, settings)
 
 

@@ -21,12 +21,11 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors import OutputNoise, autocorrelation, correlation_statistic, is_rotor_speed, ripple_means, whiten
+from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE
 
 FloatArray = NDArray[np.float64]
 ResidualVerdict = Literal["adequate", "structured"]
 
-#: Probability that a residual which is noise is called structured by all its tests together.
-FALSE_ALARM_RATE = 1e-3
 #: Residual, as a share of what an output moves, up to which it is rounding, and up to which it may be the solver's
 #: error: no sensor is that good, and simulated data without noise leave less.
 ROUNDING_SHARE, SOLVER_SHARE = 1e-6, 1e-4

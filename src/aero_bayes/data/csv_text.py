@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aero_bayes.data.cells import FORTRAN, NUMBER, is_number
-from aero_bayes.data.table import Table
+from aero_bayes.data.table import FileTable
 from aero_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class TextTable:
         """The first rows, as text."""
         return self._frame(range(len(self.names)), Scan("", 20, (), False, False), dtype=str, nrows=20)
 
-    def read(self, columns: Sequence[str], memory: int | None = None) -> Table:
+    def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
         """Columns by name; InputError for lines with too few or too many cells, and for too little memory."""
         scan = _scan(self.path, self.header)
         if scan.rows == 0:
@@ -106,7 +106,7 @@ class TextTable:
                 frame[place] = _as_it_stands(frame[place], text[place], scan, self.header.separator)
         first = self.header.line + 1
         frame = frame.set_axis([self.names[place] for place in frame.columns], axis=1)
-        return Table(frame, scan.sha256, lambda row: f"row {scan.line(row, first)}", scan.line(0, first))
+        return FileTable(frame, scan.sha256, lambda row: f"row {scan.line(row, first)}", scan.line(0, first))
 
     def _frame(self, places: Sequence[int], scan: Scan, **options: Any) -> pandas.DataFrame:
         import pandas

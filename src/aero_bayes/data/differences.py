@@ -43,7 +43,7 @@ SHAPE_ERROR = 0.04
 #: which correlated noise is accepted.
 MIN_CHI_SQUARED_GAIN, MIN_GAIN_OVER_DRIFT = 12.0, 2.0
 #: Longest correlation time, as a share of the longest lag: a longer one cannot be told from a drift.
-MAX_CORRELATION_SHARE = 0.5
+MAX_FITTED_TAU_SHARE = 0.5
 #: Lag of the inputs, in samples, up to which their differences may explain those of an output.
 MAX_INPUT_LAG = 12
 
@@ -230,7 +230,7 @@ def _fit_noise_variances(
 
     if calm and lags.size >= 5:
         best, memory, shares = np.inf, 0.0, np.zeros(3)
-        for tried in np.geomspace(1.0, MAX_CORRELATION_SHARE * lags[-1], 20):
+        for tried in np.geomspace(1.0, MAX_FITTED_TAU_SHARE * lags[-1], 20):
             misfit, solution = fit(steady, smooth, _correlated_variance(lags, tried, order))
             if misfit < best:
                 best, memory, shares = misfit, float(tried), solution

@@ -11,7 +11,7 @@ import numpy as np
 
 from aero_bayes.data.cells import is_number
 from aero_bayes.data.csv_text import with_units
-from aero_bayes.data.table import Table
+from aero_bayes.data.table import FileTable
 from aero_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,13 +63,13 @@ class FrameTable:
         """The first rows."""
         return self._frame.head(20)
 
-    def read(self, columns: Sequence[str], memory: int | None = None) -> Table:
+    def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
         """Columns by name."""
         found = self._frame[[self.names.index(name) for name in columns]].set_axis(list(columns), axis=1)
         if not len(found):
             raise InputError(f"{self.path}: holds a header but no data, expected one sample a row")
         digest, first = hashlib.sha256(self.path.read_bytes()).hexdigest(), self.first_row
-        return Table(found, digest, lambda row: f"row {row + first}", first)
+        return FileTable(found, digest, lambda row: f"row {row + first}", first)
 
     def _sheet(self, sheets: dict[str, pandas.DataFrame]) -> pandas.DataFrame:
         """The first sheet with a header: a row of names above a row with numbers, or above one of units."""

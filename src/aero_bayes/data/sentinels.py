@@ -22,7 +22,7 @@ MIN_STEPS_OFF = 8.0
 #: Readings of a constant within the range of the others, and distinct other readings, that it takes.
 MIN_REPEATS, MIN_DISTINCT = 3, 5
 #: Fewest readings that show what is usual.
-MIN_READINGS = 12
+MIN_SENTINEL_READINGS = 12
 
 
 def sentinels(values: FloatArray, inputs: Mapping[str, FloatArray]) -> dict[float, Mask]:
@@ -67,7 +67,7 @@ def impossible_inputs(values: FloatArray) -> dict[float, Mask]:
 def _farthest_outside(values: FloatArray, left: Mask, near: Mask) -> float | None:
     """The constant that is farthest outside of the range of all others; None if none is impossible."""
     seen = values[left]
-    if seen.size < MIN_READINGS:
+    if seen.size < MIN_SENTINEL_READINGS:
         return None
     for constant in (float(seen.min()), float(seen.max())):
         rows = left & (values == constant)
@@ -92,7 +92,7 @@ def _farthest_outside(values: FloatArray, left: Mask, near: Mask) -> float | Non
 def _repeated(values: FloatArray, left: Mask) -> list[float]:
     """Constants that occur often enough, and not too often; none for a sensor with coarse steps."""
     seen = values[left]
-    if seen.size < MIN_READINGS:
+    if seen.size < MIN_SENTINEL_READINGS:
         return []
     distinct, counts = np.unique(seen, return_counts=True)
     keep = (counts >= MIN_REPEATS) & (counts <= MAX_SHARE * seen.size)

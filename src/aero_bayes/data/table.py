@@ -42,7 +42,7 @@ def is_time_name(name: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Table:
+class FileTable:
     """Columns as they were read, the hash of the file, the name of a row in messages, and the first row's number."""
 
     frame: pandas.DataFrame
@@ -60,7 +60,7 @@ class TableFile(Protocol):
 
     def head(self) -> pandas.DataFrame: ...
 
-    def read(self, columns: Sequence[str], memory: int | None = None) -> Table: ...
+    def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable: ...
 
 
 @dataclass(frozen=True)

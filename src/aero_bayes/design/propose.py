@@ -251,7 +251,9 @@ def _targets(fit: Fit, predictor: ExperimentPredictor, targets: Sequence[str] | 
             if name not in names:
                 raise InputError(f"{name} is no parameter of the fit; it has {', '.join(names)}")
         return [names.index(name) for name in targets]
-    sought = [j for j, item in enumerate(predictor.shared) if not item.auto or item.name in fit.laplace.names]
+    sought = [
+        j for j, item in enumerate(predictor.shared) if not item.free_if_identified or item.name in fit.laplace.names
+    ]
     table = fit.parameters
     return [j for j in sought if table[names[j]].status is not Status.IDENTIFIED] or sought
 

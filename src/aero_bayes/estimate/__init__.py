@@ -11,9 +11,9 @@ from aero_bayes.estimate.laplace import Laplace, curvature_adjustment
 from aero_bayes.estimate.levenberg_marquardt import (
     CostFunction,
     FixedCost,
+    LocalResult,
     LocalSettings,
     QuadraticModel,
-    SearchResult,
     Stop,
     levenberg_marquardt,
 )
@@ -54,6 +54,7 @@ __all__ = [
     "JointTarget",
     "Laplace",
     "LocalFitSettings",
+    "LocalResult",
     "LocalSettings",
     "LogNormal",
     "LogUniform",
@@ -70,7 +71,6 @@ __all__ = [
     "Prior",
     "QuadraticModel",
     "RecordingPrediction",
-    "SearchResult",
     "Series",
     "Stage",
     "StageReport",

@@ -58,13 +58,13 @@ class CalibrationSettings:
         is no delay.
     start : {"auto", "reading", "estimated"}
         Initial values of states, see :class:`StartPolicy`.
-    resting : tuple of str, optional
+    may_start_at_rest : tuple of str, optional
         Outputs whose state may start anywhere, at rest; other states start at the model's own values unless the
         recording begins in mid-motion. By default what the model's package declares, else every output that is a
         state.
     most_readings : int, optional
         Readings of an output that a recording keeps; beyond it every n-th is kept.
-    standing : bool
+    keep_standstill_readings : bool
         Whether all readings of a counter at standstill are fitted. Comparisons of models use few of them.
     interpolation : {"auto", "hold", "linear"} or mapping
         Whether inputs hold from a sample to the next or run in straight lines, all of them or by name; ``auto`` lets
@@ -83,9 +83,9 @@ class CalibrationSettings:
     delay: DelayPolicy = "auto"
     delay_limit: float | Mapping[str, float] | None = None
     start: StartPolicy = "auto"
-    resting: tuple[str, ...] | None = None
+    may_start_at_rest: tuple[str, ...] | None = None
     most_readings: int | None = None
-    standing: bool = True
+    keep_standstill_readings: bool = True
     interpolation: Literal["auto", "hold", "linear"] | Mapping[str, Interpolation] = "hold"
     solver: SolverSettings = field(default_factory=SolverSettings)
 
@@ -300,7 +300,7 @@ def calibrate(
     check_plausible(recordings, model)
     known = model.declared.recording
     limit = known.max_input_delay if settings.delay_limit is None else settings.delay_limit
-    resting = known.resting if settings.resting is None else settings.resting
+    may_start_at_rest = known.resting if settings.may_start_at_rest is None else settings.may_start_at_rest
     if settings.delay == "free" and not limit:
         raise InputError(f"model {model.name} declares no input delay: give its delay_limit")
     outputs = _outputs(recordings, model, settings)
@@ -320,7 +320,9 @@ def calibrate(
             raise InputError(f"{recording.name}: model {model.name} has no input {missing[0]}")
         suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
         experiment = _experiment(recording, outputs, floors, settings, known.zero_at_rest)
-        start, extra = start_parameters(recording, experiment, model, settings.start, resting, index, suffix, given)
+        start, extra = start_parameters(
+            recording, experiment, model, settings.start, may_start_at_rest, index, suffix, given
+        )
         nuisances += extra
         if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], settings.delay, limit):
             nuisances.append(_delay(limit, index, suffix))
@@ -378,7 +380,7 @@ def _experiment(
             if step > 0.0:
                 # A little less than the count's own spread, which a motion through many counts may undercut.
                 floors[name] = max(0.9 * step / 12.0**0.5, floors.get(name, 0.0))
-                if not settings.standing:
+                if not settings.keep_standstill_readings:
                     values[~thin_constant_readings(recording.time, values)] = np.nan
             measured[:, column] = values
     own = [name for name in outputs if name in recording.outputs]

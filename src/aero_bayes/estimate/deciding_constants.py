@@ -45,7 +45,7 @@ def name_deciding_constants(
         sizes, vectors = collinear(rows @ rows.T)
         if sizes[0] < MAX_REMAINING_INFORMATION * alone and abs(vectors[-1, 0]) > MAX_REMAINING_INFORMATION:
             deciding.append(f"{item.name} = {item.start:.4g}")
-    return replace(found, flat=tuple(replace(direction, held=tuple(deciding)) for direction in found.flat))
+    return replace(found, flat=tuple(replace(direction, fixed_names=tuple(deciding)) for direction in found.flat))
 
 
 def _fixed_parameters(calibration: Calibration) -> ParameterSet:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.cost_shape import cost_shape
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings, QuadraticModel, SearchResult, levenberg_marquardt
+from aero_bayes.estimate.levenberg_marquardt import LocalResult, LocalSettings, QuadraticModel, levenberg_marquardt
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
@@ -135,7 +135,7 @@ def _starts(
     return [point, *trial[order]]
 
 
-def laplace_log_evidence(found: SearchResult[QuadraticModel]) -> float:
+def laplace_log_evidence(found: LocalResult[QuadraticModel]) -> float:
     """Log-evidence of an optimum up to a constant, by Laplace's approximation; minus infinity where it failed."""
     if found.quadratic is None:
         return -np.inf

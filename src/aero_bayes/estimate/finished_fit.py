@@ -111,7 +111,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
             objective, replace(settings.global_search, cost="posterior", local=LocalSettings(max_iterations=0))
         )
         here = search.settle_noise(replace(here, noise=search.initial_noise()))
-    optional = tuple(j for j, p in enumerate(calibration.parameters) if p.auto)
+    optional = tuple(j for j, p in enumerate(calibration.parameters) if p.free_if_identified)
     verdict = verdict_on(objective, here, optional)
     blind = {calibration.parameters.index(name) for name in verdict.no_effect}
     sampled = tuple(j for j in here.free if j not in blind)

@@ -32,7 +32,7 @@ from aero_bayes.estimate.global_search import (
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
-from aero_bayes.estimate.listed_values import Combination, ListedValue, combinations, split_values
+from aero_bayes.estimate.listed_values import ListedValue, ValueCombination, combinations, split_values
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.modes import Mode, find_modes
 from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
@@ -195,7 +195,7 @@ def fit(
             free = chosen_parameters(model, chosen, overrides)
             return calibrate(given, model, free, fixed=fixed, noise=settings.noise, settings=settings.calibration)
 
-        def fitted(candidate: Combination) -> Fit:
+        def fitted(candidate: ValueCombination) -> Fit:
             calibration = calibrated(cleaned, candidate.model, {**settings.fixed, **candidate.fixed})
             rng = np.random.default_rng(seed)
             return fit_calibration(calibration, opened, settings, rng, watched, checkpoint=cache)
@@ -349,7 +349,7 @@ def fit_calibration(
         search = GlobalSearch(
             Objective(calibration, simulator, result_cache=checkpoint), settings.global_search, progress
         )
-        free = tuple(j for j, p in enumerate(calibration.parameters) if not p.auto)
+        free = tuple(j for j, p in enumerate(calibration.parameters) if not p.free_if_identified)
         result = search.run(free, open_simulator, rng)
         chosen = settings.calibration.interpolation == "auto" and not search.progress.asked_to_end
         linear = choose_interpolation(search, result, open_simulator, rng) if chosen else None
@@ -376,7 +376,7 @@ def _modes(search: GlobalSearch, found: Fit, result: GlobalSearchResult) -> tupl
 def _with_identified(search: GlobalSearch, here: Optimum) -> tuple[int, ...]:
     """The free columns and each optional parameter that the data identify."""
     parameters = search.objective.parameters
-    optional = [j for j, p in enumerate(parameters) if p.auto]
+    optional = [j for j, p in enumerate(parameters) if p.free_if_identified]
     if not optional:
         return here.free
     verdict = verdict_on(search.objective, here, optional)

@@ -16,7 +16,7 @@ from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.delays import delay_columns, scan_delays, search_delays
-from aero_bayes.estimate.laplace import with_honest_covariance
+from aero_bayes.estimate.laplace import with_robust_covariance
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise, local_fit
 from aero_bayes.estimate.model_error import correlated_outputs
 from aero_bayes.estimate.objective import Objective
@@ -202,7 +202,7 @@ class GlobalSearch:
             here = self._local_fit(here.coordinates, here.free, None, self.local_settings)
         noise = self._estimate_noise(here)
         here = self._local_fit(here.coordinates, here.free, noise, replace(self.local_settings, hold_noise=True))
-        return with_honest_covariance(self.objective, here)
+        return with_robust_covariance(self.objective, here)
 
     def _outputs_overfitted_by_noise(self, here: Optimum, noise: Mapping[str, OutputNoise]) -> set[str]:
         """Outputs whose correlated noise absorbs signal: least squares leaves noticeably smaller residuals."""

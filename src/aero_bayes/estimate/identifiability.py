@@ -50,18 +50,18 @@ class Combination:
 
 @dataclass(frozen=True)
 class FlatDirection:
-    """Parameters whose common change hardly alters the outputs; fixed ones (``held``) whose values decide it."""
+    """Parameters whose common change hardly alters the outputs; fixed ones (``fixed_names``) whose values decide it."""
 
     members: tuple[str, ...]
-    held: tuple[str, ...] = ()
+    fixed_names: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
         """What a reader should know."""
         names = _listed(self.members)
-        if self.held:
-            verb = "decide" if len(self.held) > 1 else "decides"
-            return f"{names} are known up to a common change only, which {_listed(self.held)}, held, {verb}."
+        if self.fixed_names:
+            verb = "decide" if len(self.fixed_names) > 1 else "decides"
+            return f"{names} are known up to a common change only, which {_listed(self.fixed_names)}, held, {verb}."
         return f"{names} are known up to a common change only: the prior, or a small error of the model, decides it."
 
 

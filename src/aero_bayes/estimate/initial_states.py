@@ -33,7 +33,7 @@ def start_parameters(
     experiment: Experiment,
     model: Model,
     policy: StartPolicy,
-    resting: tuple[str, ...] | None,
+    may_start_at_rest: tuple[str, ...] | None,
     index: int,
     suffix: str,
     given: Collection[str] = (),
@@ -48,7 +48,7 @@ def start_parameters(
     model : Model
     policy : {"auto", "reading", "estimated"}
         A recording that resumes after a gap has every state's start estimated.
-    resting : tuple of str, optional
+    may_start_at_rest : tuple of str, optional
         Outputs whose state may start anywhere; all by default.
     index : int
         Of the recording.
@@ -67,7 +67,7 @@ def start_parameters(
         state = state_of(model, name)
         values = experiment.measured[:, column]
         reading = first_reading_of(values, recording)
-        free = resting is None or name in resting
+        free = may_start_at_rest is None or name in may_start_at_rest
         if state is None or state.name in given or reading is None or not (free or in_motion or policy == "estimated"):
             continue
         start[state.name] = reading

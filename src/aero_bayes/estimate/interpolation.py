@@ -27,7 +27,7 @@ MIN_FOLLOWING_SHARE = 0.5
 #: Gain in log-likelihood at which another interpolation of an input is preferred.
 MIN_LOG_LIKELIHOOD_GAIN = 10.0
 #: Residual over noise floor above which a fit with other interpolation starts anew: it may be at a wrong optimum.
-MAX_FLOOR_RATIO = 1.5
+MAX_EXPLAINED_FLOOR_RATIO = 1.5
 
 
 def moving_inputs(calibration: Calibration) -> tuple[str, ...]:
@@ -79,7 +79,7 @@ def choose_interpolation(
     before, here = search.objective.calibration, result.optimum
     if (linear := with_linear_inputs(before)) is None:
         return None
-    far = floor_ratio(search.objective, here.evaluation.residual) > MAX_FLOOR_RATIO
+    far = floor_ratio(search.objective, here.evaluation.residual) > MAX_EXPLAINED_FLOOR_RATIO
     found = _better_fit(search, here, linear, open_simulator, (rng, result.swarm) if far else None)
     best, here = (before, here) if found is None else (linear, found)
     moving = moving_inputs(before)

@@ -98,7 +98,7 @@ def widened_covariance(objective: Objective, optimum: Optimum) -> FloatArray:
     return parameter_covariance(information + prior_curvature(second), items.prior_sd())
 
 
-def with_honest_covariance(objective: Objective, optimum: Optimum) -> Optimum:
+def with_robust_covariance(objective: Objective, optimum: Optimum) -> Optimum:
     """The optimum with the covariance that its residuals ask for, where they are no noise."""
     wrong = any(optimum.noise[s.output].model_error for s in objective.series)
     return replace(optimum, covariance=widened_covariance(objective, optimum)) if wrong else optimum

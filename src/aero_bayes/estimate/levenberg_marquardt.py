@@ -116,7 +116,7 @@ class LocalSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class SearchResult(Generic[Quadratic]):
+class LocalResult(Generic[Quadratic]):
     """Where a search ended: the point (p,) and the quadratic model there (None if the start could not be evaluated)."""
 
     point: FloatArray
@@ -175,7 +175,7 @@ def levenberg_marquardt(
     progress: Callable[[int, float], object] | None = None,
     shape: CostShape | None = None,
     leads_to_known: Callable[[Quadratic, FloatArray], bool] | None = None,
-) -> SearchResult[Quadratic]:
+) -> LocalResult[Quadratic]:
     """Minimise a cost from a start, inside bounds.
 
     Parameters
@@ -197,20 +197,20 @@ def levenberg_marquardt(
     point = np.clip(np.asarray(start, dtype=np.float64), low, high)
     here = cost_function.evaluate(point)
     if here is None:
-        return SearchResult(point, None, 0, Stop.FAILED_START, 1)
+        return LocalResult(point, None, 0, Stop.FAILED_START, 1)
     rule = StepRule(low, high, shape or CostShape())
     damping, growth, evaluations = settings.damping, 2.0, 1
     largest_curvature, rejected, idle = np.zeros(point.size), 0, 0
     for iteration in range(1, settings.max_iterations + 1):
         if progress is not None and progress(iteration, here.cost) is True:
-            return SearchResult(point, here, iteration - 1, Stop.INTERRUPTED, evaluations)
+            return LocalResult(point, here, iteration - 1, Stop.INTERRUPTED, evaluations)
         np.maximum(largest_curvature, np.diag(here.hessian), out=largest_curvature)
         scale = np.where(largest_curvature > 0.0, largest_curvature, 1.0)
         bounds = rule.bounds(point)
         newton = bounded_step(here.hessian + np.diag(1e-10 * scale), here.gradient, *bounds)
         newton_decrease = here.predicted_decrease(newton)
         if leads_to_known is not None and leads_to_known(here, newton):
-            return SearchResult(point, here, iteration, Stop.KNOWN_OPTIMUM, evaluations)
+            return LocalResult(point, here, iteration, Stop.KNOWN_OPTIMUM, evaluations)
         converged = _converged(here, newton_decrease, newton, point, settings)
         before = here.cost
         if converged is None:
@@ -224,7 +224,7 @@ def levenberg_marquardt(
                     continue
                 damping, growth, rejected = damping * growth, 2.0 * growth, rejected + 1
                 if damping > 1e15 or rejected >= settings.max_rejections:
-                    return SearchResult(point, here, iteration, Stop.NO_PROGRESS, evaluations)
+                    return LocalResult(point, here, iteration, Stop.NO_PROGRESS, evaluations)
                 continue
             gain_ratio = min((before - there.cost) / predicted, 1e6)  # the cube of more overflows
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain_ratio - 1.0) ** 3), 1e-12)
@@ -234,10 +234,10 @@ def levenberg_marquardt(
         noise_gain, here = here.cost - updated.cost, updated
         idle = idle + 1 if before - here.cost < settings.min_decrease * here.unit else 0
         if converged is None and idle >= 2:
-            return SearchResult(point, here, iteration, Stop.NO_PROGRESS, evaluations)
+            return LocalResult(point, here, iteration, Stop.NO_PROGRESS, evaluations)
         if converged is not None and noise_gain < settings.min_noise_gain:
-            return SearchResult(point, here, iteration, converged, evaluations)
-    return SearchResult(point, here, settings.max_iterations, Stop.ITERATION_LIMIT, evaluations)
+            return LocalResult(point, here, iteration, converged, evaluations)
+    return LocalResult(point, here, settings.max_iterations, Stop.ITERATION_LIMIT, evaluations)
 
 
 def _converged(

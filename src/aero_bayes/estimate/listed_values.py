@@ -27,7 +27,7 @@ MAX_COMBINATIONS = 24
 
 
 @dataclass(frozen=True)
-class Combination:
+class ValueCombination:
     """One value of each listed parameter, and the model that has them.
 
     ``fixed`` are values of Real parameters, ``modifiers`` the others as Modelica writes them, ``numbers`` all of them
@@ -83,7 +83,7 @@ def value_text(value: ListedValue) -> str:
     return value if isinstance(value, str) else f"{value:.12g}"
 
 
-def combinations(model: Model, values: Mapping[str, Sequence[ListedValue]]) -> list[Combination]:
+def combinations(model: Model, values: Mapping[str, Sequence[ListedValue]]) -> list[ValueCombination]:
     """Every combination of listed values, not compiled yet: :func:`compiled` gives its model the values.
 
     Raises
@@ -92,7 +92,7 @@ def combinations(model: Model, values: Mapping[str, Sequence[ListedValue]]) -> l
         For a name that the model lacks, a value that the parameter cannot have, or too many combinations.
     """
     if not values:
-        return [Combination(model)]
+        return [ValueCombination(model)]
     count = math.prod(len(given) for given in values.values())
     if not 0 < count <= MAX_COMBINATIONS:
         raise InputError(
@@ -109,7 +109,7 @@ def combinations(model: Model, values: Mapping[str, Sequence[ListedValue]]) -> l
     for chosen in product(*choices):
         own = dict(zip(values, chosen, strict=True))
         found.append(
-            Combination(
+            ValueCombination(
                 model,
                 {name: c.value for name, c in own.items()},
                 {name: c.number for name, c in own.items()},
@@ -120,7 +120,7 @@ def combinations(model: Model, values: Mapping[str, Sequence[ListedValue]]) -> l
     return found
 
 
-def compiled(combination: Combination) -> Combination:
+def compiled(combination: ValueCombination) -> ValueCombination:
     """The combination with its own model, built from the class with its modifiers where it has any.
 
     Raises

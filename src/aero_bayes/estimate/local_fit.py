@@ -20,9 +20,9 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.cost_shape import cost_shape
 from aero_bayes.estimate.gaussian import log_precision, parameter_covariance
 from aero_bayes.estimate.levenberg_marquardt import (
+    LocalResult,
     LocalSettings,
     QuadraticModel,
-    SearchResult,
     Stop,
     levenberg_marquardt,
 )
@@ -238,7 +238,7 @@ class _NegativeLogPosterior:
             white.information + curvature, x, found, white, noise, log_prior,
         )  # fmt: skip
 
-    def restore(self, kept: Arrays) -> SearchResult[_PosteriorModel]:
+    def restore(self, kept: Arrays) -> LocalResult[_PosteriorModel]:
         """The result of a search from the checkpoint, with one simulation, which is not counted again."""
         point, iterations, evaluations = kept["point"].astype(np.float64), int(kept["steps"][0]), int(kept["steps"][1])
         quadratic = None
@@ -249,7 +249,7 @@ class _NegativeLogPosterior:
             quadratic = self.evaluate(point)
             self.objective.outcomes.clear()
             self.objective.outcomes.update(counted)
-        return SearchResult(point, quadratic, iterations, Stop(str(kept["reason"])), evaluations)
+        return LocalResult(point, quadratic, iterations, Stop(str(kept["reason"])), evaluations)
 
     def log_prior(self, x: FloatArray) -> float:
         """Log-density of the free columns' priors in search coordinates (fixed ones are not counted)."""
@@ -270,7 +270,7 @@ class _NegativeLogPosterior:
         return -first[self.free], prior_curvature(second[self.free])
 
 
-def _pack(found: SearchResult[_PosteriorModel]) -> Arrays:
+def _pack(found: LocalResult[_PosteriorModel]) -> Arrays:
     """What :meth:`_NegativeLogPosterior.restore` needs of the result of a search."""
     steps = np.array([found.iterations, found.evaluations])
     kept = {"point": found.point, "steps": steps, "reason": np.array(found.reason.value)}
@@ -310,7 +310,7 @@ def local_fit(
     settings = settings or LocalFitSettings()
     cost_function = _NegativeLogPosterior(objective, start, free, noise, settings, known)
     low, high = (bound[list(free)] for bound in objective.parameters.box)
-    results: list[SearchResult[_PosteriorModel]] = []
+    results: list[LocalResult[_PosteriorModel]] = []
 
     def search() -> Arrays:
         shape = cost_shape(objective.parameters, free, objective.calibration.intervals)

@@ -8,9 +8,7 @@ from itertools import combinations_with_replacement
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.sensors import OutputNoise, correlation_p_value, is_rotor_speed, ripple_means, whiten
-
-#: Probability that the tests of one fit together find correlation in noise.
-FALSE_ALARM_RATE = 1e-3
+from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE
 
 
 def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, OutputNoise]) -> set[str]:

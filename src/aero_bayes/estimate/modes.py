@@ -28,7 +28,7 @@ from aero_bayes.sensors.whiteness import residual_correlation_time
 FloatArray = NDArray[np.float64]
 
 #: Least probability, beside the reported optimum, of another one that is told.
-MIN_SHARE = 0.02
+MIN_MODE_SHARE = 0.02
 #: Distance from the reported optimum, in its standard deviations along some parameter, from which one is another; and
 #: the least drop of the log-posterior between the two, in nats: along a ridge there is none.
 MIN_DISTANCE, MIN_BARRIER = 6.0, 3.0
@@ -88,7 +88,7 @@ def find_modes(search: GlobalSearch, here: Optimum, swarm: SwarmResult | None) -
     modes = [
         Mode({parameters.names[j]: float(parameters.from_search(o.coordinates)[j]) for j in here.free}, float(share))
         for o, share in zip(found, shares[1:], strict=True)
-        if share >= MIN_SHARE
+        if share >= MIN_MODE_SHARE
     ]
     return tuple(sorted(modes, key=lambda mode: -mode.share))
 

@@ -14,14 +14,12 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.reading_spread import SpreadModel, choose_spread, estimate_spread
-from aero_bayes.sensors.whiteness import correlation_p_value
+from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE, correlation_p_value
 
 FloatArray = NDArray[np.float64]
 
 #: Fits in turn with the spread of the readings, and relative change of a spread at which they have converged.
 MAX_REFITS, MIN_CHANGE = 10, 0.02
-#: Probability that the test of the innovations refuses a right kind of noise.
-FALSE_ALARM_RATE = 1e-3
 
 
 def choose_spreads(noise: NoiseModel, series: Sequence[Series], here: Optimum) -> dict[str, SpreadModel]:

@@ -15,7 +15,7 @@ from aero_bayes.sensors.whiteness import block_variance_ratio
 from aero_bayes.simulation.interface import ProcessNoise
 
 #: Variance of averages over that of white noise above which a reader is warned.
-MAX_VARIANCE_RATIO = 2.0
+MAX_NOISE_EXCESS = 2.0
 
 
 def noise_table(calibration: Calibration, noise: Mapping[str, OutputNoise]) -> dict[str, dict[str, object]]:
@@ -63,7 +63,7 @@ def structure_warnings(
             )
             continue
         excess = block_variance_ratio(innovations[name])
-        if excess > MAX_VARIANCE_RATIO:
+        if excess > MAX_NOISE_EXCESS:
             lines.append(
                 f"The residual of {name} changes more slowly than its noise model allows: averages have {excess:.1f} "
                 "times the expected variance, so that its intervals are too narrow."

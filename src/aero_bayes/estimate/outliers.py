@@ -34,7 +34,7 @@ MIN_OFF_NEIGHBOURS = 0.5
 #: readings, times this: a delay that the model lacks leaves no more.
 BESIDE, MIN_TIMES_MOVED = 5, 2.0
 #: Fewest readings that tell what is usual.
-MIN_READINGS = 30
+MIN_OUTLIER_READINGS = 30
 
 
 def without_outliers(
@@ -90,7 +90,7 @@ def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, 
     """
     none = np.zeros(measured.size, dtype=bool)
     at = np.flatnonzero(np.isfinite(measured))
-    if at.size < MIN_READINGS:
+    if at.size < MIN_OUTLIER_READINGS:
         return none
     residual, seen = measured[at] - fitted[at], measured[at]
     off = residual - median_filter(residual, AROUND, mode="nearest")

@@ -45,7 +45,7 @@ class Parameter:
         What it means to the simulator.
     recording : int, optional
         Index of the one recording that it belongs to; None for all.
-    auto : bool
+    free_if_identified : bool
         Freed only if the data shows it (see :mod:`aero_bayes.estimate.identifiability`).
     per_recording : bool
         It has a value of its own in each recording.
@@ -70,7 +70,7 @@ class Parameter:
     description: str
     target: ProblemTarget
     recording: int | None = None
-    auto: bool = False
+    free_if_identified: bool = False
     per_recording: bool = False
     starts: tuple[str, ...] = ()
     shared_with: tuple[int, ...] = ()
@@ -263,7 +263,7 @@ class Override:
     prior : Prior, optional
     scale : {"log", "linear"}, optional
         Axis of the search; ``log`` where the lower bound is positive.
-    auto : bool
+    free_if_identified : bool
         Free it only if the data show it.
     per_recording : bool
         Fit a value of its own for each recording; results call them ``C@recording``.
@@ -281,7 +281,7 @@ class Override:
     upper: float | None = None
     prior: Prior | None = None
     scale: Scale | None = None
-    auto: bool = False
+    free_if_identified: bool = False
     per_recording: bool = False
     values: tuple[bool | int | float | str, ...] | None = None
 
@@ -381,7 +381,8 @@ def parameters_from_model(
         items.append(
             Parameter(
                 name, variable.unit, start, lower, upper, prior, scale, variable.description,
-                ParameterTarget(name), auto=override.auto, per_recording=override.per_recording,
+                ParameterTarget(name), free_if_identified=override.free_if_identified,
+                per_recording=override.per_recording,
             )
         )  # fmt: skip
     return ParameterSet(tuple(items))

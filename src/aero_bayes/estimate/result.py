@@ -101,7 +101,7 @@ class Fit(FitStatistics, OtherTools):
     (True, True)
     >>> fit.parameters["k"].unit, fit.parameters["k"].q05 < fit.value("k") == fit.named["k"]
     ('N/m', True)
-    >>> fit.outputs, fit.held, fit.warnings[0].split(":")[0]
+    >>> fit.outputs, fit.unidentified, fit.warnings[0].split(":")[0]
     (('position',), (), 'The model does not explain position')
     >>> fit.rms == {"position": fit.rms_by_recording["train"]["position"]}  # m
     True
@@ -176,7 +176,7 @@ class Fit(FitStatistics, OtherTools):
         return diagnosis_of(self)
 
     @property
-    def held(self) -> tuple[str, ...]:
+    def unidentified(self) -> tuple[str, ...]:
         """Parameters that were left at their start since the data does not show them."""
         names, steps = self.calibration.parameters.names, self.identifiability.in_steps
         return tuple(name for column, name in enumerate(names) if column not in self.free and name not in steps)
@@ -216,7 +216,7 @@ class Fit(FitStatistics, OtherTools):
                 "values": [t.to_dict() for t in self.trials],
                 "local": {"iterations": self.iterations, "reason": self.reason.value},
             },
-            "identifiability": self.identifiability.to_dict(self.held),
+            "identifiability": self.identifiability.to_dict(self.unidentified),
             "failures": self.failures,
             "diagnosis": self.diagnosis.to_list(),
             "warnings": list(self.warnings),

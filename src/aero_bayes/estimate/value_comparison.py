@@ -11,7 +11,7 @@ import numpy as np
 
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.identifiability import Status
-from aero_bayes.estimate.listed_values import Combination, ListedValue, compiled, value_text, values_text
+from aero_bayes.estimate.listed_values import ListedValue, ValueCombination, compiled, value_text, values_text
 from aero_bayes.estimate.modes import likelihood_temperature
 from aero_bayes.estimate.parameter_estimates import Estimate
 
@@ -52,12 +52,12 @@ class ValueTrial:
         return {"values": dict(self.values), "share": self.share, "worse_by": self.worse_by, "failed": self.failed}
 
 
-def best_values(candidates: Sequence[Combination], fitted: Callable[[Combination], Fit]) -> Fit:
+def best_values(candidates: Sequence[ValueCombination], fitted: Callable[[ValueCombination], Fit]) -> Fit:
     """The fit with the likeliest values, with how much worse the others are; the fit itself where nothing is listed.
 
     Parameters
     ----------
-    candidates : sequence of Combination
+    candidates : sequence of ValueCombination
     fitted : callable
         The fit of a combination, to the same readings as that of the others.
 
@@ -68,7 +68,7 @@ def best_values(candidates: Sequence[Combination], fitted: Callable[[Combination
     """
     if len(candidates) == 1 and not candidates[0].values:
         return fitted(candidates[0])
-    fits: list[tuple[Combination, Fit]] = []
+    fits: list[tuple[ValueCombination, Fit]] = []
     failed: list[ValueTrial] = []
     last: Exception | None = None
     for candidate in candidates:

@@ -28,7 +28,7 @@ from aero_bayes.scratch import ScratchFolder
 
 FLAGS = "--fmiFlags=s:cvode --fmuRuntimeDepends=modelica"
 DERIVATIVES = "-d=-disableDirectionalDerivatives "
-TIME_LIMIT = 600.0
+OMC_TIME_LIMIT = 600.0
 C_ERROR = re.compile(r":\d+(?::\d+)?: (?:fatal )?error: (?P<message>[^\n]+)")
 
 
@@ -70,10 +70,10 @@ def _run(compiler: str, folder: Path, model: str, lines: str) -> str:
     (folder / "export.mos").write_text(lines, encoding="utf-8")
     try:
         done = subprocess.run(
-            [compiler, "export.mos"], cwd=folder, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
+            [compiler, "export.mos"], cwd=folder, capture_output=True, text=True, check=False, timeout=OMC_TIME_LIMIT
         )
     except subprocess.TimeoutExpired:
-        raise InputError(f"{model}: omc did not finish within {TIME_LIMIT:g} s") from None
+        raise InputError(f"{model}: omc did not finish within {OMC_TIME_LIMIT:g} s") from None
     return done.stdout + done.stderr
 
 

@@ -31,7 +31,7 @@ from aero_bayes.scratch import ScratchFolder
 from aero_bayes.unknown_names import known_names_hint
 
 #: Seconds; what takes longer is seldom finished in minutes, and the memory goes first.
-TIME_LIMIT = 50.0
+RUMOCA_TIME_LIMIT = 50.0
 _TOO_LONG = "an expression of very many operands is too long; name parts of it, or write sum() of an array"
 _CHILD_PROGRAM = """
 import json, os, re, sys
@@ -161,10 +161,10 @@ def _ask(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path
     command = [sys.executable, "-c", _CHILD_PROGRAM, roots, str(_file_of(model, files)), model, *own]
     try:
         done = subprocess.run(
-            command, cwd=root, env=environment, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
+            command, cwd=root, env=environment, capture_output=True, text=True, check=False, timeout=RUMOCA_TIME_LIMIT
         )
     except subprocess.TimeoutExpired:
-        what = f"rumoca did not finish within {TIME_LIMIT:g} s; are there arrays or loops of very many elements?"
+        what = f"rumoca did not finish within {RUMOCA_TIME_LIMIT:g} s; are there arrays or loops of very many elements?"
         raise InputError(f"{model}: {what}") from None
     if done.returncode == -signal.SIGSEGV:
         raise RecursionError  # its stack is full

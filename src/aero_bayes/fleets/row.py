@@ -17,7 +17,7 @@ Z90 = 1.6448536269514722
 #: Fall of the logarithm of the left-out error that makes an effect material: a quarter.
 MATERIAL_FALL = -math.log(0.75)
 #: Smallest share of the error that tells effects apart.
-MIN_SHARE = 1e-3
+MIN_ERROR_SHARE = 1e-3
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
 MIN_LIKELIHOOD_SHARE = 0.05
 
@@ -93,6 +93,6 @@ def _named(effect: EffectJson, loop: LoopJson) -> dict[str, Any]:
     """Describe an effect that the loop named: what its data cannot tell from it, how far its fall is above the bar."""
     alike = next((group for group in loop.equivalent if effect.id in group), [])
     # An effect that is named because nothing but noise is left may lie below the bar.
-    fall = -math.log(max(effect.share, MIN_SHARE)) if effect.share else 0.0
+    fall = -math.log(max(effect.share, MIN_ERROR_SHARE)) if effect.share else 0.0
     strength = max(math.log(fall / MATERIAL_FALL), 0.0) if fall > 0.0 else 0.0
     return {"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id], "strength": strength}

@@ -4,9 +4,9 @@ from aero_bayes.judge.choice import Choice, ChoiceSettings, Judge
 from aero_bayes.judge.choose import Chooser, finalists, rank
 from aero_bayes.judge.comparison import Comparison, Share
 from aero_bayes.judge.left_out import CommonBlocks, newton_errors, refitted_errors
-from aero_bayes.judge.prediction import Error, Prediction, describe_error_change, rms_error, surely_worse
+from aero_bayes.judge.prediction import Prediction, RmsError, describe_error_change, rms_error, surely_worse
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.judge.validation import MAX_ERROR_RATIO, refusal
+from aero_bayes.judge.validation import MAX_ERROR_RATIO, rejection_reason
 
 __all__ = [
     "MAX_ERROR_RATIO",
@@ -15,17 +15,17 @@ __all__ = [
     "Chooser",
     "CommonBlocks",
     "Comparison",
-    "Error",
     "Judge",
     "Prediction",
     "Recordings",
+    "RmsError",
     "Share",
     "describe_error_change",
     "finalists",
     "newton_errors",
     "rank",
     "refitted_errors",
-    "refusal",
+    "rejection_reason",
     "rms_error",
     "surely_worse",
 ]

@@ -24,7 +24,7 @@ MIN_GROWTH_RATIO = 1.05
 
 
 @dataclass(frozen=True)
-class Error:
+class RmsError:
     """Root mean square of a residual, its standard deviation with correlation counted, and the readings."""
 
     rms: float
@@ -40,8 +40,8 @@ class Prediction:
     output, on the recording's own samples.
     """
 
-    train: Mapping[tuple[str, str], Error]
-    test: Mapping[tuple[str, str], Error]
+    train: Mapping[tuple[str, str], RmsError]
+    test: Mapping[tuple[str, str], RmsError]
     fitted: Mapping[tuple[str, str], FloatArray]
 
     def pooled(self, role: str) -> dict[str, float]:
@@ -77,15 +77,15 @@ class Shift:
         return abs(self.after - self.before) / self.after_sd if self.after_sd > 0.0 else 0.0
 
 
-def rms_error(residual: FloatArray) -> Error:
+def rms_error(residual: FloatArray) -> RmsError:
     """RMS of a residual (n,) and its standard deviation, corrected for autocorrelation."""
     n = residual.size
     if n == 0:
-        return Error(math.nan, math.nan, 0)
+        return RmsError(math.nan, math.nan, 0)
     rms = float(np.sqrt(np.mean(residual**2)))
     if n < 10:
-        return Error(rms, rms / math.sqrt(2.0 * n), n)
-    return Error(rms, 0.5 * _sd_of_mean(residual**2) / max(rms, 1e-300), n)
+        return RmsError(rms, rms / math.sqrt(2.0 * n), n)
+    return RmsError(rms, 0.5 * _sd_of_mean(residual**2) / max(rms, 1e-300), n)
 
 
 def _sd_of_mean(series: FloatArray) -> float:

@@ -19,7 +19,7 @@ from aero_bayes.estimate.new_recording import first_reading, typical
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.recording_parameters import templates
-from aero_bayes.judge.prediction import Error, Prediction, rms_error
+from aero_bayes.judge.prediction import Prediction, RmsError, rms_error
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.simulation.interface import ParameterTarget, Problem, ProblemTarget, Simulator, StartTarget
@@ -73,7 +73,7 @@ class Unseen:
             found = simulator.simulate(rows)
         if np.any(found.outcomes[0] != 0):
             raise CannotFinishError("the fitted model cannot be simulated over the whole recordings")
-        errors: tuple[dict[tuple[str, str], Error], dict[tuple[str, str], Error]] = ({}, {})
+        errors: tuple[dict[tuple[str, str], RmsError], dict[tuple[str, str], RmsError]] = ({}, {})
         fitted: dict[tuple[str, str], FloatArray] = {}
         for e, recording in enumerate(self._all_recordings):
             unseen = recording.time >= self.recordings.unseen_from.get(recording.name, math.inf)
@@ -152,7 +152,7 @@ class Unseen:
         new = [p for p in shared if isinstance(p.target, ParameterTarget) and p.target.name not in known]
         kept = ParameterSet(tuple(p for p in shared if p not in new))
         own = replace(
-            self.settings, outputs=self.recordings.outputs, most_readings=None, standing=True,
+            self.settings, outputs=self.recordings.outputs, most_readings=None, keep_standstill_readings=True,
             interpolation=calibration.interpolation, solver=calibration.solver,
         )  # fmt: skip
         # Only the base model shows which states start at a reading: in an extended one a law may act on it.

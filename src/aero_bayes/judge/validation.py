@@ -21,8 +21,10 @@ MAX_GROWTH_RATIO = 2.0
 MAX_PREDICTION_DEVIATIONS = 4.0
 
 
-def refusal(before: Prediction, after: Prediction, recordings: Recordings, left: Sequence[ResidualReport]) -> str:
-    """Why the last fit or unseen data reject terms; empty where they do not.
+def rejection_reason(
+    before: Prediction, after: Prediction, recordings: Recordings, left: Sequence[ResidualReport]
+) -> str | None:
+    """Say why the last fit or unseen data reject terms; None where they do not.
 
     They are rejected if with them the last fit leaves about as much of every output, and structure; if the prediction
     of an output gets significantly worse (two standard errors, with correlated readings) and by more than 5 %, or if
@@ -41,7 +43,7 @@ def refusal(before: Prediction, after: Prediction, recordings: Recordings, left:
     if structured and fitted and all(fitted[o] > MAX_ERROR_RATIO * least[o] for o in fitted):
         return "in the last fit the error hardly falls."
     if not after.test:
-        return ""
+        return None
     first, last = before.pooled("test"), after.pooled("test")
     surely = surely_worse(after, before, recordings)
     worse = [o for o in last if last[o] > (MIN_GROWTH_RATIO if o in surely else MAX_GROWTH_RATIO) * first[o]]
@@ -50,21 +52,21 @@ def refusal(before: Prediction, after: Prediction, recordings: Recordings, left:
     better = any(error.rms < MAX_ERROR_RATIO * before.test[key].rms for key, error in after.test.items())
     if structured and not better:
         return "the prediction of unseen data does not improve."
-    return ""
+    return None
 
 
 @dataclass(frozen=True)
-class FarOff:
+class LargeUnseenErrors:
     """Outputs whose error on unseen data is much larger than that of the fit: the ratio, by recording and output.
 
-    ``sensitive`` are those where the uncertainty of the parameters explains it, ``beyond`` the others.
+    ``sensitive`` are those where the uncertainty of the parameters explains it, ``unexplained`` the others.
     """
 
     sensitive: Mapping[tuple[str, str], float]
-    beyond: Mapping[tuple[str, str], float]
+    unexplained: Mapping[tuple[str, str], float]
 
 
-def far_off(
+def large_unseen_errors(
     unseen: Unseen,
     calibration: Calibration,
     fit: Optimum,
@@ -72,7 +74,7 @@ def far_off(
     floors: Mapping[tuple[str, str], float],
     before: Prediction,
     max_error_ratio: float,
-) -> FarOff:
+) -> LargeUnseenErrors:
     """Find outputs that an adequate fit predicts with a much larger error on unseen data.
 
     Parameters
@@ -98,9 +100,9 @@ def far_off(
         if error.rms > max_error_ratio * expected:
             far[name, output] = error.rms / expected
     if not far:
-        return FarOff({}, {})
+        return LargeUnseenErrors({}, {})
     unsure = unseen.uncertainty_of(calibration, fit)
     sensitive = {k for k in far if before.test[k].rms <= MAX_PREDICTION_DEVIATIONS * unsure[k]}
-    return FarOff(
+    return LargeUnseenErrors(
         {k: v for k, v in far.items() if k in sensitive}, {k: v for k, v in far.items() if k not in sensitive}
     )

@@ -40,7 +40,7 @@ class SignalWriter:
                 self.target.replacements[c.name] = self._apart(c, ACTING_SUFFIX)
             given, inner = self.target.sources, name.replace(c.name, self.target.replacements[c.name], 1)
         if given.get(inner, name) != name:
-            # what a law gives that is there already is now given what this one gives
+            # chain: the existing law reads the new law's output
             self.target.instances[given[inner].removesuffix(".y")][1]["u"] = f"{placed.instance}.y"
         else:
             given[inner] = f"{placed.instance}.y"

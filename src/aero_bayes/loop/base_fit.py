@@ -35,7 +35,7 @@ FloatArray = NDArray[np.float64]
 Floors = Mapping[tuple[str, str], float]
 
 #: Largest error of an output due to averaged inputs in a search on fewer samples, as a share of its range.
-MAX_AVERAGING_ERROR = 0.005
+MAX_BASE_FIT_AVERAGING_ERROR = 0.005
 #: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
 MAX_READING_DEVIATIONS = 5.0
 
@@ -77,7 +77,7 @@ class BaseFit:
         parameters = self.plain.parameters
         return dict(zip(parameters.names, parameters.from_search(self.fit.coordinates).tolist(), strict=True))
 
-    def on(
+    def with_terms(
         self, context: LoopContext, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
     ) -> Calibration:
         """The same recordings held against the model with terms; ``new`` are their parameters."""
@@ -155,7 +155,7 @@ def for_search(context: LoopContext, plain: Calibration) -> Calibration:
     if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) <= 2 * samples:
         return plain
     with context.open(plain.problem()) as simulator:
-        return with_few_samples(plain, simulator, samples, MAX_AVERAGING_ERROR)
+        return with_few_samples(plain, simulator, samples, MAX_BASE_FIT_AVERAGING_ERROR)
 
 
 def _reports(context: LoopContext, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:
@@ -165,8 +165,12 @@ def _reports(context: LoopContext, plain: Calibration, fit: Optimum, floors: Flo
 
 def _shared(context: LoopContext, model: Model) -> ParameterSet:
     overrides = {**context.family.overrides(model), **context.settings.overrides}
-    free = context.settings.free or tuple(name for name, override in overrides.items() if not override.auto)
-    later = {name: replace(overrides.get(name, Override()), auto=True) for name in context.settings.free_later}
+    free = context.settings.free or tuple(
+        name for name, override in overrides.items() if not override.free_if_identified
+    )
+    later = {
+        name: replace(overrides.get(name, Override()), free_if_identified=True) for name in context.settings.free_later
+    }
     return parameters_from_model(model, free=(*free, *later), overrides={**overrides, **later})
 
 
@@ -203,7 +207,7 @@ def _fitted(context: LoopContext, calibration: Calibration) -> tuple[Calibration
 
 def _columns_with_effect(objective: Objective) -> tuple[int, ...]:
     """Columns that change a recorded output at all, of those that are decided on."""
-    every = tuple(j for j, p in enumerate(objective.parameters) if not p.auto)
+    every = tuple(j for j, p in enumerate(objective.parameters) if not p.free_if_identified)
     found = objective.evaluate(objective.parameters.to_search(objective.parameters.start), every)
     if found is None or found.slopes is None:
         return every

@@ -18,15 +18,15 @@ from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.comparison import Share
 from aero_bayes.judge.disturbance import find_disturbance
 from aero_bayes.judge.prediction import Prediction, describe_error_change
-from aero_bayes.judge.validation import far_off, refusal
+from aero_bayes.judge.validation import large_unseen_errors, rejection_reason
 from aero_bayes.laws.model_family import ExtendedModel
 from aero_bayes.loop.base_fit import BaseFit, refit_base
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.extend import ExtendedFit, extend, smaller_effects
 from aero_bayes.loop.found_effect import FoundEffect
+from aero_bayes.loop.ranking import Step, steps_of
 from aero_bayes.loop.result import LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.loop.steps import Step, steps_of
 from aero_bayes.search.models import FittedModel
 
 #: Largest number of equivalent alternatives that are listed by name.
@@ -123,7 +123,7 @@ def _offer(context: LoopContext, base: BaseFit, choice: Choice) -> tuple[Conclus
         why = f"{_explained(chosen)}, but with {_them(chosen)} the model cannot be simulated on unseen data."
         return _unexplained(base, choice, why, before, smaller), False
     if "Validation" not in settings.leave_out and not settings.structures.require:
-        reason = refusal(before, extended.after, context.recordings, extended.reports)
+        reason = rejection_reason(before, extended.after, context.recordings, extended.reports)
         if reason:
             why = f"{_explained(chosen)}, but {reason} {REFUSED_BY_UNSEEN}"
             return _unexplained(base, choice, why, before, smaller), False
@@ -148,7 +148,7 @@ def _without_needless_term(context: LoopContext, base: BaseFit, choice: Choice, 
         fewer = choice.at(part)
         with suppress(CannotFinishError):
             less = extend(context, base, fewer)
-            if refusal(less.after, extended.after, context.recordings, extended.reports):
+            if rejection_reason(less.after, extended.after, context.recordings, extended.reports):
                 return fewer
     return None
 
@@ -162,16 +162,16 @@ def _without_effect(
     context: LoopContext, base: BaseFit, choice: Choice, before: Prediction, smaller: tuple[FoundEffect, ...]
 ) -> Conclusion:
     steps, structured = steps_of(choice), structured_residuals(base.reports)
-    far = far_off(
+    far = large_unseen_errors(
         context.unseen, base.plain, base.fit, base.reports, base.floors, before, context.settings.max_error_ratio
     )
     if structured or choice.unsure or choice.undecided:
         return _unexplained(base, choice, _why_none(base, choice, structured), before, smaller)
     sentence = f"The model is adequate for these recordings: {steps[-1].why}."
-    if far.beyond:
+    if far.unexplained:
         sentence = (
             "The model fits the training data, but its error on unseen data is far larger: "
-            f"{_ratios_text(far.beyond)}. The training data do not show the missing effect, or do not determine "
+            f"{_ratios_text(far.unexplained)}. The training data do not show the missing effect, or do not determine "
             "the parameters well enough."
         )
         return _unexplained(base, choice, sentence, before, smaller)

@@ -59,11 +59,11 @@ def extend(context: LoopContext, base: BaseFit, choice: Choice) -> ExtendedFit:
     values |= {new: values[old] for pairs in written.names.values() for old, new in pairs}
     context.statistics.end_stage("extension")
     context.progress("refitting the extended model", 0.85)
-    calibration = base.on(context, written.model, written.parameters)
+    calibration = base.with_terms(context, written.model, written.parameters)
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
         start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
-        free = [j for j, p in enumerate(calibration.parameters) if not p.auto]
+        free = [j for j, p in enumerate(calibration.parameters) if not p.free_if_identified]
         search = GlobalSearch(objective, context.settings.global_search)
         fit = search.refit(start, free, base.fit.noise)
         found = finished_fit(search, GlobalSearchResult(fit, None, (), search.iterations), FitSettings(), 0.0)

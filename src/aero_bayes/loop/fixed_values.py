@@ -77,7 +77,7 @@ def _alternatives_to(
     structure = chosen.structure.minus(id_)
     model = extended.of(structure)
     # Evidence compares under one noise only: that of the chosen structure.
-    without_term = model.fit(structure, model.at(start, structure.terms), chosen.noise, fit)
+    without_term = model.fit(structure, model.coordinates_of(start, structure.terms), chosen.noise, fit)
     gains = _predicted_gains(without_term, fixed)
     needed = MIN_GAIN_SHARE * without_term.temperature * (chosen.log_evidence - without_term.log_evidence)
     likely = sorted((n for n in gains if gains[n] > needed), key=lambda n: -gains[n])
@@ -94,7 +94,8 @@ def _alternatives_to(
 
 def _freed(without_term: FittedModel, name: str, fit: LocalFitSettings) -> FittedModel:
     freed = replace(
-        without_term.model, own=(*without_term.model.own, without_term.model.objective.parameters.index(name))
+        without_term.model,
+        free_base_columns=(*without_term.model.free_base_columns, without_term.model.objective.parameters.index(name)),
     )
     return freed.fit(without_term.structure, without_term.optimum.coordinates, without_term.noise, fit)
 

@@ -32,10 +32,10 @@ from aero_bayes.loop.forecast import announce_duration
 from aero_bayes.loop.formula_names import with_plain_names
 from aero_bayes.loop.formulas import propose_formulas, wants_formulas
 from aero_bayes.loop.from_fit import recordings_of, settings_of
+from aero_bayes.loop.make_result import result_of
 from aero_bayes.loop.process_noise import find_process_noise, states_of
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.loop.tell import result_of
 from aero_bayes.progress import watching
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
@@ -184,7 +184,9 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
 def _first_model(models: ModelCache, terms: Collection[str], base: BaseFit, fit: LocalFitSettings) -> FittedModel:
     """The first model, fitted from its values, on a model that has some terms at hand."""
     model = models.of(Structure(), terms)
-    return model.fit(Structure(), model.at(base.values, ()), FitNoise(base.fit.noise), replace(fit, hold_noise=True))
+    return model.fit(
+        Structure(), model.coordinates_of(base.values, ()), FitNoise(base.fit.noise), replace(fit, hold_noise=True)
+    )
 
 
 def _sources(model: str | Path | Model, settings: LoopSettings) -> tuple[str, LoopSettings]:

@@ -16,7 +16,7 @@ from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.search.explored import SearchControl
 from aero_bayes.search.models import CandidateModel
-from aero_bayes.search.process_noise import MAX_READINGS, ProcessNoiseFit, fit_process_noise
+from aero_bayes.search.process_noise import MAX_FILTER_READINGS, ProcessNoiseFit, fit_process_noise
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import Model
 
@@ -71,12 +71,16 @@ def find_process_noise(context: LoopContext, conclusion: Conclusion, states: Seq
 
 def _model(context: LoopContext, conclusion: Conclusion, states: Sequence[str]) -> CandidateModel:
     """The model that came out, on few readings and with process noise of some states."""
-    plain, written, last = conclusion.base.plain.thinned(MAX_READINGS), conclusion.written, conclusion.calibration
+    plain, written, last = (
+        conclusion.base.plain.thinned(MAX_FILTER_READINGS),
+        conclusion.written,
+        conclusion.calibration,
+    )
     if states:
         plain = plain.with_process_noise(plain.noise.with_process(states))
     calibration = plain
     if written is not None:
-        calibration = replace(conclusion.base, plain=plain).on(context, written.model, written.parameters)
+        calibration = replace(conclusion.base, plain=plain).with_terms(context, written.model, written.parameters)
     free, known = {last.parameters.names[j] for j in conclusion.refit.free}, set(last.parameters.names)
     own = tuple(j for j, name in enumerate(calibration.parameters.names) if name in free or name not in known)
     return CandidateModel(context.open_objective(calibration), {}, own, context.open)

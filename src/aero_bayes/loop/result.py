@@ -23,7 +23,7 @@ from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.found_effect import FoundEffect, NewParameter
 from aero_bayes.loop.found_process_noise import FoundProcessNoise
-from aero_bayes.loop.steps import Step
+from aero_bayes.loop.ranking import Step
 from aero_bayes.loop.structure_average import StructureAverage
 from aero_bayes.plot_backend import plot_backend
 from aero_bayes.sensors.noise import OutputNoise

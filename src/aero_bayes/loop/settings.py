@@ -89,7 +89,7 @@ class LoopSettings(SettingsDisplay):
     global_search: GlobalSearchSettings = field(default_factory=lambda: GlobalSearchSettings(swarm=None))
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(
-            most_readings=8000, standing=False, solver=SolverSettings(1e-5, 1e-5)
+            most_readings=8000, keep_standstill_readings=False, solver=SolverSettings(1e-5, 1e-5)
         )
     )
     seed: int = 1

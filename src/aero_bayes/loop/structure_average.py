@@ -151,7 +151,7 @@ def structure_average(choice: Choice, parameters: ParameterSet, refit: Optimum) 
 def _shared(fitted: FittedModel) -> Iterable[str]:
     """Free parameters of the first model that act in all recordings."""
     items = fitted.model.objective.parameters.items
-    return [items[j].name for j in fitted.model.own if items[j].recording is None]
+    return [items[j].name for j in fitted.model.free_base_columns if items[j].recording is None]
 
 
 def _gaussian(fitted: FittedModel, name: str) -> tuple[float, float]:

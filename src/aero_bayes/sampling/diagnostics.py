@@ -85,7 +85,7 @@ def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Convergence:
     """Diagnostics of one quantity: ``tau`` in steps, ``ess`` in samples."""
 
     r_hat: float
@@ -94,10 +94,10 @@ class Diagnosis:
     ess_tail: float
 
 
-def diagnose(samples: FloatArray, *, coupled: bool = True) -> Diagnosis:
+def check_convergence(samples: FloatArray, *, coupled: bool = True) -> Convergence:
     """Diagnose one quantity, shape (ensembles, steps, walkers)."""
     size = samples.size
     tau = autocorrelation_time(rank_normalise(samples), coupled=coupled)
     low, high = np.quantile(samples, [0.05, 0.95])
     tails = [autocorrelation_time((samples <= q).astype(np.float64), coupled=coupled) for q in (low, high)]
-    return Diagnosis(r_hat(samples), tau, size / tau, size / max(tails))
+    return Convergence(r_hat(samples), tau, size / tau, size / max(tails))

@@ -14,7 +14,7 @@ from aero_bayes.estimate.parameter_estimates import Estimate
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.predictive import Predictive
 from aero_bayes.estimate.result import Fit
-from aero_bayes.sampling.diagnostics import Diagnosis
+from aero_bayes.sampling.diagnostics import Convergence
 from aero_bayes.sensors.noise import OutputNoise
 
 FloatArray = NDArray[np.float64]
@@ -29,7 +29,7 @@ class PosteriorDraws:
     draws: FloatArray
     log_posterior: FloatArray
     predictive: tuple[Predictive, ...]
-    diagnoses: Mapping[str, Diagnosis]
+    diagnoses: Mapping[str, Convergence]
     converged: bool
     reason: str
     seed: int

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.sampling.adaptation import Adaptation, Density
-from aero_bayes.sampling.diagnostics import Diagnosis
+from aero_bayes.sampling.diagnostics import Convergence
 from aero_bayes.sampling.ensembles import Ensembles
 from aero_bayes.sampling.moves import WarpedStudentT
 from aero_bayes.sampling.settings import SampleSettings
@@ -38,7 +38,7 @@ class Chain:
 
     points: FloatArray
     log_density: FloatArray
-    diagnoses: tuple[Diagnosis, ...]
+    diagnoses: tuple[Convergence, ...]
     evaluations: int
     seconds: float
     converged: bool

@@ -21,7 +21,7 @@ from aero_bayes.estimate.modes import is_another, likelihood_temperature
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget
-from aero_bayes.sampling.diagnostics import Diagnosis
+from aero_bayes.sampling.diagnostics import Convergence
 from aero_bayes.sampling.importance import importance_sample
 from aero_bayes.sampling.mcmc import Chain
 from aero_bayes.simulation.interface import Simulator
@@ -180,10 +180,10 @@ def mixed(
     return points[:, order], density[:, order], [n * points.shape[0] for n in counts]
 
 
-def worst(chains: Sequence[Chain]) -> tuple[Diagnosis, ...]:
+def worst(chains: Sequence[Chain]) -> tuple[Convergence, ...]:
     """The diagnosis of each dimension in the chain that is worst in it."""
     return tuple(
-        Diagnosis(
+        Convergence(
             max(d.r_hat for d in each), max(d.tau for d in each), min(d.ess_bulk for d in each),
             min(d.ess_tail for d in each),
         )

@@ -44,7 +44,7 @@ class Posterior(PosteriorDraws, EstimateTable):
     log_posterior : ndarray, shape (ensembles, draws)
     predictive : tuple of Predictive
         One a recording.
-    diagnoses : mapping of str to Diagnosis
+    diagnoses : mapping of str to Convergence
     converged : bool
         False unless every criterion of the settings was met.
     reason : str

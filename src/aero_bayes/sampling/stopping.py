@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.sampling.diagnostics import Diagnosis, diagnose
+from aero_bayes.sampling.diagnostics import Convergence, check_convergence
 from aero_bayes.sampling.settings import SampleSettings
 
 FloatArray = NDArray[np.float64]
@@ -21,7 +21,7 @@ class StoppingDecision:
 
     enough: bool
     reason: str
-    diagnoses: tuple[Diagnosis, ...]
+    diagnoses: tuple[Convergence, ...]
     next_check: int
 
     @property
@@ -38,10 +38,10 @@ def decide(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> St
     # Walkers that depend on each other count as one series: that of their mean. It must be longer to be judged.
     length, dimension = max(settings.lengths, MIN_AUTOCORRELATION_TIMES if coupled else 0.0), points.shape[-1]
     if points.shape[1] < 8:
-        nothing = Diagnosis(np.inf, np.inf, 0.0, 0.0)
+        nothing = Convergence(np.inf, np.inf, 0.0, 0.0)
         return StoppingDecision(False, "fewer than 8 steps were kept", (nothing,) * dimension, MIN_STEPS)
     steps = points.shape[1]
-    diagnoses = tuple(diagnose(points[..., j], coupled=coupled) for j in range(dimension))
+    diagnoses = tuple(check_convergence(points[..., j], coupled=coupled) for j in range(dimension))
     tau, worst = max(d.tau for d in diagnoses), max(d.r_hat for d in diagnoses)
     low = min(min(d.ess_bulk, d.ess_tail) for d in diagnoses)
     missed, wanted = [], float(steps)

@@ -43,7 +43,7 @@ class StructureSearch:
     cache : ModelCache
     library : Library
     settings : StructureSettings
-    fit : LocalFitSettings
+    fit_settings : LocalFitSettings
         Of each local fit.
     floors : mapping of (recording, output) to float
         Noise floors where they are known.
@@ -55,13 +55,13 @@ class StructureSearch:
     cache: ModelCache
     library: Library
     settings: StructureSettings
-    fit: LocalFitSettings
+    fit_settings: LocalFitSettings
     floors: Mapping[tuple[str, str], float]
     parts: Parts
     control: SearchControl = field(default_factory=SearchControl)
 
     def __post_init__(self) -> None:
-        self.fit = replace(self.fit, hold_noise=True)
+        self.fit_settings = replace(self.fit_settings, hold_noise=True)
         self._fits: dict[Structure, FittedModel] = {}
         self._expanded: set[Structure] = set()
         self._restarted: set[tuple[str, Structure]] = set()
@@ -111,7 +111,7 @@ class StructureSearch:
         for structure in worth:
             with suppress(CannotFinishError):
                 model = self.cache.of(structure)
-                point = model.at(explored.fits[structure].values, structure.terms)
+                point = model.coordinates_of(explored.fits[structure].values, structure.terms)
                 like.append(replace(root, model=model, structure=structure))
                 works.append(partial(fit_from, model, structure, point, self._noise.noise, self._settings))
         self._fit_all(like, works)
@@ -148,7 +148,7 @@ class StructureSearch:
         return self._result()
 
     def complete(self, fitted: FittedModel) -> SearchResult:
-        """All that was found, and a structure without each of its terms, fitted from where the structure is, too."""
+        """Fit the sub-structures with one term left out, too, from where the structure is."""
         if fitted.structure in self._completed:
             return self._result()
         self._completed.add(fitted.structure)
@@ -190,7 +190,7 @@ class StructureSearch:
     @property
     def _settings(self) -> LocalFitSettings:
         """Of a local fit under the present noise."""
-        return self.fit.at_temperature(self._noise.noise.temperature)
+        return self.fit_settings.at_temperature(self._noise.noise.temperature)
 
     # which structures to expand
 
@@ -290,7 +290,7 @@ class StructureSearch:
         if key not in self._candidate_fits:
             try:
                 model = self.cache.of(fitted.structure, extra)
-                start = model.at(fitted.values, fitted.terms)
+                start = model.coordinates_of(fitted.values, fitted.terms)
                 self._candidate_fits[key] = model.fit(fitted.structure, start, self._noise.noise, self._settings)
             except CannotFinishError:
                 # Even switched off, a law may make the model too stiff to simulate.
@@ -411,7 +411,7 @@ class StructureSearch:
     def _fit_alone(self, structure: Structure, values: Mapping[str, float]) -> FittedModel:
         """Fit a structure from SI values by name, on the model that has its terms and no others."""
         model = self.cache.of(structure)
-        return model.fit(structure, model.at(values, structure.terms), self._noise.noise, self._settings)
+        return model.fit(structure, model.coordinates_of(values, structure.terms), self._noise.noise, self._settings)
 
     def _fit_required(self, root: Structure) -> None:
         """Fit the required terms, one after the other."""

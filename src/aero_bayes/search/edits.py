@@ -76,7 +76,7 @@ class EditContext:
 class Edit(Protocol):
     """Gives the neighbours of a structure."""
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
         """Structures that are worth a fit, given the fit of one."""
         ...
 
@@ -88,101 +88,101 @@ class AddTerm:
     offered.
     """
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        confounded = {d.id for d in here.directions if d.confounded}
-        for id_ in here.offered:
-            fine = id_ in here.refines and here.adequate
-            if id_ in here.structure.terms or id_ in confounded or id_ in here.curves or fine:
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
+        confounded = {d.id for d in context.directions if d.confounded}
+        for id_ in context.offered:
+            fine = id_ in context.refines and context.adequate
+            if id_ in context.structure.terms or id_ in confounded or id_ in context.curves or fine:
                 continue
-            yield with_term(here, here.structure, id_)
+            yield with_term(context, context.structure, id_)
 
 
 class AddCurve:
     """A learned curve at each port beside the laws: it bounds what any law at its port can explain."""
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if here.adequate or not (here.best or not here.structure.terms):
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
+        if context.adequate or not (context.best or not context.structure.terms):
             return
-        taken = {port_of(t) for t in here.structure.terms}
-        for id_ in here.curves:
+        taken = {port_of(t) for t in context.structure.terms}
+        for id_ in context.curves:
             if port_of(id_) not in taken:
-                yield here.structure.plus(id_)
+                yield context.structure.plus(id_)
 
 
 class AddPair:
     """Two terms that explain much together and little alone, predicted by the linearised response."""
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if here.adequate or not here.best:
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
+        if context.adequate or not context.best:
             return
-        special = {*here.curves, *here.refines}
-        for one, other in likely_pairs([d for d in here.directions if d.id not in special]):
-            yield here.structure.plus(one, other)
+        special = {*context.curves, *context.refines}
+        for one, other in likely_pairs([d for d in context.directions if d.id not in special]):
+            yield context.structure.plus(one, other)
 
 
 class RefineTerm:
     """Each term replaced by its finer laws."""
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if not here.best:
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
+        if not context.best:
             return
-        for finer, coarse in here.refines.items():
-            if coarse in here.structure.terms and finer in here.offered:
-                yield with_term(here, here.structure, finer)
+        for finer, coarse in context.refines.items():
+            if coarse in context.structure.terms and finer in context.offered:
+                yield with_term(context, context.structure, finer)
 
 
 class DropTerm:
     """The structure without each of its terms."""
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if here.best:
-            for id_ in here.structure.terms:
-                yield here.structure.minus(id_)
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
+        if context.best:
+            for id_ in context.structure.terms:
+                yield context.structure.minus(id_)
 
 
 class ReplaceTerm:
     """Each term replaced by a term of the best structures so far."""
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if not here.best or len(here.structure) < 2:
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
+        if not context.best or len(context.structure) < 2:
             return
-        for id_ in here.structure.terms:
-            for other in here.rivals:
-                if other not in here.structure.terms:
-                    yield with_term(here, here.structure.minus(id_), other)
+        for id_ in context.structure.terms:
+            for other in context.rivals:
+                if other not in context.structure.terms:
+                    yield with_term(context, context.structure.minus(id_), other)
 
 
 class FreeParameter:
     """Each parameter that the configuration frees later."""
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if not here.best:
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
+        if not context.best:
             return
-        for name in here.free_later:
-            if name not in here.structure.freed:
-                yield replace(here.structure, freed=(*here.structure.freed, name))
+        for name in context.free_later:
+            if name not in context.structure.freed:
+                yield replace(context.structure, freed=(*context.structure.freed, name))
 
 
 class InputInterpolation:
     """The inputs read the other way between their samples: held, or along straight lines."""
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if here.best and here.interpolation_is_free:
-            other = replace(here.structure, other_interpolation=not here.structure.other_interpolation)
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
+        if context.best and context.interpolation_is_free:
+            other = replace(context.structure, other_interpolation=not context.structure.other_interpolation)
             yield other
             # The wrong interpolation shifts an input by half a sample, which a lag or a delay imitates.
-            for id_ in here.structure.terms:
+            for id_ in context.structure.terms:
                 yield other.minus(id_)
 
 
 class AddProcessNoise:
     """Process noise of each state, if no law and no curve explains the residual."""
 
-    def neighbours(self, here: EditContext) -> Iterable[Structure]:
-        if not here.adequate:
-            for state in here.states:
-                if state not in here.structure.process_noise:
-                    yield replace(here.structure, process_noise=(*here.structure.process_noise, state))
+    def neighbours(self, context: EditContext) -> Iterable[Structure]:
+        if not context.adequate:
+            for state in context.states:
+                if state not in context.structure.process_noise:
+                    yield replace(context.structure, process_noise=(*context.structure.process_noise, state))
 
 
 #: The edits of a search, in the order in which they are asked.
@@ -198,9 +198,9 @@ def port_of(id_: str) -> str:
     return id_.rpartition("@")[2]
 
 
-def with_term(here: EditContext, structure: Structure, id_: str) -> Structure:
+def with_term(context: EditContext, structure: Structure, id_: str) -> Structure:
     """A structure with a further term, which takes the place of what it refines."""
-    coarse = here.refines.get(id_)
+    coarse = context.refines.get(id_)
     return structure.minus(coarse).plus(id_) if coarse is not None else structure.plus(id_)
 
 
@@ -208,14 +208,14 @@ def with_term(here: EditContext, structure: Structure, id_: str) -> Structure:
 class Direction:
     """What the magnitude of a term changes to first order, once the free parameters have readjusted.
 
-    ``across`` (N,) is the change in units of the noise, ``slope`` its product with the residual, ``room`` how far the
-    magnitude may go down and up, and ``confounded`` whether the free parameters do the same.
+    ``readjusted_sensitivity`` (N,) is the change in units of the noise, ``slope`` its product with the residual,
+    ``step_bounds`` how far the magnitude may go down and up, ``confounded`` whether the free parameters do the same.
     """
 
     id: str
-    across: FloatArray
+    readjusted_sensitivity: FloatArray
     slope: float
-    room: tuple[float, float]
+    step_bounds: tuple[float, float]
     confounded: bool
 
 
@@ -254,8 +254,8 @@ def likely_pairs(directions: list[Direction]) -> list[tuple[str, str]]:
     acting = [d for d in directions if not d.confounded]
     if len(acting) < 2:
         return []
-    rows = np.stack([d.across for d in acting])
-    gram, slope, room = rows @ rows.T, np.array([d.slope for d in acting]), np.array([d.room for d in acting])
+    rows = np.stack([d.readjusted_sensitivity for d in acting])
+    gram, slope, room = rows @ rows.T, np.array([d.slope for d in acting]), np.array([d.step_bounds for d in acting])
     alone = [_gain(gram[k : k + 1, k : k + 1], slope[k : k + 1], room[k : k + 1]) for k in range(len(acting))]
     pairs: list[tuple[float, str, str]] = []
     for i, j in combinations(range(len(acting)), 2):

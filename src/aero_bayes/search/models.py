@@ -53,7 +53,7 @@ class CandidateModel:
     objective : Objective
     candidates : mapping of str to Candidate
         The candidate terms by id, with the columns of their parameters.
-    own : tuple of int
+    free_base_columns : tuple of int
         Columns of the first model's parameters that are free.
     open : callable
         Opens a simulator of a part of the recordings.
@@ -61,14 +61,14 @@ class CandidateModel:
 
     objective: Objective
     candidates: Mapping[str, CandidateTerm]
-    own: tuple[int, ...]
+    free_base_columns: tuple[int, ...]
     open: OpenSimulator
 
     def free(self, terms: Collection[str]) -> tuple[int, ...]:
         """Columns that are free with some terms on."""
-        return (*self.own, *(j for id_ in terms for j in self.candidates[id_].columns))
+        return (*self.free_base_columns, *(j for id_ in terms for j in self.candidates[id_].columns))
 
-    def at(self, values: Mapping[str, float], terms: Collection[str]) -> FloatArray:
+    def coordinates_of(self, values: Mapping[str, float], terms: Collection[str]) -> FloatArray:
         """Search coordinates of SI values by name with some terms on; the others are switched off."""
         parameters = self.objective.parameters
         on = set(self.free(terms))
@@ -136,7 +136,7 @@ class FittedModel:
     def at_declared_values(self) -> FittedModel | None:
         """The same with the first model's parameters at their starting values; None where they are there already, or
         where that cannot be simulated."""
-        objective, optimum, own = self.model.objective, self.optimum, list(self.model.own)
+        objective, optimum, own = self.model.objective, self.optimum, list(self.model.free_base_columns)
         point = optimum.coordinates.copy()
         point[own] = objective.parameters.to_search(objective.parameters.start)[own]
         evaluation = None if np.array_equal(point, optimum.coordinates) else objective.evaluate(point, optimum.free)
@@ -172,7 +172,7 @@ class FittedModel:
         """Free parameters of the first model that ended on a bound."""
         parameters = self.model.objective.parameters
         ended = parameters.on_bound(self.optimum.coordinates)
-        return sum(bool(ended[j]) for j in self.model.own if parameters.items[j].recording is None)
+        return sum(bool(ended[j]) for j in self.model.free_base_columns if parameters.items[j].recording is None)
 
     def with_noise(self, noise: FitNoise) -> FittedModel:
         """The same fit under another noise, without a simulation."""
@@ -208,7 +208,7 @@ class ModelSource:
         Composes the first model with terms.
     plain : Calibration
         Of the first model.
-    own : tuple of int
+    free_base_columns : tuple of int
         Columns of ``plain`` that are free.
     open_objective : callable
         Holds a calibration against the recordings, on a simulator of its own.
@@ -220,7 +220,7 @@ class ModelSource:
 
     family: ModelFamily
     plain: Calibration
-    own: tuple[int, ...]
+    free_base_columns: tuple[int, ...]
     open_objective: Callable[[Calibration], Objective]
     open: OpenSimulator
     interpolation_is_free: bool
@@ -251,7 +251,7 @@ class ModelCache:
         return model
 
     def _build(self, setting: Structure, wanted: frozenset[str]) -> CandidateModel:
-        plain, own = with_setting(self.source.plain, self.source.own, setting)
+        plain, own = with_setting(self.source.plain, self.source.free_base_columns, setting)
         offer = self.source.family.with_candidates(wanted)
         calibration = self.source.family.transfer(plain, offer.model)
         calibration = replace(calibration, parameters=calibration.parameters.extended(offer.parameters))
@@ -265,7 +265,7 @@ class ModelCache:
     @property
     def free_later(self) -> tuple[str, ...]:
         """Parameters that are fixed until the search frees them."""
-        return tuple(p.name for p in self.source.plain.parameters if p.auto)
+        return tuple(p.name for p in self.source.plain.parameters if p.free_if_identified)
 
     @property
     def interpolation_is_free(self) -> bool:
@@ -309,7 +309,10 @@ def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure)
             raise CannotFinishError("the inputs have no other interpolation between their samples")
         plain = other
     if structure.freed:
-        items = tuple(replace(p, auto=p.auto and p.name not in structure.freed) for p in plain.parameters)
+        items = tuple(
+            replace(p, free_if_identified=p.free_if_identified and p.name not in structure.freed)
+            for p in plain.parameters
+        )
         plain = replace(plain, parameters=ParameterSet(items))
         own = tuple(sorted({*own, *(plain.parameters.index(name) for name in structure.freed)}))
     return plain, own

@@ -27,7 +27,7 @@ from aero_bayes.search.structure import Structure
 from aero_bayes.simulation.interface import DiffusionTarget, ReadingNoiseTarget
 
 #: Readings of an output in a recording that are filtered: a filter stops at each of them.
-MAX_READINGS = 2000
+MAX_FILTER_READINGS = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +120,9 @@ def _base_fit(
     model: CandidateModel, values: Mapping[str, float], floors: Mapping[tuple[str, str], float], fit: LocalFitSettings
 ) -> FittedModel:
     """The fit without process noise, under the noise of what it leaves."""
-    at = model.at(values, ())
+    at = model.coordinates_of(values, ())
     squares = replace(fit, hold_noise=False).least_squares(model.objective.outputs)
-    found = FittedModel(model, Structure(), local_fit(model.objective, at, model.own, settings=squares))
+    found = FittedModel(model, Structure(), local_fit(model.objective, at, model.free_base_columns, settings=squares))
     return found.with_noise(common_noise(found, floors).noise)
 
 
@@ -150,7 +150,7 @@ def _noise_fit(
     parameters = model.objective.parameters
     columns = [j for j, p in enumerate(parameters) if isinstance(p.target, DiffusionTarget | ReadingNoiseTarget)]
     with suppress(CannotFinishError):
-        return local_fit(model.objective, model.at(values, structure.terms), columns, settings=settings)
+        return local_fit(model.objective, model.coordinates_of(values, structure.terms), columns, settings=settings)
     return None
 
 

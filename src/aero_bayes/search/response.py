@@ -17,7 +17,7 @@ from aero_bayes.laws.model_family import CandidateTerm
 
 FloatArray = NDArray[np.float64]
 #: Coordinates of a simulated point, and how it compares with the data.
-Tried = tuple[FloatArray, Evaluation]
+SimulatedPoint = tuple[FloatArray, Evaluation]
 
 #: Smallest and largest step along a line, as multiples of the step that was simulated.
 MIN_STEP_RATIO, MAX_STEP_RATIO = 0.05, 3.0
@@ -104,7 +104,7 @@ class LinearResponse:
         share = min(gain / max(whole, 1e-300), 1.0 - 1e-9)
         return -0.5 * self.base.whitened.readings * math.log1p(-share)
 
-    def simulate(self, columns: Sequence[int], values: Sequence[tuple[float, ...]]) -> list[Tried]:
+    def simulate(self, columns: Sequence[int], values: Sequence[tuple[float, ...]]) -> list[SimulatedPoint]:
         """Points with some columns at each of several SI values, all else as in the fit, and the residuals there."""
         if not len(values):
             return []

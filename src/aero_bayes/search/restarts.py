@@ -32,7 +32,7 @@ class GrowingHorizon:
 
     def refit(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         model, known = fitted.model, fitted.optimum.coordinates
-        start = model.objective.parameters.revived(known, model.own)
+        start = model.objective.parameters.revived(known, model.free_base_columns)
         try:
             free = model.free(fitted.terms)
             point, _ = fit_progressive_horizon(

@@ -115,13 +115,13 @@ class Penalty:
     parameters: int = 1
 
     @property
-    def of_one(self) -> float:
+    def price_of_term(self) -> float:
         """Penalty of one ordinary term."""
         return math.log(max(self.candidates, 1)) + self.margin
 
     def of_term(self, id_: str) -> float:
         """Penalty of one term."""
-        return self.of_one + (self.margin if id_ in self.extra else 0.0)
+        return self.price_of_term + (self.margin if id_ in self.extra else 0.0)
 
     def score(self, fitted: FittedModel) -> float:
         """Log-evidence less the penalty.

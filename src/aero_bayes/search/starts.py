@@ -16,7 +16,7 @@ from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.refit import own_noise_fits
-from aero_bayes.search.response import LinearResponse, ResponseLine, Tried
+from aero_bayes.search.response import LinearResponse, ResponseLine, SimulatedPoint
 from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
@@ -149,7 +149,7 @@ def nominal_lines(response: LinearResponse, candidate: CandidateTerm) -> list[Re
     return lines
 
 
-def _simulate_nominal(response: LinearResponse, candidate: CandidateTerm) -> list[Tried]:
+def _simulate_nominal(response: LinearResponse, candidate: CandidateTerm) -> list[SimulatedPoint]:
     """A candidate at its nominal parameters; of a grid only every second one if all of these lower the likelihood."""
     columns, starts = candidate.columns, candidate.starts
     if len(columns) > 1 or len(starts) < GRID_POINTS:
@@ -183,7 +183,7 @@ def _midpoints(
 
 def _scaled_to_residual(
     response: LinearResponse, candidate: CandidateTerm, lines: Sequence[ResponseLine]
-) -> list[Tried]:
+) -> list[SimulatedPoint]:
     """Each shape of a candidate at a magnitude that changes :data:`LINEAR_RESPONSE_SHARE` of the residual."""
     columns = list(candidate.columns)
     least: dict[tuple[float, ...], ResponseLine] = {}
@@ -265,7 +265,7 @@ class KnownTerms:
         if not new or any(id_ not in self.values for id_ in new):
             return []
         known = {name: value for id_ in new for name, value in self.values[id_].items()}
-        point = fitted.model.at(fitted.values | known, structure.terms)
+        point = fitted.model.coordinates_of(fitted.values | known, structure.terms)
         gain = fitted.response.simulated_gains([point])[0]
         return [Start(point, gain, gain)] if math.isfinite(gain) else []
 

@@ -24,7 +24,7 @@ from aero_bayes.sensors.noise_estimation import estimate_noise
 FloatArray = NDArray[np.float64]
 
 #: Gain in log-likelihood above which the exact likelihood is preferred to the Gaussian one.
-MIN_LOG_LIKELIHOOD_GAIN = 3.0
+MIN_ROUNDING_GAIN = 3.0
 
 
 def quantum(values: FloatArray) -> float:
@@ -94,7 +94,7 @@ class Quantisation:
     @property
     def exact(self) -> bool:
         """Whether the exact likelihood describes the readings clearly better than the Gaussian one."""
-        return self.gain > MIN_LOG_LIKELIHOOD_GAIN
+        return self.gain > MIN_ROUNDING_GAIN
 
     def to_dict(self) -> dict[str, float | bool]:
         return {

@@ -23,13 +23,13 @@ FloatArray = NDArray[np.float64]
 SpreadKind = Literal["constant", "relative", "student"]
 
 #: Blocks that are left out in turn, and readings without which a kind of noise cannot be told.
-BLOCKS, MIN_READINGS = 10, 40
+BLOCKS, MIN_SPREAD_READINGS = 10, 40
 #: Standard errors by which a kind has to predict left-out readings better: one false choice in a thousand.
-MIN_STANDARD_ERRORS = 3.0
+MIN_SPREAD_STANDARD_ERRORS = 3.0
 #: Gain in log-likelihood of the fitted readings below which a kind is not tried on left-out ones.
 MIN_FITTED_GAIN = 4.0
 #: Readings that suffice to choose a kind; of more every n-th is used.
-MAX_READINGS = 5000
+MAX_SPREAD_READINGS = 5000
 #: Degrees of freedom that are tried: with fewer than two the variance is infinite, with many the noise is normal.
 FREEDOMS = (2.1, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0)
 #: Standard deviations at the largest reading over that at the smallest that are tried.
@@ -145,10 +145,10 @@ def choose_spread(residuals: Sequence[FloatArray], predictions: Sequence[FloatAr
         Estimated from all readings.
     """
     residual, predicted = np.concatenate(residuals), np.concatenate(predictions)
-    every = -(-residual.size // MAX_READINGS)
+    every = -(-residual.size // MAX_SPREAD_READINGS)
     residual, predicted = residual[::every], predicted[::every]
     best = constant = estimate_spread("constant", residual, predicted)
-    if residual.size < MIN_READINGS or constant.base <= 1e-300:
+    if residual.size < MIN_SPREAD_READINGS or constant.base <= 1e-300:
         return constant
     present, most = float(constant.log_density(residual, predicted).sum()), 0.0
     kinds: tuple[SpreadKind, ...] = ("relative", "student")
@@ -158,7 +158,7 @@ def choose_spread(residuals: Sequence[FloatArray], predictions: Sequence[FloatAr
             continue
         gain = _left_out_density(kind, residual, predicted) - _left_out_density("constant", residual, predicted)
         total = float(gain.sum())
-        if total > MIN_STANDARD_ERRORS * math.sqrt(residual.size * float(np.var(gain))) and total > most:
+        if total > MIN_SPREAD_STANDARD_ERRORS * math.sqrt(residual.size * float(np.var(gain))) and total > most:
             best, most = model, total
     return best
 

@@ -17,6 +17,7 @@ import numpy as np
 import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
 
+from aero_bayes.data.ripple import MIN_ROTOR_SPEED
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes
 from aero_bayes.sensors.noise_estimation import estimate_noise
 from aero_bayes.sensors.whitening import whiten
@@ -27,8 +28,6 @@ FloatArray = NDArray[np.float64]
 SEGMENT_LENGTH, MIN_PERIODS = 0.5, 3.0
 #: Log-evidence, less half the logarithm of the number of segments, above which an order is accepted.
 MIN_LOG_EVIDENCE = 5.0
-#: Least maximum speed of a rotor whose ripple is examined, in rad/s.
-MIN_ROTOR_SPEED = 20.0
 #: Number of alternating estimates of noise and ripple.
 ALTERNATIONS = 3
 

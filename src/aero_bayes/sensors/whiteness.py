@@ -10,6 +10,9 @@ from scipy.special import chdtrc
 
 FloatArray = NDArray[np.float64]
 
+#: Probability that all tests of a fit together call noise correlated or structured.
+FALSE_ALARM_RATE = 1e-3
+
 #: Readings that each lag of a test needs: with fewer, independent noise fails the test too often.
 READINGS_A_LAG = 25
 #: Autocorrelation at which the sum for the autocorrelation time ends, and the lag, in autocorrelation times.

@@ -229,7 +229,7 @@ class CosimulationEngine:
         return CosimulationRuns(problem, instance, substeps)
 
     def ab_close(self, runs: CosimulationRuns) -> None:
-        """Let it go."""
+        """Close the FMU."""
 
     def ab_batch(self, runs: CosimulationRuns, base: int, job: int, slot: int, first: int) -> int:
         """Work until no task is left."""

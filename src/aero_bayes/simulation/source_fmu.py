@@ -16,7 +16,7 @@ from aero_bayes.simulation import archive
 from aero_bayes.simulation.model_description import BINARY_FOLDERS, ModelDescription
 
 #: Seconds that a compilation may take.
-TIME_LIMIT = 600.0
+BUILD_TIME_LIMIT = 600.0
 
 
 def built_from_source(path: Path, model: ModelDescription, names: Collection[str]) -> Path:
@@ -74,7 +74,9 @@ def _compile(path: Path, unpacked: Path, build: Path) -> None:
         raise InputError(f"{path}: its source says not how it is compiled: {reason}") from None
     scripts = Path(fmpy.__file__).parent / "c-code"
     for command in (["-S", str(scripts), "-B", str(build)], ["--build", str(build), "--target", "install"]):
-        done = subprocess.run(["cmake", *command], capture_output=True, text=True, check=False, timeout=TIME_LIMIT)
+        done = subprocess.run(
+            ["cmake", *command], capture_output=True, text=True, check=False, timeout=BUILD_TIME_LIMIT
+        )
         if done.returncode != 0:
             lines = f"{done.stdout}\n{done.stderr}".splitlines()
             shown = next((line for line in lines if "error" in line.lower()), lines[-1] if lines else "?")

@@ -117,7 +117,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     if options.config is None and options.model is None:
         check_default([*files, *tests], layout)
     recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
-    held_out = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
+    test_recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
     if fmu is None:
         built = options.out / f"{name.rpartition('.')[2]}.fmu"
         with one_run_at_a_time(options.out):
@@ -128,7 +128,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
             else:
                 model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
     assert model is not None
-    check_plausible((*recordings, *held_out), model)
+    check_plausible((*recordings, *test_recordings), model)
     values = _listed(model, config)
     parameters = fit_parameters(model, config)
     fixed = _fixed(model, config, parameters)
@@ -136,12 +136,12 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         check_duration(recordings, model, fixed)
     elif columns.get("time", TIME).unit is None and (slow := slow_sampling_warning(recordings, model, fixed)):
         click.echo(f"note: {slow}", err=True)
-    read = (*recordings, *held_out)
-    recordings, held_out = screened(recordings, model), screened(held_out, model)
-    for finding in dict.fromkeys(f for recording in (*recordings, *held_out) for f in recording.findings):
+    read = (*recordings, *test_recordings)
+    recordings, test_recordings = screened(recordings, model), screened(test_recordings, model)
+    for finding in dict.fromkeys(f for recording in (*recordings, *test_recordings) for f in recording.findings):
         click.echo(f"note: {finding.sentence}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
-    return Job(options, config, name, fmu is None, model, recordings, held_out, parameters, fixed, read, values)
+    return Job(options, config, name, fmu is None, model, recordings, test_recordings, parameters, fixed, read, values)
 
 
 def check_default(files: Sequence[Path], layout: Layout) -> None:
@@ -270,7 +270,7 @@ def _override(name: str, section: ParameterSection, default: Override) -> Overri
         upper=section.upper if section.upper is not None else default.upper,
         prior=_prior(name, section.prior) if section.prior is not None else default.prior,
         scale=default.scale if section.lower is None or section.lower > 0.0 else "linear",
-        auto=section.free == "auto" if section.free is not None else default.auto,
+        free_if_identified=section.free == "auto" if section.free is not None else default.free_if_identified,
         per_recording=section.per_recording or default.per_recording,
     )
 

@@ -84,7 +84,9 @@ def loop_settings(job: Job) -> LoopSettings:
     section, fit_section, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
     given = fit_section.model_fields_set
     fitting, defaults = fit_settings(job), LoopSettings()
-    calibration = replace(fitting.calibration, most_readings=defaults.calibration.most_readings, standing=False)
+    calibration = replace(
+        fitting.calibration, most_readings=defaults.calibration.most_readings, keep_standstill_readings=False
+    )
     # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
     swarm, staged = fitting.global_search.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
     if known:
@@ -95,7 +97,7 @@ def loop_settings(job: Job) -> LoopSettings:
         defaults.global_search, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
         starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_START_FLOOR_RATIO,
     )  # fmt: skip
-    searched = [p for p in job.parameters if not p.auto]
+    searched = [p for p in job.parameters if not p.free_if_identified]
     free_later = later_of(job)
     return LoopSettings(
         structures=replace(defaults.structures, max_effects=section.max_effects, require=section.require),
@@ -117,7 +119,7 @@ def loop_settings(job: Job) -> LoopSettings:
         cache=job.options.cache,
         libraries=job.config.model.libraries,
         fixed={
-            **{p.name: p.start for p in job.parameters if p.auto},
+            **{p.name: p.start for p in job.parameters if p.free_if_identified},
             **{name: value for name, value in job.fixed.items() if name not in free_later},
         },
         overrides={

@@ -77,7 +77,7 @@ def slow_sampling_warning(recordings: Sequence[Recording], model: Model, fixed: 
 
 
 @dataclass(frozen=True)
-class Mode:
+class EigenMode:
     """A mode by its rate in 1/s, and which states and outputs show it."""
 
     rate: complex
@@ -95,7 +95,7 @@ class Mode:
 
 def _modes(
     model: Model, fixed: Mapping[str, float], start: FloatArray, inputs: tuple[InputSignal, ...] = ()
-) -> list[Mode]:
+) -> list[EigenMode]:
     """Return the modes about a state (s,) but for integrators, with inputs at zero where they are not given."""
     names = tuple(state.name for state in model.states)
     experiment = Experiment(np.array([0.0, PROPAGATION_TIME]), names, inputs)
@@ -119,5 +119,5 @@ def _modes(
             continue
         shares = dict(zip(names, (np.abs(vector) > MIN_EIGENVECTOR_SHARE * np.abs(vector).max()).tolist(), strict=True))
         shares |= {output: shares[state] for output, state in aliases.items()}
-        modes.append(Mode(rate, shares))
+        modes.append(EigenMode(rate, shares))
     return modes

@@ -1,4 +1,4 @@
-"""The search told as steps: one for each term that was chosen, with the other candidates and their left-out errors."""
+"""Rank the candidates of each step of the search by their left-out errors: one step for each chosen term."""
 
 from __future__ import annotations
 
