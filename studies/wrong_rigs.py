@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.random import Generator
@@ -41,48 +41,19 @@ DWELL = (0.2, 1.2)
 SETTLING = 0.25
 
 
-class Rig(Protocol):
-    """A rig, and what an engineer knows of it.
-
-    ``truth`` are the true values of the parameters that are fitted. ``calibration`` says how recordings are fitted.
-    """
-
-    truth: Mapping[str, float]
-    calibration: CalibrationSettings
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def reference(self) -> str | Path:
-        """The model as given, without what may be missing, as ``load_model`` takes it."""
-        ...
-
-    @property
-    def law_name(self) -> str:
-        """Name of the law that may be missing, as the library has it."""
-        ...
-
-    def parameters(self, model: Model) -> ParameterSet:
-        """What is fitted. The search starts at the true values: that it finds the optimum is not in question here."""
-        ...
-
-    def law(self, size: float) -> Mapping[str, float]:
-        """True parameters of the law that may be missing, by the names that they have in the library."""
-        ...
-
-    def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
-        """Repeat the experiment, ``times`` as long as usual: as it is read, and the same without reading noise."""
-        ...
-
-
 @dataclass(frozen=True)
 class Aero:
-    """The simulated AERO with white reading noise.
+    """The simulated AERO with white reading noise, and what an engineer knows of it.
+
+    Its methods are those of every :data:`Rig`: ``reference`` is the model as given, without what may be missing;
+    ``parameters`` are fitted from the true values, since that the search finds the optimum is not in question here;
+    ``law`` are the true parameters of the law that may be missing, by the names that they have in the library;
+    ``record`` repeats the experiment, ``times`` as long as usual, as it is read and without reading noise.
 
     Parameters
     ----------
     truth : mapping of str to float
+        Values of the parameters that are fitted.
     missing, unlisted : EffectTruth
         At size 1; the first parameter of an effect is its size.
     torque : float
@@ -206,6 +177,9 @@ class TrialRig:
         still = np.zeros(time.size)
         noisy = {name: y + self.noise[name].sample(rng, time, still, still) for name, y in clean.items()}
         return replace(silent, outputs=noisy), silent
+
+
+Rig = Aero | TrialRig
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.random import Generator
@@ -69,15 +69,6 @@ class Sensors:
     tachometer_counts: int = 0
     tachometer_window: float = 0.02
     label: str = field(default="", compare=False)
-
-    def without_missing(self) -> Sensors:
-        """Return the same sensors with every reading present."""
-        return replace(
-            self,
-            i_m=replace(self.i_m, missing=0.0),
-            omega_m=replace(self.omega_m, missing=0.0),
-            theta=replace(self.theta, missing=0.0),
-        )
 
 
 def clean() -> Sensors:

@@ -8,7 +8,7 @@ Gelman and Gabry (2017), Stat. Comput. 27, 1413; Buerkner, Gabry and Vehtari (20
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,30 +60,6 @@ class ElpdEstimate:
             "reliable": self.reliable,
             "refits": self.refits,
         }
-
-
-@dataclass(frozen=True)
-class ElpdDifference:
-    """Difference in ``elpd`` of two models on the same blocks, with the standard error of the paired difference."""
-
-    elpd: float
-    se: float
-
-
-def compare_elpd(first: ElpdEstimate, second: ElpdEstimate) -> ElpdDifference:
-    """Return how much better the first predicts than the second.
-
-    Raises
-    ------
-    InputError
-        If they are not over the same number of blocks.
-    """
-    if first.pointwise.size != second.pointwise.size:
-        raise InputError(f"{first.pointwise.size} and {second.pointwise.size} blocks cannot be compared")
-    gap = first.pointwise - second.pointwise
-    return ElpdDifference(
-        float(gap.sum()), float(math.sqrt(gap.size * np.var(gap, ddof=1))) if gap.size > 1 else math.inf
-    )
 
 
 def waic(densities: FloatArray) -> ElpdEstimate:
@@ -139,11 +115,6 @@ def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = No
             smoothed, shape = np.full((len(draws), 1), -math.log(len(draws))), np.zeros(1)
         part[b - first], shapes[b - first] = logsumexp(smoothed[:, 0] + draws[:, b]), shape[0]
     return ElpdEstimate("leave-future-out", float(part.sum()), part, math.nan, shapes, refits)
-
-
-def pooled_blocks(densities: Sequence[FloatArray]) -> FloatArray:
-    """Return blocks of several recordings side by side, shape (s, total)."""
-    return np.concatenate(list(densities), axis=1)
 
 
 def _weights(log_ratio: FloatArray) -> tuple[FloatArray, FloatArray]:

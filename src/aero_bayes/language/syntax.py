@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -213,20 +214,11 @@ def short_text(tree: Expression) -> str:
 
 def children(tree: Expression) -> tuple[Expression, ...]:
     """Return the expressions directly below one."""
-    match tree:
-        case Name(_, inner) | Call(_, inner) | Array(inner):
-            return inner
-        case If(condition, then, otherwise):
-            return (condition, then, otherwise)
-        case Comprehension(item, _, values):
-            return (item, values)
-        case RangeExpression(first, step, last):
-            return (first, last) if step is None else (first, step, last)
-        case Index(of, subscripts):
-            return (of, *subscripts)
-        case Field(inner, _) | NamedArgument(_, inner):
-            return (inner,)
-    return ()
+    found: list[Expression] = []
+    for name in tree.__match_args__:
+        part = getattr(tree, name)
+        found += part if isinstance(part, tuple) else (part,) if isinstance(part, Expression) else ()
+    return tuple(found)
 
 
 def arguments_of(tree: Expression) -> dict[str, Expression]:
@@ -298,26 +290,14 @@ def names_in(tree: Expression) -> set[str]:
 
 def map_children(tree: Expression, change: Callable[[Expression], Expression]) -> Expression:
     """Return a copy in which each expression directly below is what ``change`` makes of it."""
-    match tree:
-        case Name(name, inner):
-            return Name(name, tuple(map(change, inner)))
-        case Call(function, args):
-            return Call(function, tuple(map(change, args)))
-        case Array(items):
-            return Array(tuple(map(change, items)))
-        case If(condition, then, otherwise):
-            return If(change(condition), change(then), change(otherwise))
-        case Comprehension(item, variable, values):
-            return Comprehension(change(item), variable, change(values))
-        case RangeExpression(first, step, last):
-            return RangeExpression(change(first), None if step is None else change(step), change(last))
-        case Index(of, subscripts):
-            return Index(change(of), tuple(map(change, subscripts)))
-        case Field(of, name):
-            return Field(change(of), name)
-        case NamedArgument(name, value):
-            return NamedArgument(name, change(value))
-    return tree
+
+    def changed(part: Any) -> Any:
+        if isinstance(part, tuple):
+            return tuple(map(change, part))
+        return part if part is None or isinstance(part, str) else change(part)
+
+    make: Callable[..., Expression] = type(tree)
+    return make(*(changed(getattr(tree, name)) for name in tree.__match_args__)) if children(tree) else tree
 
 
 def map_names(tree: Expression, change: Callable[[Name], Expression]) -> Expression:
