@@ -25,7 +25,7 @@ import sys
 import tempfile
 import time
 import urllib.request
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,9 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.fleets import open_executor
-from odebench_tasks import Task, noisy_runs, peers, read_systems, tasks_of, times, verdict, visibility
+from odebench_tasks import (
+    System, Task, can_be_simulated, noisy_runs, peers, read_systems, tasks_of, times, verdict, visibility
+)  # fmt: skip
 from trial_runs import Row, code, executor_options, run_trials, write_summary
 
 SOURCE = "https://raw.githubusercontent.com/sdascoli/odeformer/main/odeformer/odebench/strogatz_equations.py"
@@ -43,13 +45,31 @@ VISIBLE = 20.0
 COUNTS = {"all_states": 24, "one_hidden": 12, "nothing_deleted": 12}
 
 
-def draw(path: Path, noise: float, parity: int, counts: Mapping[str, int], seed: int) -> list[tuple[str, Task]]:
-    """Draw tasks, of as many systems as there are, their kinds interleaved."""
-    systems = [s for s in read_systems(path) if s.number % 2 == parity]
+def draw(
+    systems: Sequence[System], noise: float, counts: Mapping[str, int], seed: int, visible: Callable[[Task], bool]
+) -> list[tuple[str, Task]]:
+    """Draw tasks, of as many systems as there are, their kinds interleaved.
+
+    Parameters
+    ----------
+    systems : sequence of System
+    noise : float
+        Share of each state's standard deviation.
+    counts : mapping of str to int
+        Tasks of each kind.
+    seed : int
+    visible : callable
+        Whether a task's deleted term shows.
+
+    Returns
+    -------
+    list of (str, Task)
+        Kind and task.
+    """
     rng = np.random.default_rng(seed)
     placed: list[tuple[float, str, Task]] = []
     for kind, count in counts.items():
-        offered = [[t for t in tasks_of(s, noise)[kind] if noisy_runs(t, seed)] for s in systems]
+        offered = [tasks_of(s, noise)[kind] for s in systems]
         queues = [list(rng.permutation(np.array(own, dtype=object))) for own in offered if own]
         queues = [queues[k] for k in rng.permutation(len(queues))]
         found: list[Task] = []
@@ -57,11 +77,26 @@ def draw(path: Path, noise: float, parity: int, counts: Mapping[str, int], seed:
             for queue in queues:
                 while queue and len(found) < count:
                     task = queue.pop()
-                    if task.term is None or visibility(task) >= VISIBLE:
+                    if task.term is None or visible(task):
                         found.append(task)
                         break
         placed += [((k + 0.5) / max(len(found), 1), kind, task) for k, task in enumerate(found)]
     return [(kind, task) for _, kind, task in sorted(placed, key=lambda p: p[0])]
+
+
+class Visibilities:
+    """How far deleted terms show, each computed once and kept in a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known: dict[str, float] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+    def visible(self, task: Task) -> bool:
+        """Return whether a task's deleted term shows."""
+        if task.key not in self._known:
+            self._known[task.key] = visibility(task)
+            write_summary(self._known, self._path)
+        return self._known[task.key] >= VISIBLE
 
 
 class Attempt:
@@ -80,7 +115,6 @@ def run(one: Attempt, seed: int, minutes: float, version: str, with_peers: bool)
     """Close the loop on a task as a user would, and judge what it says."""
     task, began = one.task, time.perf_counter()
     runs = noisy_runs(task, seed)
-    assert runs is not None
     row: Row = {
         "key": task.key, "kind": one.kind, "code": version, "deleted": "" if task.term is None else str(task.term.value)
     }  # fmt: skip
@@ -201,7 +235,8 @@ def main() -> None:
     end = time.monotonic() + 60.0 * options.stop_after
     counts = {kind: math.ceil(options.tasks * count) for kind, count in COUNTS.items()}
     path = source_file(options.source, folder)
-    drawn = draw(path, options.noise, 0 if options.even else 1, counts, options.seed)
+    systems = [s for s in read_systems(path) if s.number % 2 == (0 if options.even else 1) and can_be_simulated(s)]
+    drawn = draw(systems, options.noise, counts, options.seed, Visibilities(folder / "visible.json").visible)
     attempt = partial(
         run, seed=options.seed, minutes=options.max_minutes, version=code(), with_peers=not options.no_peers
     )
