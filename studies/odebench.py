@@ -17,11 +17,8 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import json
 import math
-import subprocess
-import sys
 import tempfile
 import time
 import urllib.request
@@ -31,12 +28,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from click.testing import CliRunner
 
+from aero_bayes.cli import main as main_command
 from aero_bayes.fleets import open_executor
 from odebench_tasks import (
     System, Task, can_be_simulated, noisy_runs, peers, read_systems, tasks_of, times, verdict, visibility
 )  # fmt: skip
-from trial_runs import Row, code, executor_options, run_trials, write_summary
+from trial_runs import Row, code, run_trials, study_parser, write_summary
 
 SOURCE = "https://raw.githubusercontent.com/sdascoli/odeformer/main/odeformer/odebench/strogatz_equations.py"
 #: Distance from which on a deleted term counts as visible.
@@ -113,19 +112,21 @@ class Attempt:
 
 def run(one: Attempt, seed: int, minutes: float, version: str, with_peers: bool) -> Row:
     """Close the loop on a task as a user would, and judge what it says."""
-    task, began = one.task, time.perf_counter()
+    task, began, computing = one.task, time.perf_counter(), _computing()
     runs = noisy_runs(task, seed)
     row: Row = {
         "key": task.key, "kind": one.kind, "code": version, "deleted": "" if task.term is None else str(task.term.value)
     }  # fmt: skip
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(prefix="odebench-") as folder:
         seen = _write(Path(folder), task, runs, minutes)
-        command = [str(Path(sys.executable).parent / "aero-bayes"), "close-loop", "--config", "rig.toml"]
-        command += ["--train", "first.csv", "--test", "second.csv", "--out", "run", "--workers", "1", "--quiet"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        row["seconds"] = round(time.perf_counter() - began, 1)
-        if done.returncode:
-            return {**row, "verdict": "failed", "why": (done.stderr.strip().splitlines() or ["no message"])[-1]}
+        paths = {"--config": "rig.toml", "--train": "first.csv", "--test": "second.csv", "--out": "run"}
+        command = ["close-loop", "--workers", "1", "--quiet"]
+        command += [word for option, name in paths.items() for word in (option, str(Path(folder) / name))]
+        # in this process: a command of its own would import the package and read the laws anew for each task
+        done = CliRunner().invoke(main_command, command)
+        row |= {"seconds": round(time.perf_counter() - began, 1), "computing": round(_computing() - computing, 1)}
+        if done.exit_code:
+            return {**row, "verdict": "failed", "why": (done.output.strip().splitlines() or ["no message"])[-1]}
         loop = json.loads((Path(folder) / "run" / "result.json").read_text(encoding="utf-8"))["loop"]
         written = [Path(folder) / "run" / e["modelica"] for e in loop["effects"][:1]]
         modelica = written[0].read_text(encoding="utf-8") if written and written[0].is_file() else ""
@@ -140,6 +141,12 @@ def run(one: Attempt, seed: int, minutes: float, version: str, with_peers: bool)
     if with_peers and one.kind == "all_states":
         row["peers"] = peers(task, runs[0])
     return row
+
+
+def _computing() -> float:
+    """Computing time in s of this process and of its children that have ended."""
+    spent = os.times()
+    return spent.user + spent.system + spent.children_user + spent.children_system
 
 
 def _write(folder: Path, task: Task, runs: Sequence[np.ndarray], minutes: float) -> list[str]:
@@ -183,7 +190,9 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     }
     over = [r["unseen_over_noise"] for r in rows if r["verdict"] in ("right", "in class") and r["unseen_over_noise"]]
     found["unseen_over_noise_median_where_right"] = float(np.median(over)) if over else None
-    found["seconds_median"] = float(np.median([row["seconds"] for row in rows])) if rows else None
+    for name in ("seconds", "computing"):
+        known = [row[name] for row in rows if name in row]
+        found[f"{name}_median"] = float(np.median(known)) if known else None
     return {**found, "rows": list(rows)}
 
 
@@ -218,32 +227,30 @@ def source_file(given: Path | None, folder: Path) -> Path:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("reports"))
+    parser = study_parser(__doc__, stop_after=15.0)
     parser.add_argument("--source", type=Path, help="a copy of strogatz_equations.py; fetched by default")
     parser.add_argument("--noise", type=float, default=0.02, help="share of each state's standard deviation")
     parser.add_argument("--even", action="store_true", help="the even-numbered systems, for development")
     parser.add_argument("--tasks", type=float, default=1.0, help="this share of the tasks of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--max-minutes", type=float, default=2.0, help="[loop] max_minutes of each loop")
-    parser.add_argument("--stop-after", type=float, default=15.0, help="start no loop after so many minutes")
+    parser.add_argument("--only", nargs="+", default=[], help="keys of tasks")
     parser.add_argument("--no-peers", action="store_true", help="the loop alone")
-    executor_options(parser)
     options = parser.parse_args()
     folder = options.out / "odebench"
     folder.mkdir(parents=True, exist_ok=True)
-    end = time.monotonic() + 60.0 * options.stop_after
     counts = {kind: math.ceil(options.tasks * count) for kind, count in COUNTS.items()}
     path = source_file(options.source, folder)
     systems = [s for s in read_systems(path) if s.number % 2 == (0 if options.even else 1) and can_be_simulated(s)]
     drawn = draw(systems, options.noise, counts, options.seed, Visibilities(folder / "visible.json").visible)
+    drawn = [(kind, task) for kind, task in drawn if not options.only or task.key in options.only]
     attempt = partial(
         run, seed=options.seed, minutes=options.max_minutes, version=code(), with_peers=not options.no_peers
     )
     with open_executor(options.dask, options.processes) as executor:
         rows = run_trials(
             [Attempt(kind, task) for kind, task in drawn], attempt, folder / "tasks.sqlite", executor,
-            until=lambda: time.monotonic() >= end,
+            until=lambda: time.monotonic() >= options.began + 60.0 * options.stop_after,
         )  # fmt: skip
     found = summary(rows)
     print(table(found))

@@ -13,6 +13,7 @@ from small_rigs import rig
 
 from aero_bayes.export import export_flat, load_flat
 from aero_bayes.laws import Law, place_law, ports_with_laws, write_law
+from aero_bayes.laws.starting_values import fitted_parameters
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,
@@ -52,14 +53,14 @@ Reading = Callable[[NDArray[np.float64], float], float]
 #: Model, law, its parameters, input, duration (s); rates, start and reading with the law, and without it.
 CASES: dict[str, tuple[str, str, dict[str, float], float, float, Rates, Sequence[float], Reading]] = {
     "Room": (
-        ROOM, "second_storage@T", {"k_2": 8.0, "T_2": 500.0}, 60.0, 2000.0,
+        ROOM, "second_storage@T", {"k_2": 8.0, "T_2": 500.0, "start_h_2": -1.5}, 60.0, 2000.0,
         lambda t, x, u: [(u - 3 * (x[0] - 10) - 8 * (x[0] - x[1])) / 1000, 8 * (x[0] - x[1]) / 4000],
-        (18.0, 18.0), lambda x, u: x[0],
+        (18.0, 16.5), lambda x, u: x[0],
     ),
     "Cell": (
-        CELL, "polarisation@v", {"R_1": 0.02, "T_1": 30.0}, 2.0, 100.0,
+        CELL, "polarisation@v", {"R_1": 0.02, "T_1": 30.0, "start_i_1": 0.5}, 2.0, 100.0,
         lambda t, x, u: [u, (u - x[1] / 0.02) / 1500],
-        (0.0, 0.04), lambda x, u: 3.6 - 2e-3 * x[0] - 0.03 * u - x[1],
+        (0.0, 0.05), lambda x, u: 3.6 - 2e-3 * x[0] - 0.03 * u - x[1],
     ),
     "Drive": (
         DRIVE, "attached_mass@w", {"m_a": 0.01, "w_a": 20.0, "d_a": 0.05}, 0.5, 1.0,
@@ -83,7 +84,7 @@ def test_an_element_is_the_scipy_solution_and_off_the_model_as_it_was(
     law_id, at = id_.split("@")
     port = next(p for p in ports_with_laws(flat, laws) if p.id == at)
     law = next(law for law in laws if law.id == law_id and law.kind == port.kind)
-    placed = place_law(law, port, [v.name for v in flat.variables], values=values)
+    placed = place_law(law, port, [v.name for v in flat.variables], values=values, with_starts=True)
     written = write_law([path], name, flat, [placed], tmp_path)
     again = load_flat(written.name, [path, written.path])
     time, levels = np.linspace(0.0, duration, 81), (before, -0.4 * before)
@@ -95,6 +96,9 @@ def test_an_element_is_the_scipy_solution_and_off_the_model_as_it_was(
         simulated(Model.load(export_flat(f, tmp_path / f"{f.name}{k}.fmu")), experiment, targets)
         for k, (f, targets) in enumerate(((again, {}), (again, {magnitude: 0.0})))
     )
+    exported = Model.load(tmp_path / f"{again.name}0.fmu")
+    states = [state for p in fitted_parameters(placed) for state in p.starts]
+    assert len(states) == len(law.starts) and set(states) <= {s.name for s in exported.states}
     plain = simulated(Model.load(export_flat(flat, tmp_path / "plain.fmu")), experiment, {})
     np.testing.assert_allclose(off, plain, rtol=0, atol=1e-9 * np.abs(plain).max())
     expected, x = [], np.array(start)

@@ -18,7 +18,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.new_recording import first_reading, typical
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.recording_parameters import templates
+from aero_bayes.estimate.recording_parameters import for_recordings, templates
 from aero_bayes.judge.prediction import Prediction, RmsError, rms_error
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.model_family import ModelFamily
@@ -36,7 +36,8 @@ class Unseen:
 
     A recording that was not fitted gets the mean input delay of the fitted recordings. Its initial states are its first
     readings plus the mean offset that the fitted recordings have. Where initial states are estimated, or a law acts on
-    their reading, they are estimated from the first :data:`INITIAL_STATE_SHARE` of the recording.
+    their reading, they are estimated from the first :data:`INITIAL_STATE_SHARE` of the recording; those that a law
+    brought always are.
     """
 
     recordings: Recordings
@@ -161,17 +162,17 @@ class Unseen:
         starts = base_named.parameters
         if not close:
             starts = with_free_starts(starts, base_named.experiments, plain)
-        base_named = replace(base_named, parameters=starts.extended(new))
+        own_starts = for_recordings(ParameterSet(tuple(new)), plain, named)
+        base_named = replace(base_named, parameters=starts.extended(own_starts))
         whole = replace(self.family.transfer(base_named, calibration.model), fixed=calibration.fixed)
         row = _values(_renamed(calibration, base_named, whole), fit, base_named, self._all_recordings, self._fitted)
         # A law at an output hides the initial value of its state.
         hidden = [p.target for p in base_named.parameters] != [p.target for p in whole.parameters]
-        if not (self.settings.start == "estimated" or hidden):
-            return whole, row, []
+        all_starts, added = self.settings.start == "estimated" or hidden, {p.name for p in own_starts}
         return whole, row, [
             j for j, p in enumerate(whole.parameters)
-            if (isinstance(p.target, StartTarget) or p.starts) and p.recording is not None
-            and p.recording >= self._fitted
+            if p.recording is not None and p.recording >= self._fitted
+            and (all_starts and isinstance(p.target, StartTarget) or p.starts and (all_starts or p.name in added))
         ]  # fmt: skip
 
     def _with_estimated_starts(

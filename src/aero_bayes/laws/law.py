@@ -57,6 +57,8 @@ LAW_INTERFACES: Mapping[str, LawInterface] = {
     "SeriesLaw": LawInterface("electrical", "v", ("i",), {"v_n": "v", "i_n": "i"}),
 }
 
+#: What the name of a parameter begins with that moves the start of a state of the law.
+START_PREFIX = "start_"
 #: Inputs that a port need not have, and the nominal value that replaces each one there.
 SIGNAL_DEFAULTS: Mapping[str, str] = {"h_s": "h_0"}
 
@@ -128,6 +130,9 @@ class Law:
         zero where the law can act. Empty if there is none.
     delay : str
         Of a law that delays its input and does nothing else, the parameter that is the delay. Empty for any other law.
+    starts : tuple of LawParameter
+        By how much its own states begin beside the start that its equations give: ``start_h_2`` for ``h_2``. The search
+        leaves them at zero; each recording has its own in the model that is written.
     absolute : str
         An input that must be the motion of one body, not a difference of two. Empty if there is none.
     interface : LawInterface
@@ -162,6 +167,7 @@ class Law:
     nonnegative: str = ""
     delay: str = ""
     absolute: str = ""
+    starts: tuple[LawParameter, ...] = ()
 
     @cached_property
     def differentiated(self) -> frozenset[str]:
@@ -245,11 +251,12 @@ def _partial_model(cls: ClassText, known: Mapping[str, ClassText]) -> str | None
 
 def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, merged: ClassText) -> Law:
     own, inherited = cls.components(), base.components()
-    parameters = tuple(law_parameter(c) for c in (*own, *inherited) if is_fitted_parameter(c))
+    fitted = [law_parameter(c) for c in (*own, *inherited) if is_fitted_parameter(c)]
+    parameters = tuple(p for p in fitted if not p.name.startswith(START_PREFIX))
     if not parameters:
         raise InputError("a law needs a parameter with the attribute nominal")
     nominals = {c.name: evaluate_expression(parse_expression(c.binding), {}) for c in inherited if _is_nominal(c)}
-    for p in parameters:
+    for p in fitted:
         for term in (p.default, p.minimum, p.maximum, p.nominal):
             if term is not None:
                 evaluate_expression(term, dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
@@ -278,6 +285,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         interface=interface,
         text=text,
         cls=merged,
+        starts=tuple(p for p in fitted if p not in parameters),
     )
 
 

@@ -72,7 +72,7 @@ class PlacedLaw:
 
     def parameters(self) -> Iterator[LawParameter]:
         """Return the fitted parameters. The share of a neighbour is one of them only if there is a neighbour."""
-        return (p for p in self.law.parameters if p.name in self.names)
+        return (p for p in (*self.law.parameters, *self.law.starts) if p.name in self.names)
 
     def value(self, p: LawParameter) -> float:
         return float(self.values.get(p.name, p.value("default", self.all_nominals)))
@@ -108,6 +108,7 @@ def place_law(
     values: Mapping[str, float] | None = None,
     neighbour: Port | None = None,
     alias: str = "",
+    with_starts: bool = False,
 ) -> PlacedLaw:
     """Place a law at a port, under names that are not in use: ``F_c``, or ``F_c_v`` if that is in use.
 
@@ -117,6 +118,8 @@ def place_law(
         Names that the model uses already. Of a path, the first part counts.
     neighbour : Port, optional
         Needed for an exchange, an overflow or a law between two motions. Other laws ignore it.
+    with_starts : bool
+        Whether the starts of its own states are fitted, too.
 
     Raises
     ------
@@ -136,6 +139,7 @@ def place_law(
         return chosen
 
     fitted = [p.name for p in law.parameters if p.name != "share" or neighbour is not None]
+    fitted += [p.name for p in law.starts if with_starts]
     names = {p: free(p) for p in fitted}
     # a nominal value is an order of magnitude: three digits are enough in a written model
     rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (nominals or {}).items()}

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from aero_bayes.declared import DeclaredEffect
 from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.laws.law import START_PREFIX
 from aero_bayes.laws.model_family import effect_parameter
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.simulation.interface import DelayTarget
@@ -32,7 +33,11 @@ def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
         default = p.value("default", placed.all_nominals)
         about = p.description if placed.port.replaceable is not None else f"{p.description} at {placed.port.id}"
         one = effect_parameter(placed.names[p.name], placed.unit(p), about, bounds, limits["nominal"], default)
-        found.append(replace(one, target=DelayTarget(placed.moved_input)) if placed.moved_input else one)
+        if placed.moved_input:
+            one = replace(one, target=DelayTarget(placed.moved_input))
+        elif p in placed.law.starts:
+            one = replace(one, starts=(f"{placed.instance}.{p.name.removeprefix(START_PREFIX)}",))
+        found.append(one)
     return found
 
 

@@ -20,6 +20,7 @@ from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.outliers import without_outliers
+from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.reduced_problem import with_few_samples
@@ -80,8 +81,12 @@ class BaseFit:
     def with_terms(
         self, context: LoopContext, model: Model, new: Sequence[Parameter], fixed: Mapping[str, float] | None = None
     ) -> Calibration:
-        """The same recordings held against the model with terms; ``new`` are their parameters."""
+        """The same recordings held against the model with terms; ``new`` are their parameters.
+
+        The starts of states that the terms brought have a value in each recording.
+        """
         moved = context.family.transfer(self.plain, model)
+        new = for_recordings(ParameterSet(tuple(new)), model, context.recordings.fitted)
         return replace(moved, parameters=moved.parameters.extended(new), fixed={**moved.fixed, **(fixed or {})})
 
 

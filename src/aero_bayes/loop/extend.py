@@ -62,7 +62,8 @@ def extend(context: LoopContext, base: BaseFit, choice: Choice) -> ExtendedFit:
     calibration = base.with_terms(context, written.model, written.parameters)
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
-        start = calibration.parameters.to_search(np.array([values[p.name] for p in calibration.parameters]))
+        si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
+        start = calibration.parameters.to_search(si)
         free = [j for j, p in enumerate(calibration.parameters) if not p.free_if_identified]
         search = GlobalSearch(objective, context.settings.global_search)
         fit = search.refit(start, free, base.fit.noise)
