@@ -33,7 +33,16 @@ from click.testing import CliRunner
 from aero_bayes.cli import main as main_command
 from aero_bayes.fleets import open_executor
 from odebench_tasks import (
-    System, Task, can_be_simulated, noisy_runs, peers, read_systems, tasks_of, times, verdict, visibility
+    System,
+    Task,
+    can_be_simulated,
+    noisy_runs,
+    peers,
+    read_systems,
+    tasks_of,
+    times,
+    verdict,
+    visibility,
 )  # fmt: skip
 from trial_runs import Row, code, run_trials, study_parser, write_summary
 

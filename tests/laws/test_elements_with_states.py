@@ -98,7 +98,8 @@ def test_an_element_is_the_scipy_solution_and_off_the_model_as_it_was(
     )
     exported = Model.load(tmp_path / f"{again.name}0.fmu")
     states = [state for p in fitted_parameters(placed) for state in p.starts]
-    assert len(states) == len(law.starts) and set(states) <= {s.name for s in exported.states}
+    assert len(states) == len(law.starts)
+    assert set(states) <= {s.name for s in exported.states}
     plain = simulated(Model.load(export_flat(flat, tmp_path / "plain.fmu")), experiment, {})
     np.testing.assert_allclose(off, plain, rtol=0, atol=1e-9 * np.abs(plain).max())
     expected, x = [], np.array(start)

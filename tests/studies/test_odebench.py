@@ -36,7 +36,8 @@ def test_a_trajectory_is_the_closed_form_and_one_that_explodes_is_none(systems: 
     found, grown = trajectory(logistic, (0.1,)), 0.1 * np.exp(1.5 * times())
     assert found is not None
     np.testing.assert_allclose(found[:, 0], grown / (1.0 + (grown - 0.1) / 3.0), rtol=1e-6)
-    assert can_be_simulated(logistic) and not can_be_simulated(explodes)
+    assert can_be_simulated(logistic)
+    assert not can_be_simulated(explodes)
 
 
 def test_a_term_shows_as_far_as_it_is_over_the_noise_and_is_computed_once(
@@ -63,9 +64,7 @@ def test_drawn_tasks_show_and_their_kinds_take_turns(systems: list[odebench.Syst
     assert all(task.term is None for kind, task in drawn if kind == "nothing_deleted")
 
 
-@pytest.mark.parametrize(
-    ("added", "expected"), [("- 0.2*x_0^2", "right"), ("- 0.2*x_0", "false"), ("", "silent")]
-)
+@pytest.mark.parametrize(("added", "expected"), [("- 0.2*x_0^2", "right"), ("- 0.2*x_0", "false"), ("", "silent")])
 def test_the_verdict_is_on_the_form_and_not_on_the_coefficient(
     added: str, expected: str, systems: list[odebench.System]
 ) -> None:

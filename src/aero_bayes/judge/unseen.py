@@ -163,7 +163,7 @@ class Unseen:
         if not close:
             starts = with_free_starts(starts, base_named.experiments, plain)
         own_starts = for_recordings(ParameterSet(tuple(new)), plain, named)
-        base_named = replace(base_named, parameters=starts.extended(own_starts))
+        base_named = replace(base_named, parameters=starts.extended(own_starts.items))
         whole = replace(self.family.transfer(base_named, calibration.model), fixed=calibration.fixed)
         row = _values(_renamed(calibration, base_named, whole), fit, base_named, self._all_recordings, self._fitted)
         # A law at an output hides the initial value of its state.
@@ -172,7 +172,7 @@ class Unseen:
         return whole, row, [
             j for j, p in enumerate(whole.parameters)
             if p.recording is not None and p.recording >= self._fitted
-            and (all_starts and isinstance(p.target, StartTarget) or p.starts and (all_starts or p.name in added))
+            and ((all_starts and isinstance(p.target, StartTarget)) or (p.starts and (all_starts or p.name in added)))
         ]  # fmt: skip
 
     def _with_estimated_starts(

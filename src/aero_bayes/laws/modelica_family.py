@@ -419,7 +419,13 @@ class ModelicaFamily:
         for old in self._ordered(ids):
             own = {p.name: to_significant_digits(values[old.names[p.name]], 6) for p in old.parameters()}
             placed = place_law(
-                old.law, old.port, taken, nominals=old.nominals, values=own, neighbour=old.neighbour, alias=old.alias,
+                old.law,
+                old.port,
+                taken,
+                nominals=old.nominals,
+                values=own,
+                neighbour=old.neighbour,
+                alias=old.alias,
                 with_starts=True,
             )
             taken |= {placed.instance, *placed.names.values()}

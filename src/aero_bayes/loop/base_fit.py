@@ -20,9 +20,9 @@ from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.outliers import without_outliers
-from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
+from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.solver_difference import with_solver_difference
@@ -86,8 +86,8 @@ class BaseFit:
         The starts of states that the terms brought have a value in each recording.
         """
         moved = context.family.transfer(self.plain, model)
-        new = for_recordings(ParameterSet(tuple(new)), model, context.recordings.fitted)
-        return replace(moved, parameters=moved.parameters.extended(new), fixed={**moved.fixed, **(fixed or {})})
+        own = for_recordings(ParameterSet(tuple(new)), model, context.recordings.fitted)
+        return replace(moved, parameters=moved.parameters.extended(own.items), fixed={**moved.fixed, **(fixed or {})})
 
 
 def fit_base_model(context: LoopContext) -> BaseFit:

@@ -188,7 +188,9 @@ def _with_effect(
     for k, row in enumerate(tried[:: max(1, -(-len(tried) // MAX_STARTS))]):
         progress(f"fit with {name}", k / MAX_STARTS, "")
         starts = {here[n]: v for n, v in row.items()}
-        started = [replace(p, start=min(max(starts.get(p.name, p.start), p.lower), p.upper)) for p in written.parameters]
+        started = [
+            replace(p, start=min(max(starts.get(p.name, p.start), p.lower), p.upper)) for p in written.parameters
+        ]
         found.append(
             fit(
                 job.recordings,
