@@ -167,13 +167,13 @@ def _compile(command: Sequence[str], folder: Path) -> None:
         raise InputError(f"the C compiler {command[0]!r} failed on the generated source: {lines[0]}")
 
 
-def write_archive(out: Path, members: Mapping[str, bytes]) -> None:
+def write_archive(out: Path, members: Mapping[str, bytes], *, packed: bool = True) -> None:
     """Write a zip with fixed times and order; ``out`` appears whole or not at all."""
     out.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(out) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+    with whole_file(out) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name in sorted(members, key=lambda n: (n != "modelDescription.xml", n)):
             info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
-            info.compress_type = zipfile.ZIP_DEFLATED
+            info.compress_type = zipfile.ZIP_DEFLATED if packed else zipfile.ZIP_STORED
             info.create_system = 3
             info.external_attr = (0o755 if name.endswith(".so") else 0o644) << 16
             archive.writestr(info, members[name])

@@ -79,7 +79,8 @@ def export_flat(
     flat : FlatModel
     out : path
     quick : bool
-        Compile in less time to code that runs somewhat slower: for candidates that are tried and dropped.
+        Compile in less time to code that runs somewhat slower, one run at a time, and pack nothing: for candidates that
+        are tried and dropped.
     members : mapping of str to bytes, optional
         Further files of the archive.
     fmi : int
@@ -126,5 +127,6 @@ def export_flat(
             **{f"sources/{file}": text for file, text in files.items()},
             **(members or {}),
         },
+        packed=not quick,
     )
     return out

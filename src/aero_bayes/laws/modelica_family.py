@@ -76,6 +76,8 @@ from aero_bayes.simulation.model import Model, ModelicaSource
 
 #: Nominal values of the state and of the largest term of a balance, by the kind of its port.
 _STATE_AND_TERM = {"storage": ("h_n", "q_n"), "motion": ("v_n", "f_n"), "electrical": ("i_n", "v_n")}
+#: Models that are fitted a few times and dropped: compiling them quickly saves more than their slower runs cost.
+_TRIED = ("candidates", "curves")
 #: Nominal values of the signals at ports, by the ids of the ports.
 PortNominals = Mapping[str, Mapping[str, float]]
 
@@ -466,7 +468,7 @@ class ModelicaFamily:
         out = self.folder / f"{self.title}-{what}-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            export_flat(flat, out, members=declared_members(self.base, self.sources))
+            export_flat(flat, out, quick=what in _TRIED, members=declared_members(self.base, self.sources))
         return Model.load(out)
 
 

@@ -177,7 +177,6 @@ double columns_step(Run *r)
     }
     for (int j = 0; j < NODES_X; j++) {
         if (j < 2) linear_columns(r, &t->node[j], k->s_linear[j]);
-        if (j < 2 && k->rounds == ONLY_END) linear_at(r, &t->node[j], k->x[j]);
         r->status = visit(r, j, r->b_node + (size_t)j * size);
         if (is_error(r->status)) return NAN;
     }

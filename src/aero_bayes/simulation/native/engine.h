@@ -220,11 +220,12 @@ typedef struct {
     double h;
     Flow node[NODES_X], between, inside[MOST_INSIDE]; /* up to the points, and to samples within the step */
     int n_inside;
+    double *of_slope, *of_ramp, *of_nodes; /* the same for all points at once, by columns of all_rows */
 } StepTable;
 
 typedef struct {
     double *memory;
-    int rows, n_tables;
+    int rows, all_rows, n_tables; /* all_rows: those of a column for all points */
     int known, stale, age; /* of the kept Jacobian; steps since it was taken */
     int linear_model;      /* the last step left no remainder */
     int pause, last_pause; /* segments to leave to the other method */
@@ -234,8 +235,9 @@ typedef struct {
     int level, since_longer; /* halvings of a segment; segments since fewer were tried */
     Linear system;
     double *b; /* Jacobian by the inputs */
-    double *x[NODES_X], *linear[NODES_X], *d[NODES_X]; /* at the points: states, and remainders */
-    double *x0, *f0, *ramp, *v, *change, *end, *first, *second, *middle;
+    /* at all points, one behind the other: states, states of the linearisation, remainders; and the same point by point */
+    double *points, *linear, *remainders, *x[NODES_X], *d[NODES_X];
+    double *x0, *f0, *ramp, *v, *change, *end, *first, *second, *middle, *weight; /* weight: one over the tolerance */
     StepTable table[MOST_TABLES], *now;
     /* sensitivities: is there room for them; have the last ones no remainder; is it left out */
     int columns, linear_columns, bare_columns;

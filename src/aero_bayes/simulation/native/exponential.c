@@ -63,18 +63,19 @@ int exponential_open(Run *r)
 {
     if (r->exponential) return 1;
     const size_t n = (size_t)r->n, rows = (n + 3) / 4 * 4, size = n * rows, inputs = (size_t)r->e->n_signals;
+    const size_t all_rows = (NODES_X * n + 3) / 4 * 4;
     const size_t matrices = MOST_TABLES * (NODES_X + 1 + MOST_INSIDE) * 9 + 9;
     const int columns = (double)(matrices * n * n * (size_t)r->ld) * sizeof(double) <= MOST_MEMORY, ld = columns ? r->ld : 0;
     Exponential *k = calloc(1, sizeof *k);
-    const size_t count = matrices * n * (rows + n * (size_t)ld) + inputs * rows + (3 * NODES_X + 9) * rows +
-                         NODES_X * size + (2 * NODES_X + 2) * n * (size_t)ld;
+    const size_t count = matrices * n * (rows + n * (size_t)ld) + inputs * rows + 10 * rows + 3 * (all_rows + rows) +
+                         MOST_TABLES * (NODES_X + 2) * n * all_rows + NODES_X * size + (2 * NODES_X + 2) * n * (size_t)ld;
     double *at = k ? calloc(count + 8, sizeof *at) : NULL;
     if (!at) {
         free(k);
         return 0;
     }
     k->memory = at;
-    k->rows = (int)rows;
+    k->rows = (int)rows, k->all_rows = (int)all_rows;
     k->columns = columns;
     k->system = (Linear){.n = r->n, .rows = k->rows};
     k->system.a = take_matrices(&at, 1, k, ld), k->system.work = take_matrices(&at, 8, k, ld);
@@ -82,17 +83,20 @@ int exponential_open(Run *r)
     for (int t = 0; t < MOST_TABLES; t++) {
         for (int j = 0; j < NODES_X; j++) lay_out_flow(&k->table[t].node[j], &at, k, ld);
         lay_out_flow(&k->table[t].between, &at, k, ld);
+        k->table[t].of_slope = take(&at, n * all_rows), k->table[t].of_ramp = take(&at, n * all_rows);
+        k->table[t].of_nodes = take(&at, NODES_X * n * all_rows);
         for (int j = 0; j < MOST_INSIDE; j++) lay_out_flow(&k->table[t].inside[j], &at, k, ld);
     }
+    k->points = take(&at, all_rows + rows), k->linear = take(&at, all_rows + rows), k->remainders = take(&at, all_rows + rows);
     for (int j = 0; j < NODES_X; j++) {
-        k->x[j] = take(&at, rows), k->d[j] = take(&at, rows), k->linear[j] = take(&at, rows);
+        k->x[j] = k->points + (size_t)j * n, k->d[j] = k->remainders + (size_t)j * n;
         k->nearness[j] = take(&at, size);
         k->g[j] = take(&at, n * (size_t)ld), k->s_linear[j] = take(&at, n * (size_t)ld);
     }
     k->s_slope = take(&at, n * (size_t)ld), k->s_ramp = take(&at, n * (size_t)ld);
     k->f0 = take(&at, rows), k->x0 = take(&at, rows), k->ramp = take(&at, rows), k->v = take(&at, rows);
     k->change = take(&at, rows), k->end = take(&at, rows), k->first = take(&at, rows), k->second = take(&at, rows);
-    k->middle = take(&at, rows);
+    k->middle = take(&at, rows), k->weight = take(&at, rows);
     r->exponential = k;
     return 1;
 }
@@ -136,6 +140,14 @@ static void weigh_flow(const Linear *m, Flow *f, double h)
               i0.slopes, (size_t)(m->n * m->n * m->ld));
 }
 
+/* The rows that belong to a point, of a matrix for all points, from one of its own. */
+static void put_rows(const Exponential *k, double *to, int point, const double *from)
+{
+    const int n = k->system.n;
+    for (int j = 0; j < n; j++)
+        for (int i = 0; i < n; i++) to[j * k->all_rows + point * n + i] = from[j * k->rows + i];
+}
+
 static StepTable *table_of(Run *r, double h)
 {
     Exponential *k = r->exponential;
@@ -152,7 +164,12 @@ static StepTable *table_of(Run *r, double h)
     phi_follow(m, third, point_of[0], t->node[0].transition, t->node[0].transition);
     phi_follow(m, t->node[1].transition, 1.0 / 3.0, third, third);
     phi_follow(m, t->node[2].transition, 1.0 / 3.0, third, t->node[1].transition);
-    for (int j = 0; j < NODES_X; j++) weigh_flow(m, &t->node[j], h);
+    for (int j = 0; j < NODES_X; j++) {
+        const Flow *f = &t->node[j];
+        weigh_flow(m, &t->node[j], h);
+        put_rows(k, t->of_slope, j, f->of_slope.value), put_rows(k, t->of_ramp, j, f->of_ramp.value);
+        for (int i = 0; i < NODES_X; i++) put_rows(k, t->of_nodes + i * m->n * k->all_rows, j, f->of_node[i].value);
+    }
     weigh_flow(m, &t->between, h);
     return t;
 }
@@ -228,20 +245,56 @@ static void add_remainders(const Run *r, const Flow *f, double *to)
     for (int j = 0; j < NODES_X; j++) kernels->apply(to, f->of_node[j].value, k->d[j], r->n, k->rows);
 }
 
+/* The linearisation at all points. */
+static void linear_at_points(Run *r, const StepTable *t)
+{
+    Exponential *k = r->exponential;
+    const int n = r->n;
+    for (int j = 0; j < NODES_X; j++) memcpy(k->linear + j * n, k->x0, sizeof *k->x0 * (size_t)n);
+    kernels->apply(k->linear, t->of_slope, k->f0, n, k->all_rows);
+    if (k->ramps) kernels->apply(k->linear, t->of_ramp, k->ramp, n, k->all_rows);
+    memcpy(k->points, k->linear, sizeof *k->linear * (size_t)k->all_rows);
+}
+
 /* What the slope at x at a fraction of the step leaves of the linearisation, to d. */
 static int remainder_at(Run *r, double h, double theta, const double *x, double *d)
 {
     Exponential *k = r->exponential;
-    double *v = k->v;
-    const int status = rhs(r, r->t + theta * h, x, d);
+    double *v = k->v, *left = k->second;
+    const int n = r->n, status = rhs(r, r->t + theta * h, x, left);
     if (is_error(status)) return status;
-    for (int i = 0; i < k->rows; i++) v[i] = k->x0[i] - x[i];
-    for (int i = 0; i < r->n; i++) d[i] -= k->f0[i] + theta * k->ramp[i];
-    kernels->apply(d, k->system.a.value, v, r->n, k->rows);
+    for (int i = 0; i < n; i++) {
+        v[i] = k->x0[i] - x[i];
+        left[i] -= k->f0[i];
+    }
+    for (int i = 0; k->ramps && i < n; i++) left[i] -= theta * k->ramp[i];
+    kernels->apply(left, k->system.a.value, v, n, k->rows);
+    for (int i = 0; i < n; i++) d[i] = left[i];
     return status;
 }
 
 static int find_remainder(Run *r, double h, int j) { return remainder_at(r, h, point_of[j], r->exponential->x[j], r->exponential->d[j]); }
+
+/* In units of the tolerance, as scaled_norm, with what the states are at the step's beginning and by the linearisation at its end. */
+static double size_of(const Run *r, const double *v)
+{
+    const double *weight = r->exponential->weight;
+    double sum = 0.0;
+    for (int i = 0; i < r->n; i++) sum += v[i] * v[i] * weight[i];
+    return sqrt(sum);
+}
+
+static void find_weights(Run *r)
+{
+    Exponential *k = r->exponential;
+    const double *end = k->linear + (NODES_X - 1) * r->n;
+    for (int i = 0; i < r->n; i++) {
+        const double now = larger(fabs(r->x[i]), fabs(end[i])), known = r->nominal[i];
+        const double size = known == 1.0 ? fmin(known, larger(larger(r->largest[i], now), LEAST_SIZE)) : known;
+        const double tolerance = r->atol * size + r->rtol * now;
+        k->weight[i] = 1.0 / (tolerance * tolerance * (double)r->n);
+    }
+}
 
 /* Size at the step's end, in units of the tolerance, of a slope that acts all the step long. */
 static double effect(Run *r, const StepTable *t, const double *slope)
@@ -249,27 +302,23 @@ static double effect(Run *r, const StepTable *t, const double *slope)
     Exponential *k = r->exponential;
     memset(k->v, 0, sizeof *k->v * (size_t)k->rows);
     kernels->apply(k->v, t->node[2].of_slope.value, slope, r->n, k->rows);
-    return scaled_norm(r, k->v, r->x, k->end);
+    return size_of(r, k->v);
 }
 
-/* Corrections by the remainders until they change the end no more. Returns their error in units of the tolerance; the end
- * is left in k->end. Where `rounds` is not zero there are so many. */
+/* Corrections by the remainders until they change the end no more. Returns their error in units of the tolerance. Where
+ * `rounds` is not zero there are so many. */
 static double iterate(Run *r, const StepTable *t, int rounds)
 {
     Exponential *k = r->exponential;
-    const size_t bytes = sizeof(double) * (size_t)k->rows;
+    const int n = r->n;
+    const size_t bytes = sizeof(double) * (size_t)k->all_rows;
     double size = 0.0;
-    memset(k->change, 0, bytes);
     for (int round = 1;; round++) {
-        double *add = k->first;
-        memset(add, 0, bytes);
-        add_remainders(r, &t->node[2], add);
-        for (int i = 0; i < r->n; i++) {
-            k->change[i] = add[i] - k->change[i];
-            k->end[i] = k->linear[2][i] + add[i];
-        }
-        const double now = scaled_norm(r, k->change, r->x, k->end);
-        memcpy(k->change, add, bytes);
+        memcpy(k->change, k->x[NODES_X - 1], sizeof(double) * (size_t)n);
+        memcpy(k->points, k->linear, bytes);
+        kernels->apply(k->points, t->of_nodes, k->remainders, NODES_X * n, k->all_rows);
+        for (int i = 0; i < n; i++) k->change[i] -= k->x[NODES_X - 1][i];
+        const double now = size_of(r, k->change);
         k->rounds = round;
         if (!(now < INFINITY)) return NAN;
         if (round > 1) k->contraction = size > 0.0 ? now / size : 0.0;
@@ -278,10 +327,6 @@ static double iterate(Run *r, const StepTable *t, int rounds)
         const int measured = round > 1 || (k->contraction >= 0.0 && k->age % CHECK_EACH);
         const double error = measured ? 3.0 * k->contraction * now : now;
         if (!rounds && error <= OF_CORRECTIONS) return error;
-        for (int j = 0; j < NODES_X; j++) {
-            memcpy(k->x[j], k->linear[j], bytes);
-            add_remainders(r, &t->node[j], k->x[j]);
-        }
         for (int j = 0; j < NODES_X; j++) {
             r->status = find_remainder(r, t->h, j);
             if (is_error(r->status)) return NAN;
@@ -295,8 +340,8 @@ static double iterate(Run *r, const StepTable *t, int rounds)
 static double error_of_parabola(Run *r, const StepTable *t)
 {
     Exponential *k = r->exponential;
-    double *defect = k->first, *off = k->second;
-    for (int i = 0; i < k->rows; i++)
+    double *defect = k->first, *off = k->end;
+    for (int i = 0; i < r->n; i++)
         defect[i] = at_start[0] * k->d[0][i] + at_start[1] * k->d[1][i] + at_start[2] * k->d[2][i];
     const double error = OFF_PARABOLA * effect(r, t, defect);
     if (error <= OLD_JACOBIAN || !(OF_SMOOTH * error < 1.0)) return error;
@@ -305,7 +350,7 @@ static double error_of_parabola(Run *r, const StepTable *t)
     add_remainders(r, &t->between, x);
     r->status = remainder_at(r, t->h, BETWEEN, x, off);
     if (is_error(r->status)) return NAN;
-    for (int i = 0; i < k->rows; i++)
+    for (int i = 0; i < r->n; i++)
         off[i] -= between[0] * k->d[0][i] + between[1] * k->d[1][i] + between[2] * k->d[2][i] - CUBIC_BETWEEN * defect[i];
     return OF_SMOOTH * error + OFF_PARABOLA * effect(r, t, off);
 }
@@ -315,27 +360,24 @@ static double attempt(Run *r, StepTable *t, int rounds)
 {
     Exponential *k = r->exponential;
     const int n = r->n;
-    const size_t bytes = sizeof(double) * (size_t)k->rows;
     memcpy(k->f0, r->f, sizeof *r->f * (size_t)n);
     memcpy(k->x0, r->x, sizeof *r->x * (size_t)n);
     r->status = find_ramp(r, t->h);
     if (is_error(r->status)) return NAN;
-    linear_at(r, &t->node[2], k->linear[2]);
-    memcpy(k->x[2], k->linear[2], bytes);
-    memcpy(k->end, k->linear[2], bytes);
+    linear_at_points(r, t);
+    find_weights(r);
     r->status = find_remainder(r, t->h, 2);
     if (is_error(r->status)) return NAN;
     k->rounds = 0;
-    const double left = effect(r, t, k->d[2]);
-    if (rounds ? rounds == ONLY_END : k->linear_model && left <= CLOSE_TO_LINEAR && k->age % CHECK_EACH) {
-        for (int j = 0; j < NODES_X; j++) memset(k->d[j], 0, bytes);
+    const int looks = rounds ? rounds == ONLY_END : k->linear_model || k->age % CHECK_EACH == 0;
+    const double left = looks ? effect(r, t, k->d[2]) : INFINITY;
+    if (rounds ? looks : left <= CLOSE_TO_LINEAR && k->linear_model && k->age % CHECK_EACH) {
+        memset(k->remainders, 0, sizeof *k->remainders * (size_t)k->all_rows);
         k->rounds = ONLY_END;
         return left;
     }
     int linear = left <= CLOSE_TO_LINEAR;
     for (int j = 0; j < 2; j++) {
-        linear_at(r, &t->node[j], k->linear[j]);
-        memcpy(k->x[j], k->linear[j], bytes);
         r->status = find_remainder(r, t->h, j);
         if (is_error(r->status)) return NAN;
         linear = linear && effect(r, t, k->d[j]) <= CLOSE_TO_LINEAR;
@@ -351,12 +393,7 @@ static int meets_event(Run *r, const StepTable *t)
 {
     Exponential *k = r->exponential;
     for (int j = 0; j < NODES_X; j++) {
-        double *x = j == 2 ? k->end : k->x[j];
-        if (j < 2) {
-            linear_at(r, &t->node[j], x);
-            add_remainders(r, &t->node[j], x);
-        }
-        r->status = indicators(r, r->t + point_of[j] * t->h, x, r->z1);
+        r->status = indicators(r, r->t + point_of[j] * t->h, k->x[j], r->z1);
         if (is_error(r->status) || crossed(r->z0, r->z1, r->nz)) return 1;
     }
     return 0;
@@ -431,7 +468,7 @@ double exponential_step(Run *r, double span, double left, double *recorded)
     k->age++;
     k->worst = larger(k->worst, k->error);
     k->last_pause = 0;
-    memcpy(r->x1, k->end, sizeof *r->x1 * (size_t)r->n);
+    memcpy(r->x1, k->x[NODES_X - 1], sizeof *r->x1 * (size_t)r->n);
     *recorded = k->rounds + (renewed ? RENEWED : 0);
     return h;
 }
