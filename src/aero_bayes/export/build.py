@@ -26,6 +26,10 @@ _LINK = ("-shared", "-Wl,--build-id=none", "-s")
 _FMI_HEADERS = {2: "fmi2*.h", 3: "fmi3*.h"}
 
 _NATIVE = Path(__file__).parent / "native"
+#: Files of the engine that the runtime has too: its co-simulation takes the same steps.
+_SHARED = tuple(
+    Path(__file__).parents[1] / "simulation" / "native" / name for name in ("exponential.c", "exponential.h", "phi.c")
+)
 
 
 def c_compiler() -> list[str]:
@@ -112,7 +116,7 @@ def _cross_compile(source: str, identifier: str, platform: Platform, target: str
 def source_files(source: str, identifier: str, fmi: int) -> dict[str, bytes]:
     """All C source of an FMU by file: the model, the runtime, and the headers of FMI."""
     other = f"fmi{5 - fmi}.c"
-    runtime = {path.name: path.read_bytes() for path in sorted(_NATIVE.iterdir()) if path.name != other}
+    runtime = {path.name: path.read_bytes() for path in (*sorted(_NATIVE.iterdir()), *_SHARED) if path.name != other}
     headers = {path.name: path.read_bytes() for path in sorted(fmi_headers().glob(_FMI_HEADERS[fmi]))}
     return {**runtime, **headers, f"{identifier}.c": source.encode()}
 
@@ -120,7 +124,7 @@ def source_files(source: str, identifier: str, fmi: int) -> dict[str, bytes]:
 def _runtime(command: Sequence[str], fmi: int) -> bytes:
     """The compiled runtime of generated models."""
     flags = [f"-I{fmi_headers()}", "-c", f"fmi{fmi}.c"]
-    return compile_kept(sorted(_NATIVE.iterdir()), flags, "runtime.o", command)
+    return compile_kept([*sorted(_NATIVE.iterdir()), *_SHARED], flags, "runtime.o", command)
 
 
 def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, command: Sequence[str] = ()) -> bytes:

@@ -10,13 +10,14 @@
 #include "events.h"
 #include "initial_values.h"
 #include "lanes.h"
-#include "rodas.h"
+#include "engine.h"
 
 typedef struct {
     Model *m;
     fmi2CallbackFunctions call;
     fmi2String name;
     fmi2Boolean logging;
+    Run *steps; /* of co-simulation, once it has taken one */
 } Instance;
 
 static fmi2Status fail(Instance *s, fmi2Status status, const char *format, ...) {
@@ -54,7 +55,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
     (void)type; (void)resources; (void)visible;
     if (!functions) return NULL;
-    Instance proxy = {NULL, *functions, name ? name : "", logging};
+    Instance proxy = {NULL, *functions, name ? name : "", logging, NULL};
     if (!name || !*name) { fail(&proxy, fmi2Error, "fmi2Instantiate: the instance needs a name"); return NULL; }
     if (!guid || strcmp(guid, INFO.guid)) {
         fail(&proxy, fmi2Error, "fmi2Instantiate: guid %s, expected %s", guid ? guid : "(none)", INFO.guid);
@@ -70,7 +71,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         return NULL;
     }
     memcpy(copy, name, length);
-    *s = (Instance){m, *functions, copy, logging};
+    *s = (Instance){m, *functions, copy, logging, NULL};
     reset(m);
     return s;
 }
@@ -78,6 +79,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 void fmi2FreeInstance(fmi2Component c) {
     Instance *s = c;
     if (!s) return;
+    close_steps(s->steps);
     free(s->m);
     free((void *)s->name);
     free(s);
@@ -123,6 +125,7 @@ fmi2Status fmi2Terminate(fmi2Component c) {
 
 fmi2Status fmi2Reset(fmi2Component c) {
     reset(((Instance *)c)->m);
+    begin_steps(((Instance *)c)->steps);
     return fmi2OK;
 }
 

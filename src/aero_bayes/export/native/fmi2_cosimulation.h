@@ -15,6 +15,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real start, fmi2Real size, fmi2Boolea
     memcpy(x, group(m, R), NX * sizeof *x);
     double h = m->step > 0 ? m->step : size * 1e-3, since = start;
     int events = 0;
+    if (!s->steps) s->steps = open_steps(m);
+    if (s->steps && status >= 0 && m->next_event > end + 1e-12 * fmax(1, fabs(end))) {
+        t = exponential_until(s->steps, t, x, end);
+        move_to(m, t, x);
+    }
     if (nz) event_indicators(m, z);
     for (long count = 0; (NX > 0 || nz || isfinite(m->next_event)) && t < end && status >= 0; count++) {
         /* an event due at the end belongs to this step: its values are those after it */

@@ -6,12 +6,14 @@ fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
     if (!*state) *state = malloc(MODEL_SIZE);
     if (!*state) return fail(s, fmi2Error, "fmi2GetFMUstate: out of memory");
     memcpy(*state, s->m, MODEL_SIZE);
+    begin_steps(s->steps);
     return fmi2OK;
 }
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
     Instance *s = c;
     if (!state) return fail(s, fmi2Error, "fmi2SetFMUstate: no state");
     memcpy(s->m, state, MODEL_SIZE);
+    begin_steps(s->steps);
     return fmi2OK;
 }
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {

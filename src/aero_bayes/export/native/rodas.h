@@ -8,7 +8,7 @@
 
 #include "events.h"
 
-static void rhs(Model *m, double t, const double *x, double *dx) {
+static void derivatives_at(Model *m, double t, const double *x, double *dx) {
     m->time = t;
     memcpy(group(m, R), x, NX * sizeof *x);
     invalidate(m, DEPENDS_ON_STATE);
@@ -35,13 +35,13 @@ static double rodas(Model *m, double t, const double *x, double h, double *y) {
     int pivot[NXX];
     if (!w) return -1;
     memset(ft, 0, sizeof ft);
-    rhs(m, t, x, f);
+    derivatives_at(m, t, x, f);
     need_jacobian(m);
     for (int i = 0; i < NX; i++)
         for (int j = 0; j < NX; j++) w[j * NX + i] = (i == j ? 1 / (gamma * h) : 0) - group(m, JX)[(size_t)j * NROW + i];
     if (INFO.time_varying) {
         double e = 1e-8 * fmax(fabs(t), 1.0);
-        rhs(m, t + e, x, ft);
+        derivatives_at(m, t + e, x, ft);
         for (int i = 0; i < NX; i++) ft[i] = (ft[i] - f[i]) / e;
     }
     if (!factorise(w, pivot, NX)) {
@@ -55,7 +55,7 @@ static double rodas(Model *m, double t, const double *x, double h, double *y) {
                 arg[i] = x[i];
                 for (int j = 0; j < k; j++) arg[i] += a[k][j] * u[j][i];
             }
-            rhs(m, t + alpha[k] * h, arg, f);
+            derivatives_at(m, t + alpha[k] * h, arg, f);
         }
         for (int i = 0; i < NX; i++) {
             u[k][i] = f[i] + h * d[k] * ft[i];

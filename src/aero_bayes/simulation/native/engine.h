@@ -15,6 +15,7 @@
  *   kalman.c       the extended Kalman filter of a model with process noise
  *   covariance.c   and its mean and covariance over a step
  *   exponential.c  steps with an exact linear part, where the input moves at each sample
+ *   moving.c       where a run takes them, and its samples between them
  *   columns.c      and the sensitivities over them
  *   phi.c          and their matrices
  *   step.c         the steps of a segment between two jumps or events, with error control
@@ -41,6 +42,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "exponential.h"
 #include "fmu_library.h"
 
 /* The numbers of interface.Outcome. */
@@ -56,8 +58,6 @@ enum {
     MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON,
     MODE_FILTER, MODE_FILTER_LIKELIHOOD, MODE_FILTER_STATES /* with process noise */
 };
-
-static inline double larger(double a, double b) { return a > b ? a : b; }
 
 #define BLOCK 256 /* samples held back before a sink sees them */
 
@@ -191,61 +191,6 @@ typedef struct {
     int begun;     /* there is a last transition */
 } Kalman;
 
-/* Exponential steps (exponential.c). Matrices are n x n by columns of `rows`, vectors of `rows`. */
-enum { NODES_X = 3, MOST_TABLES = 6, MOST_INSIDE = 3, MOST_STATES = 32 };
-/* How a step tells of itself: its rounds of corrections, or that only its end was looked at, and whether its Jacobian is
- * its own. */
-enum { ONLY_END = 7, RENEWED = 8 };
-
-/* A matrix by columns of `rows`, and its derivatives along several parameters: each column is n rows of `ld`. */
-typedef struct {
-    double *value, *slopes;
-} Matrix;
-
-/* A linear system x' = A x; ld is 0 where no derivatives are wanted. */
-typedef struct {
-    int n, rows, ld;
-    Matrix a, work; /* work: eight matrices */
-} Linear;
-
-/* What the linear part does up to a fraction of the step. */
-typedef struct {
-    double theta;
-    Matrix transition;       /* e^(theta h A), and the integrals of phi.c behind it */
-    Matrix of_slope, of_ramp; /* of a constant slope, and of one that grows from zero by one over the step */
-    Matrix of_node[NODES_X]; /* of the remainder at each point */
-} Flow;
-
-typedef struct {
-    double h;
-    Flow node[NODES_X], between, inside[MOST_INSIDE]; /* up to the points, and to samples within the step */
-    int n_inside;
-    double *of_slope, *of_ramp, *of_nodes; /* the same for all points at once, by columns of all_rows */
-} StepTable;
-
-typedef struct {
-    double *memory;
-    int rows, all_rows, n_tables; /* all_rows: those of a column for all points */
-    int known, stale, age; /* of the kept Jacobian; steps since it was taken */
-    int linear_model;      /* the last step left no remainder */
-    int pause, last_pause; /* segments to leave to the other method */
-    int rounds, ramps;
-    double contraction; /* of the corrections, or -1 */
-    double error, worst; /* of the last step; of this segment's */
-    int level, since_longer; /* halvings of a segment; segments since fewer were tried */
-    Linear system;
-    double *b; /* Jacobian by the inputs */
-    /* at all points, one behind the other: states, states of the linearisation, remainders; and the same point by point */
-    double *points, *linear, *remainders, *x[NODES_X], *d[NODES_X];
-    double *x0, *f0, *ramp, *v, *change, *end, *first, *second, *middle, *weight; /* weight: one over the tolerance */
-    StepTable table[MOST_TABLES], *now;
-    /* sensitivities: is there room for them; have the last ones no remainder; is it left out */
-    int columns, linear_columns, bare_columns;
-    double *nearness[NODES_X];             /* Jacobian at the points less A */
-    double *g[NODES_X], *s_linear[NODES_X]; /* of the points: remainders, columns without them */
-    double *s_slope, *s_ramp;              /* their slope at the beginning, and what it grows by with time alone */
-} Exponential;
-
 /* Everything one run needs; buffers are allocated once for a problem's experiment and reused. */
 typedef struct Run {
     Problem *problem;
@@ -328,9 +273,6 @@ int inputs_apply(Run *, double t);
 double input_weight(const Run *, const Target *, double t);
 
 /* rodas.c */
-/* Least size of a state of which no nominal value is known: what is smaller may be rounding. */
-#define LEAST_SIZE 1e-6
-
 typedef struct {
     int stages, order, dense;
     double gamma;
@@ -387,27 +329,11 @@ int kalman_linearised(Run *, double h, int forced);
 void kalman_advance(Run *, double h);
 int kalman_read(Run *, int *finite);
 
-/* phi.c */
-void phi_flow(const Linear *, Matrix flow, double h, double theta);
-void phi_follow(const Linear *, Matrix to, double a, Matrix first, Matrix then);
-Matrix matrix_at(const Linear *, Matrix first, int k);
-double phi_norm(const Linear *);
-
-/* exponential.c */
+/* moving.c */
 /* Do inputs move at each sample, or nearly so? */
 static inline int moves_at_samples(const Experiment *e) { return e->n_breaks * (MOST_INSIDE + 1) >= e->n; }
-/* Points of the parabola, and its value at the step's beginning by those at the points. */
-static const double point_of[NODES_X] = {1.0 / 6.0, 2.0 / 3.0, 1.0};
-static const double at_start[NODES_X] = {1.6, -1.0, 0.4};
-#define CLOSE_TO_LINEAR 1e-3 /* a remainder, in units of the tolerance, that does not count */
-#define OFF_PARABOLA 0.3     /* error at the end by the parabola's defect at the beginning: at least that of a kink */
-int exponential_open(Run *);
-void exponential_close(Exponential *);
-void exponential_begin(Run *);
 int exponential_may(Run *, double end);
-double exponential_step(Run *, double span, double left, double *recorded);
 int exponential_emit(Run *, double limit);
-void linear_at(const Run *, const Flow *, double *to);
 
 /* columns.c */
 int columns_renew(Run *);

@@ -174,7 +174,7 @@ static StepTable *table_of(Run *r, double h)
     return t;
 }
 
-static Flow *flow_inside(Run *r, StepTable *t, double theta)
+Flow *flow_inside(Run *r, StepTable *t, double theta)
 {
     Exponential *k = r->exponential;
     const double near = larger(1e-3 * r->rtol, 1e-13);
@@ -230,7 +230,7 @@ static int find_ramp(Run *r, double h)
 }
 
 /* The model's linearisation at a fraction of the step. */
-void linear_at(const Run *r, const Flow *f, double *to)
+static void linear_at(const Run *r, const Flow *f, double *to)
 {
     const Exponential *k = r->exponential;
     memcpy(to, k->x0, sizeof *to * (size_t)k->rows);
@@ -243,6 +243,13 @@ static void add_remainders(const Run *r, const Flow *f, double *to)
 {
     const Exponential *k = r->exponential;
     for (int j = 0; j < NODES_X; j++) kernels->apply(to, f->of_node[j].value, k->d[j], r->n, k->rows);
+}
+
+/* The states at a fraction of the last step. */
+void state_at(const Run *r, const Flow *f, double *to)
+{
+    linear_at(r, f, to);
+    add_remainders(r, f, to);
 }
 
 /* The linearisation at all points. */
@@ -276,7 +283,7 @@ static int remainder_at(Run *r, double h, double theta, const double *x, double 
 static int find_remainder(Run *r, double h, int j) { return remainder_at(r, h, point_of[j], r->exponential->x[j], r->exponential->d[j]); }
 
 /* In units of the tolerance, as scaled_norm, with what the states are at the step's beginning and by the linearisation at its end. */
-static double size_of(const Run *r, const double *v)
+static double scaled_size(const Run *r, const double *v)
 {
     const double *weight = r->exponential->weight;
     double sum = 0.0;
@@ -302,7 +309,7 @@ static double effect(Run *r, const StepTable *t, const double *slope)
     Exponential *k = r->exponential;
     memset(k->v, 0, sizeof *k->v * (size_t)k->rows);
     kernels->apply(k->v, t->node[2].of_slope.value, slope, r->n, k->rows);
-    return size_of(r, k->v);
+    return scaled_size(r, k->v);
 }
 
 /* Corrections by the remainders until they change the end no more. Returns their error in units of the tolerance. Where
@@ -318,7 +325,7 @@ static double iterate(Run *r, const StepTable *t, int rounds)
         memcpy(k->points, k->linear, bytes);
         kernels->apply(k->points, t->of_nodes, k->remainders, NODES_X * n, k->all_rows);
         for (int i = 0; i < n; i++) k->change[i] -= k->x[NODES_X - 1][i];
-        const double now = size_of(r, k->change);
+        const double now = scaled_size(r, k->change);
         k->rounds = round;
         if (!(now < INFINITY)) return NAN;
         if (round > 1) k->contraction = size > 0.0 ? now / size : 0.0;
@@ -346,8 +353,7 @@ static double error_of_parabola(Run *r, const StepTable *t)
     const double error = OFF_PARABOLA * effect(r, t, defect);
     if (error <= OLD_JACOBIAN || !(OF_SMOOTH * error < 1.0)) return error;
     double *x = k->middle;
-    linear_at(r, &t->between, x);
-    add_remainders(r, &t->between, x);
+    state_at(r, &t->between, x);
     r->status = remainder_at(r, t->h, BETWEEN, x, off);
     if (is_error(r->status)) return NAN;
     for (int i = 0; i < r->n; i++)
@@ -399,16 +405,10 @@ static int meets_event(Run *r, const StepTable *t)
     return 0;
 }
 
-/* Do such steps pay up to `end`? Not where many samples lie before it, or where they failed just now. */
-int exponential_may(Run *r, double end)
+/* Whether such a step is to be tried at the beginning of a segment: not where they failed just now. */
+int exponential_ready(Run *r)
 {
-    const Experiment *e = r->e;
-    if (r->n == 0 || r->n > MOST_STATES || filters(r) || !moves_at_samples(e)) return 0;
-    const int64_t last = r->sample + MOST_INSIDE + 1;
-    if (last < e->n && e->time[last] < end - r->resolution) return 0;
-    if (!exponential_open(r)) return 0;
     Exponential *k = r->exponential;
-    if (r->sensitive && !k->columns) return 0;
     if (k->pause > 0) {
         k->pause--;
         return 0;
@@ -471,30 +471,4 @@ double exponential_step(Run *r, double span, double left, double *recorded)
     memcpy(r->x1, k->x[NODES_X - 1], sizeof *r->x1 * (size_t)r->n);
     *recorded = k->rounds + (renewed ? RENEWED : 0);
     return h;
-}
-
-/* Samples before `limit`, from the step's own solution at their times. */
-int exponential_emit(Run *r, double limit)
-{
-    const Experiment *e = r->e;
-    Exponential *k = r->exponential;
-    const int n = r->n;
-    memset(r->dense, 0, sizeof *r->dense * (size_t)(5 * n));
-    if (r->sensitive) memset(r->sdense, 0, sizeof *r->sdense * (size_t)(5 * n * r->ld));
-    while (r->sample < e->n && e->time[r->sample] < limit) {
-        const double time = e->time[r->sample], theta = (time - r->t) / k->now->h;
-        if (time - r->t <= r->resolution) {
-            memcpy(r->dense, k->x0, sizeof *r->dense * (size_t)n);
-            if (r->sensitive) memcpy(r->sdense, r->s, sizeof *r->s * (size_t)(n * r->ld));
-        } else {
-            const Flow *f = flow_inside(r, k->now, theta);
-            linear_at(r, f, k->v);
-            add_remainders(r, f, k->v);
-            memcpy(r->dense, k->v, sizeof *r->dense * (size_t)n);
-            if (r->sensitive) columns_at(r, f, r->sdense);
-        }
-        const int status = emit_until(r, 0.0, time, 1);
-        if (is_error(status)) return status;
-    }
-    return FMI_OK;
 }
