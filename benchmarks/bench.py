@@ -57,7 +57,7 @@ def main() -> None:
     """Run every part, each of which adds its keys and rows to the report; then the goals and the picture."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("reports"))
-    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
     began = time.perf_counter()
     for part in (bench_engine, bench_moving, bench_lanes, bench_sampling, bench_loops):

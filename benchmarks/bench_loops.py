@@ -56,8 +56,8 @@ def cases() -> list[LoopCase]:
     return found
 
 
-def run_loop(case: LoopCase) -> TimingRow:
-    """Run one loop with two workers and nothing kept from earlier runs."""
+def run_loop(case: LoopCase) -> tuple[TimingRow, float | None]:
+    """Run one loop with two workers and nothing kept from earlier runs; its row, and its computing time in s."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         shutil.copytree(case.folder, folder / "model", ignore=shutil.ignore_patterns("out*"))
@@ -71,25 +71,29 @@ def run_loop(case: LoopCase) -> TimingRow:
                 command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
             )
         except subprocess.TimeoutExpired:
-            return TimingRow(GROUP, case.name, None, None, None, None, f"not done in {TIME_LIMIT:g} s")
+            return TimingRow(GROUP, case.name, None, None, None, None, f"not done in {TIME_LIMIT:g} s"), None
         seconds, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode:
-            return TimingRow(GROUP, case.name, None, None, None, None, (done.stderr.strip().splitlines() or ["?"])[-1])
+            why = (done.stderr.strip().splitlines() or ["?"])[-1]
+            return TimingRow(GROUP, case.name, None, None, None, None, why), None
         result = json.loads((folder / "run" / "result.json").read_text(encoding="utf-8"))
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     loop = result["loop"]
     stages = ", ".join(f"{stage} {t:.1f} s" for stage, t in loop.get("seconds", {}).items())
     note = f"{cpu:.1f} s of computing, {loop.get('simulations', '?')} simulations{'; ' if stages else ''}{stages}"
-    return TimingRow(GROUP, case.name, seconds, seconds, seconds, None, note)
+    return TimingRow(GROUP, case.name, seconds, seconds, seconds, None, note), cpu
 
 
 def run(out: Path, rounds: int = 1) -> None:
-    """Run all loops once and write them to ``out``/bench.json."""
-    rows = []
+    """Run all loops once and write each to ``out``/bench.json as it ends; computing time counts on a busy machine."""
+    rows: list[TimingRow] = []
+    seconds: dict[str, dict[str, float | None]] = {"loop_seconds": {}, "loop_computing_seconds": {}}
     for case in cases():
-        rows.append(run_loop(case))
-        print(rows[-1].line(), flush=True)
-    update(out / "bench.json", {"loop_seconds": {row.name: row.seconds for row in rows}}, rows, (GROUP,))
+        row, computing = run_loop(case)
+        rows.append(row)
+        seconds["loop_seconds"][row.name], seconds["loop_computing_seconds"][row.name] = row.seconds, computing
+        print(row.line(), flush=True)
+        update(out / "bench.json", seconds, rows, (GROUP,))
 
 
 def main() -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy import extract, read_model_description
+from fmpy.fmi2 import FMU2Slave
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -167,3 +169,62 @@ def test_sensitivities_meet_the_differences_of_tight_runs(
         high, low = (fine.simulate(values + sign * step).outputs[0][:, :, 0] for sign in (1.0, -1.0))
     exact = ((high - low) / (2.0 * np.diag(step)[:, None])).T
     assert np.all(np.abs(found - exact).max(axis=0) <= 1e-3 * np.ptp(exact, axis=0))
+
+
+class Slave:
+    """A co-simulation instance of a model with the input u, driven from sample to sample."""
+
+    def __init__(self, model: Model, folder: Path) -> None:
+        description = read_model_description(str(model.path))
+        references = {v.name: v.valueReference for v in description.modelVariables}
+        self.input, self.output = references["u"], references[model.outputs[0].name]
+        self.fmu = FMU2Slave(
+            guid=description.guid,
+            unzipDirectory=extract(str(model.path), str(folder)),
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            instanceName="slave",
+        )
+        self.fmu.instantiate()
+
+    def begin(self) -> None:
+        self.fmu.setupExperiment(startTime=0.0)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+    def run(self, time: np.ndarray, level: np.ndarray) -> np.ndarray:
+        """The output at the end of each step between two samples, over which the input is held."""
+        found = []
+        for k in range(time.size - 1):
+            self.fmu.setReal([self.input], [level[k]])
+            self.fmu.doStep(time[k], time[k + 1] - time[k])
+            found += self.fmu.getReal([self.output])
+        return np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("text", "slope", "method", "interval", "size"),
+    [
+        pytest.param(MOTOR, motor, "LSODA", 0.02, 6.0, id="stiff"),
+        pytest.param(STOP, stop, "DOP853", 0.01, 1.0, id="events"),
+    ],
+)
+def test_an_exported_co_simulation_is_as_near_and_goes_on_from_a_state_as_it_did(
+    tmp_path, text, slope, method, interval, size
+):
+    rng = np.random.default_rng(2)
+    time = interval * np.arange(81)
+    level = size * (np.sin(time / (20.0 * interval)) + 0.2 * rng.standard_normal(time.size))
+    slave = Slave(build(tmp_path, text.split()[1], text), tmp_path / "unpacked")
+    slave.begin()
+    early = slave.run(time[:41], level[:41])
+    state = slave.fmu.getFMUState()
+    late = slave.run(time[40:], level[40:])
+    exact = reference(slope, time, level, "hold", method, interval if method == "LSODA" else interval / 20.0)
+    assert np.abs([*early, *late] - exact[1:]).max() <= 1e-6 * np.ptp(exact)
+    slave.fmu.setFMUState(state)
+    np.testing.assert_array_equal(slave.run(time[40:], level[40:]), late)
+    slave.fmu.reset()
+    slave.begin()
+    np.testing.assert_array_equal(slave.run(time[:41], level[:41]), early)
+    slave.fmu.freeFMUState(state)
+    slave.fmu.freeInstance()

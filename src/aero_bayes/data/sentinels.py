@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from aero_bayes.data.runs import FloatArray, Mask, after_changes, runs, typical_step
+from aero_bayes.data.runs import MAD_TO_SD, FloatArray, Mask, after_changes, runs, typical_step
 
 #: What loggers and sensors are known to write for a reading that they do not have.
 KNOWN_CONSTANTS = frozenset({
@@ -21,6 +21,10 @@ MAX_SHARE = 0.2
 MIN_STEPS_OFF = 8.0
 #: Readings of a constant within the range of the others, and distinct other readings, that it takes.
 MIN_REPEATS, MIN_DISTINCT = 3, 5
+#: The median step without any one constant, a fifth of the readings at most, is no less than this quantile with it.
+LOW_QUANTILE = 0.15
+#: Share of a constant's runs that must be far off for a closer look; its runs are split by gaps there.
+LEAST_ISOLATED = 0.4
 #: Fewest readings that show what is usual.
 MIN_SENTINEL_READINGS = 12
 
@@ -47,11 +51,15 @@ def sentinels(values: FloatArray, inputs: Mapping[str, FloatArray]) -> dict[floa
             break
         found[constant] = left & (values == constant)
         left &= ~found[constant]
+    likely = _likely(values[left])
     for constant in _repeated(values, left):
+        if constant not in likely:
+            continue
         rows = left & (values == constant)
         if _far_off(values, left, rows, near):
             found[constant] = rows
             left = left & ~rows
+            likely = _likely(values[left])
     return found
 
 
@@ -98,6 +106,20 @@ def _repeated(values: FloatArray, left: Mask) -> list[float]:
     keep = (counts >= MIN_REPEATS) & (counts <= MAX_SHARE * seen.size)
     # Of readings in coarse steps every one is repeated: looking at each would only cost time.
     return [] if keep.sum() > 0.2 * distinct.size + 3 else [float(v) for v in distinct[keep]]
+
+
+def _likely(seen: FloatArray) -> set[float]:
+    """The constants that may be far off their neighbours, from one pass over all readings: each is looked at by itself
+    at the cost of all readings, and a long recording has a hundred thousand that occur three times."""
+    each = seen[np.concatenate(([True], np.diff(seen) != 0.0))]
+    if each.size < 3:
+        return set()
+    step = MAD_TO_SD * float(np.quantile(np.abs(np.diff(seen)), LOW_QUANTILE, method="lower"))
+    off = np.minimum(*(np.abs(each[1:-1] - other) for other in (each[:-2], each[2:])))
+    apart = (off > MIN_STEPS_OFF * step) & (off > 3.0 * np.abs(each[2:] - each[:-2]))
+    distinct, at = np.unique(each[1:-1], return_inverse=True)
+    isolated, total = np.bincount(at, apart, distinct.size), np.bincount(at, minlength=distinct.size)
+    return set(distinct[(isolated > 0) & (isolated >= LEAST_ISOLATED * total)].tolist())
 
 
 def _far_off(values: FloatArray, left: Mask, rows: Mask, near: Mask) -> bool:
