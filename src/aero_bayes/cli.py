@@ -10,13 +10,16 @@ import threading
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.files import CHECKPOINT, RESULT
+
+if TYPE_CHECKING:  # the commands take a second to import
+    from aero_bayes.workflow import DesignOptions, RunOptions
 
 BAD_INPUT = 2
 COULD_NOT_FINISH = 3
@@ -107,30 +110,28 @@ def run_options(command: Command) -> Command:
 
 
 def _with_state_of_folder(command: Command) -> Command:
-    """End a command that fails by saying what its folder holds: a checkpoint, or the result of an earlier run."""
+    """Give a command its shared options as one; where it fails, say what its folder holds."""
 
     @wraps(command)
     def guarded(**given: Any) -> Any:
+        from aero_bayes.workflow import RunOptions
+
+        shared = ("model", "config", "seed", "workers", "engine", "resume", "quiet", "out")
+        options = RunOptions(**{name: given.pop(name) for name in shared})
         try:
-            return command(**given)
+            return command(options=options, **given)
         except (InputError, CannotFinishError) as error:
-            result = Path(given["out"]) / RESULT
+            result = options.out / RESULT
             if result.is_file():
                 raise type(error)(f"{error} ({result} is from an earlier run)") from None
             raise
         except KeyboardInterrupt:
-            checkpoint = Path(given["out"]) / CHECKPOINT
+            checkpoint = options.out / CHECKPOINT
             if checkpoint.is_file():
                 raise KeyboardInterrupt(f"add --resume to the same command to continue from {checkpoint}") from None
             raise KeyboardInterrupt("there is no checkpoint yet; run the same command to start again") from None
 
     return cast(Command, guarded)
-
-
-def _options(**given: Any) -> Any:
-    from aero_bayes.workflow import RunOptions
-
-    return RunOptions(**given)
 
 
 @main.command("fmu")
@@ -144,33 +145,49 @@ def _options(**given: Any) -> Any:
     help="all, or some of linux64, win64, aarch64-linux, darwin64; this machine by default.",
 )  # fmt: skip
 @click.option("--out", type=FILE, required=True, help="The FMU to write.")
-def fmu_command(model: str, fmi: str, out: Path, **options: Any) -> None:
+def fmu_command(
+    model: str,
+    fmi: str,
+    out: Path,
+    compiler: Literal["auto", "omc", "embedded"],
+    sources: tuple[Path, ...],
+    libraries: tuple[Path, ...],
+    platforms: str,
+) -> None:
     """Build an FMU from Modelica source."""
     from aero_bayes.export import export_fmu
 
     out.parent.mkdir(parents=True, exist_ok=True)
-    written = export_fmu(model, out, fmi=int(fmi), **options)
+    written = export_fmu(
+        model,
+        out,
+        compiler=compiler,
+        sources=sources,
+        libraries=libraries,
+        platforms=platforms,
+        fmi=3 if fmi == "3" else 2,
+    )
     click.echo(f"wrote {written}")
 
 
 @main.command("fit")
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
 @run_options
-def fit_command(data: tuple[Path, ...], **options: Any) -> None:
+def fit_command(data: tuple[Path, ...], options: RunOptions) -> None:
     """Fit the parameters by a particle swarm and a bounded local search."""
     from aero_bayes.workflow import run_fit
 
-    run_fit(data, _options(**options))
+    run_fit(data, options)
 
 
 @main.command("posterior")
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
 @run_options
-def posterior_command(data: tuple[Path, ...], **options: Any) -> None:
+def posterior_command(data: tuple[Path, ...], options: RunOptions) -> None:
     """Fit, then sample the posterior by Markov chain Monte Carlo."""
     from aero_bayes.workflow import run_posterior
 
-    run_posterior(data, _options(**options))
+    run_posterior(data, options)
 
 
 @main.command("close-loop")
@@ -182,11 +199,11 @@ def posterior_command(data: tuple[Path, ...], **options: Any) -> None:
     help="Recording to test on.  [default: the last part of each training recording]",
 )
 @run_options
-def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
+def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], options: RunOptions) -> None:
     """Find the effect that the model lacks, add it, refit, and report the error before and after."""
     from aero_bayes.workflow import run_close_loop
 
-    run_close_loop(train, test, _options(**options))
+    run_close_loop(train, test, options)
 
 
 def _travel(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, float]:
@@ -201,7 +218,22 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
     return limits
 
 
+def _with_design_options(command: Command) -> Command:
+    """Give a command the options of a design as one."""
+
+    @wraps(command)
+    def grouped(**given: Any) -> Any:
+        from aero_bayes.workflow import DesignOptions
+
+        names = ("aim", "separate", "loop", "duration", "rate_hz", "amplifier", "travel", "repeats")
+        asked = {name: given.pop(name) for name in names}
+        return command(wanted=DesignOptions(**asked | {"separate": asked["separate"] or None}), **given)
+
+    return cast(Command, grouped)
+
+
 @main.command("design")
+@_with_design_options
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
 @click.option(
     "--aim", multiple=True, metavar="PARAMETER", help="Parameter whose interval to narrow.  [default: the weak ones]"
@@ -217,23 +249,22 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
 @click.option("--repeats", type=click.IntRange(min=2), default=20, show_default=True,
               help="Simulated repetitions that check the gain.")  # fmt: skip
 @run_options
-def design_command(data: tuple[Path, ...], separate: tuple[str, str] | None, repeats: int, **options: Any) -> None:
+def design_command(data: tuple[Path, ...], options: RunOptions, wanted: DesignOptions) -> None:
     """Propose the next experiment: the input that narrows weak parameters most, or tells two effects apart."""
-    from aero_bayes.workflow import DesignOptions, run_design
+    from aero_bayes.workflow import run_design
 
-    asked = {key: options.pop(key) for key in ("aim", "loop", "duration", "rate_hz", "amplifier", "travel")}
-    run_design(data, _options(**options), DesignOptions(separate=separate or None, repeats=repeats, **asked))
+    run_design(data, options, wanted)
 
 
 @main.command("all")
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to learn from.")
 @click.option("--test", type=FILE, multiple=True, help="Recording to test on.")
 @run_options
-def all_command(data: tuple[Path, ...], test: tuple[Path, ...], **options: Any) -> None:
+def all_command(data: tuple[Path, ...], test: tuple[Path, ...], options: RunOptions) -> None:
     """What plain `make` runs: FMU, fit, closed loop, posterior, one page."""
     from aero_bayes.workflow import run_all
 
-    run_all(data, test, _options(**options))
+    run_all(data, test, options)
 
 
 @main.command("init")

@@ -14,6 +14,9 @@ from typing import Self
 
 from tqdm import tqdm
 
+#: Told what is done, how far it is (0 to 1) and perhaps a value, a number or words; it returns True to end the work
+#: early. The one form of ``progress`` of all long work.
+Progress = Callable[..., object]
 RESOLUTION = 1000
 #: Seconds between lines where nobody watches a bar, and after which the first says how long it will take.
 LINE_EVERY, FIRST_AFTER = 15.0, 3.0
@@ -37,7 +40,7 @@ class Watched:
         Told what is done, how far it is (0 to 1) and perhaps a value. It asks the work to end by returning True.
     """
 
-    def __init__(self, progress: Callable[..., object] | None = None) -> None:
+    def __init__(self, progress: Progress | None = None) -> None:
         self._progress = progress
         self._last: tuple[str, float] = ("", 0.0)
         self.asked_to_end = False
@@ -55,7 +58,7 @@ class Watched:
 
 
 @contextmanager
-def watching(progress: Callable[..., object] | None) -> Iterator[Watched]:
+def watching(progress: Progress | None) -> Iterator[Watched]:
     """Tell ``progress`` of work. In a notebook it is a bar by default, and an interrupt asks the work to end."""
     if isinstance(progress, Watched) or not in_notebook():
         yield progress if isinstance(progress, Watched) else Watched(progress)

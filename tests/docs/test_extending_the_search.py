@@ -82,7 +82,7 @@ def test_parts_of_ones_own_run_beside_the_standard_ones(
     ):  # fmt: skip
         counting(page[name], method, calls, monkeypatch)
     with searched(page["settings"], page["parts"], tmp_path) as (searching, explored):
-        choice = Chooser(ChoiceSettings(), searching.fit, searching.complete, searching.alone).choose(explored)
+        choice = Chooser(ChoiceSettings(), searching.fit_settings, searching.complete, searching.alone).choose(explored)
     assert choice.fitted.terms == ("coulomb_friction@v",)
     assert set(+calls) == {"SwapAtPort", "RandomSizes", "Jump"}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,11 +22,11 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import NoiseLayout, Target
+from aero_bayes.progress import Progress
 from aero_bayes.sampling.evidence import importance_posterior
 from aero_bayes.simulation.interface import DelayTarget
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str, float, str], None]
 _REFIT_SETTINGS = FitSettings(method="local", staged=False)
 #: Number of delays that are tried before the best one is refined.
 _DELAY_POINTS = 21

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from aero_bayes.design.information import Engine, ExperimentPredictor
 from aero_bayes.design.propose import Design
-from aero_bayes.design.signal_search import Progress
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit, OutputNoise, ParameterSet
 from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
+from aero_bayes.progress import Progress
 from aero_bayes.simulation.interface import Experiment, Outcome, Simulator
 from aero_bayes.simulation.workers import WorkerPool
 

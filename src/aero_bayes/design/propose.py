@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from aero_bayes.design.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment, posterior_sd
 from aero_bayes.design.proposed_input import ProposedInput
-from aero_bayes.design.signal_search import BestSignal, Progress, SearchSettings, best_signals
+from aero_bayes.design.signal_search import BestSignal, SearchSettings, best_signals
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
-from aero_bayes.progress import watching
+from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from aero_bayes.design.gain_check import refit_experiment, simulate_noise
 from aero_bayes.design.information import Engine, ExperimentPredictor
 from aero_bayes.design.separation import Separation
-from aero_bayes.design.signal_search import Progress
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit
+from aero_bayes.progress import Progress
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.workers import WorkerPool
 

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from aero_bayes.design.information import Engine
 from aero_bayes.design.signal_families import FAMILIES, SignalFamily
-from aero_bayes.progress import Watched
+from aero_bayes.progress import Progress, Watched
 
 FloatArray = NDArray[np.float64]
 #: Scores of input signals on the full times, smaller is better, infinite for what is not allowed.
 Score = Callable[[Sequence[FloatArray]], FloatArray]
-Progress = Callable[[str, float, str], object]
 
 
 @dataclass(frozen=True, eq=False)

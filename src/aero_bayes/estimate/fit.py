@@ -27,7 +27,6 @@ from aero_bayes.estimate.finished_fit import finished_fit, verdict_on
 from aero_bayes.estimate.global_search import (
     GlobalSearch,
     GlobalSearchResult,
-    Progress,
 )
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.interpolation import choose_interpolation
@@ -47,7 +46,7 @@ from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.value_comparison import best_values
 from aero_bayes.estimate.wrong_units import with_unit_finding
-from aero_bayes.progress import watching
+from aero_bayes.progress import Progress, watching
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.ripple import Ripple, find_ripples

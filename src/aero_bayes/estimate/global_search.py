@@ -5,7 +5,7 @@ The command ``fit``, the noise model of the closed loop and every refit of a who
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -26,12 +26,11 @@ from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.estimate.staged import Stage, causal_stages
 from aero_bayes.estimate.step_parameters import other_plateaus
 from aero_bayes.estimate.target import Target
-from aero_bayes.progress import Watched
+from aero_bayes.progress import Progress, Watched
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 from aero_bayes.sensors.noise_estimation import estimate_noise
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str, float, float], object]
 
 #: Noise of every output under Eq. 6, as a share of the smallest range of an output; it only sets the tolerances.
 EQ6_NOISE_SHARE = 1e-3
@@ -249,7 +248,7 @@ class GlobalSearch:
     ) -> Optimum:
         found = local_fit(
             objective or self.objective, start, free, noise=noise, settings=settings,
-            progress=lambda _, cost: self.progress.again(cost),
+            on_iteration=lambda _, cost: self.progress.again(cost),
         )  # fmt: skip
         self.iterations += found.steps
         if not any(np.array_equal(found.coordinates, x) for x in self.seen):

@@ -172,7 +172,7 @@ def levenberg_marquardt(
     low: FloatArray,
     high: FloatArray,
     settings: LocalSettings | None = None,
-    progress: Callable[[int, float], object] | None = None,
+    on_iteration: Callable[[int, float], object] | None = None,
     shape: CostShape | None = None,
     leads_to_known: Callable[[Quadratic, FloatArray], bool] | None = None,
 ) -> LocalResult[Quadratic]:
@@ -186,7 +186,7 @@ def levenberg_marquardt(
     low, high : ndarray, shape (p,)
         Bounds; a coordinate whose bounds are equal is fixed.
     settings : LocalSettings, optional
-    progress : callable, optional
+    on_iteration : callable, optional
         Called with the iteration and the cost before each one; the search ends where it returns True.
     shape : CostShape, optional
         Where the cost has kinks, and which coordinates are logarithms.
@@ -202,7 +202,7 @@ def levenberg_marquardt(
     damping, growth, evaluations = settings.damping, 2.0, 1
     largest_curvature, rejected, idle = np.zeros(point.size), 0, 0
     for iteration in range(1, settings.max_iterations + 1):
-        if progress is not None and progress(iteration, here.cost) is True:
+        if on_iteration is not None and on_iteration(iteration, here.cost) is True:
             return LocalResult(point, here, iteration - 1, Stop.INTERRUPTED, evaluations)
         np.maximum(largest_curvature, np.diag(here.hessian), out=largest_curvature)
         scale = np.where(largest_curvature > 0.0, largest_curvature, 1.0)

@@ -295,12 +295,12 @@ def local_fit(
     noise: Mapping[str, OutputNoise] | None = None,
     settings: LocalFitSettings | None = None,
     known: Sequence[Optimum] = (),
-    progress: Callable[[int, float], object] | None = None,
+    on_iteration: Callable[[int, float], object] | None = None,
 ) -> Optimum:
     """Maximise the log-posterior over the ``free`` columns from ``start`` (search coordinates of all columns).
 
     The search is :func:`levenberg_marquardt`. It stops if it is about to converge to one of the ``known`` optima, which
-    are of the same objective and columns, and where ``progress`` returns True.
+    are of the same objective and columns, and where ``on_iteration`` returns True.
 
     Raises
     ------
@@ -315,7 +315,7 @@ def local_fit(
     def search() -> Arrays:
         shape = cost_shape(objective.parameters, free, objective.calibration.intervals)
         result = levenberg_marquardt(
-            cost_function, cost_function.base[list(free)], low, high, settings.local, progress,
+            cost_function, cost_function.base[list(free)], low, high, settings.local, on_iteration,
             shape=shape, leads_to_known=cost_function.leads_to_known,
         )  # fmt: skip
         results.append(result)

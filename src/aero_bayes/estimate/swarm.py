@@ -130,7 +130,7 @@ def minimise(
     rng: np.random.Generator,
     settings: SwarmSettings | None = None,
     start: FloatArray | None = None,
-    progress: Callable[[int, float], object] | None = None,
+    on_iteration: Callable[[int, float], object] | None = None,
 ) -> SwarmResult:
     """Search a box for the smallest cost.
 
@@ -143,7 +143,7 @@ def minimise(
     settings : SwarmSettings, optional
     start : ndarray, shape (k, d), optional
         Positions that must be among the first.
-    progress : callable, optional
+    on_iteration : callable, optional
         Told the iteration and the best cost; the search ends where it returns True.
     """
     settings = settings or SwarmSettings()
@@ -155,7 +155,7 @@ def minimise(
         failures += int(np.sum(~np.isfinite(values)))
         swarm.tell(values)
         history.append(float(swarm.own_cost.min()))
-        if progress is not None and progress(iteration, history[-1]) is True:
+        if on_iteration is not None and on_iteration(iteration, history[-1]) is True:
             reason = "it was interrupted"
             break
         if history[-1] <= settings.target:

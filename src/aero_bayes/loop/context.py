@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,12 +18,10 @@ from aero_bayes.judge.unseen import Unseen
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.parallel import ParallelMap
-from aero_bayes.progress import Watched
+from aero_bayes.progress import Progress, Watched
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
-
-Progress = Callable[[str, float], object]
 
 
 class LoopStatistics:

@@ -26,7 +26,7 @@ from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop.base_fit import BaseFit, fit_base_model, for_search
 from aero_bayes.loop.conclude import conclude, diagnosed, other_cause
-from aero_bayes.loop.context import LoopContext, LoopStatistics, Progress
+from aero_bayes.loop.context import LoopContext, LoopStatistics
 from aero_bayes.loop.fixed_values import find_alternatives
 from aero_bayes.loop.forecast import announce_duration
 from aero_bayes.loop.formula_names import with_plain_names
@@ -36,7 +36,7 @@ from aero_bayes.loop.make_result import result_of
 from aero_bayes.loop.process_noise import find_process_noise, states_of
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.progress import watching
+from aero_bayes.progress import Progress, watching
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.explored import Library, SearchControl

@@ -8,7 +8,6 @@ invariant.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Checkpoint, digest
+from aero_bayes.progress import Progress
 from aero_bayes.sampling.adaptation import Adaptation, Density
 from aero_bayes.sampling.diagnostics import Convergence
 from aero_bayes.sampling.ensembles import Ensembles
@@ -77,7 +77,7 @@ def run_chain(
     checkpoint: Checkpoint | Path | str | None = None,
     identity: str = "",
     moves: MakeMoves = standard_moves,
-    progress: Callable[[str, float, str], object] | None = None,
+    progress: Progress | None = None,
 ) -> Chain:
     """Draw from a density until the criteria are met or a limit is reached.
 

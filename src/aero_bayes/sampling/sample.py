@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import JointTarget
-from aero_bayes.progress import Watched, watching
+from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.sampling.mcmc import Chain, run_chain
 from aero_bayes.sampling.modes import (
     ModeDraws,
@@ -39,7 +38,6 @@ from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Simulator
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str, float, str], object]
 
 
 def sample(
