@@ -126,7 +126,7 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[np.generic]] | None:
-    """What :func:`write_arrays` wrote; None if there is no such file or it is no such file."""
+    """Return what :func:`write_arrays` wrote; None if there is no such file or it is no such file."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             return {key: stored[key] for key in stored.files}

@@ -77,7 +77,7 @@ class OneLineErrors(click.Group):
 
 
 def _of_the_system(error: OSError | sqlite3.Error) -> str:
-    """What the operating system refused, in one line: a full disk, a folder that may not be written to."""
+    """Return what the operating system refused, in one line: a full disk, a folder that may not be written to."""
     if isinstance(error, shutil.Error):  # one entry a file that was not copied
         return str(error.args[0][0][-1])
     if isinstance(error, OSError) and error.strerror:

@@ -220,7 +220,7 @@ def with_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
 
 
 def _split(text: str) -> tuple[str, list[str]]:
-    """What separates the names of a header, and the names."""
+    """Return what separates the names of a header, and the names."""
     separator = max(SEPARATORS, key=text.count)
     names = next(csv.reader([text.strip("\r\n ")], delimiter=separator, skipinitialspace=True), [""])
     return separator, [name.strip().strip('"').strip() for name in names]

@@ -94,7 +94,7 @@ class FrameTable:
 
 
 def read_with_extra(path: Path, extra: str, reader: str, **options: Any) -> Any:
-    """What a reader of pandas makes of a file; InputError that names the extra where it needs one."""
+    """Return what a reader of pandas makes of a file; InputError that names the extra where it needs one."""
     import pandas
 
     try:

@@ -55,7 +55,7 @@ def _in_equations(flat: FlatModel) -> list[str]:
 
 
 def _leaves(tree: Expression, constants: set[str]) -> str:
-    """What an expression may do with values outside its domain; empty where it has none, or a guard."""
+    """Return what an expression may do with values outside its domain; empty where it has none, or a guard."""
     if not isinstance(tree, Call):
         return ""
     root = tree.function == "^" and isinstance(tree.args[1], Number) and not float(tree.args[1].value).is_integer()

@@ -205,7 +205,7 @@ def _started(calibration: Calibration, values: FloatArray, given: Mapping[str, f
 
 
 def _beside(calibration: Calibration, values: FloatArray, delays: Collection[str]) -> list[str]:
-    """What belongs to the recordings and is not written into the model: initial values and delays."""
+    """Return what belongs to the recordings and is not written into the model: initial values and delays."""
     lines, estimated = [], set()
     for p, value in zip(calibration.parameters, values.tolist(), strict=True):
         if isinstance(p.target, StartTarget):

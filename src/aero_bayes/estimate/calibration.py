@@ -200,7 +200,7 @@ class Calibration:
         return np.asarray(sum(np.isfinite(y).sum(axis=0) for y in self.measured), dtype=np.int64)
 
     def problem(self) -> Problem:
-        """What a simulator runs; the columns are ``parameters`` in order."""
+        """Return what a simulator runs; the columns are ``parameters`` in order."""
         targets = tuple(
             tuple(p.target if p.acts_in(e) else None for p in self.parameters) for e in range(len(self.experiments))
         )
@@ -221,7 +221,7 @@ class Calibration:
         return replace(self, experiments=tuple(shorter))
 
     def thinned(self, samples: int) -> Calibration:
-        """The same problem on at most about ``samples`` sample times a recording; inputs stay as they are."""
+        """Return the same problem on at most about ``samples`` sample times a recording; inputs stay as they are."""
         return replace(self, experiments=tuple(thin(e, samples) for e in self.experiments))
 
     def with_process_noise(self, noise: NoiseModel) -> Calibration:

@@ -131,7 +131,7 @@ def status_of(ratio: float) -> Status:
 
 
 def _determined(members: Sequence[str], texts: Sequence[str]) -> str:
-    """What is determined of parameters that are not seen apart."""
+    """Return what is determined of parameters that are not seen apart."""
     alone = [name for name in members if name in texts]
     if len(texts) == 1 and not alone:
         names = re.compile("|".join(rf"(?<!\w){re.escape(name)}(?!\w)" for name in members))

@@ -108,7 +108,7 @@ class Optimum:
         return math.sqrt(max(float(self.covariance[k, k]), 0.0))
 
     def with_noise(self, objective: Objective, noise: Mapping[str, OutputNoise]) -> Optimum:
-        """The same point with likelihood, covariance and evidence at another noise; nothing is simulated.
+        """Return the same point with likelihood, covariance and evidence at another noise; nothing is simulated.
 
         If the relative weights of the outputs do not change, the point is still the optimum up to the priors.
         """
@@ -271,7 +271,7 @@ class _NegativeLogPosterior:
 
 
 def _pack(found: LocalResult[_PosteriorModel]) -> Arrays:
-    """What :meth:`_NegativeLogPosterior.restore` needs of the result of a search."""
+    """Return what :meth:`_NegativeLogPosterior.restore` needs of the result of a search."""
     steps = np.array([found.iterations, found.evaluations])
     kept = {"point": found.point, "steps": steps, "reason": np.array(found.reason.value)}
     if found.quadratic is None:

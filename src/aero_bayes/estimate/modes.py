@@ -55,7 +55,7 @@ class Mode:
 
 
 def modes_sentence(modes: Sequence[Mode], names: Sequence[str]) -> str:
-    """What a reader should know of other optima, by the values of some parameters; empty where there is none."""
+    """Return what a reader should know of other optima, by the values of some parameters; empty where there is none."""
     if not modes:
         return ""
     others = "; ".join(mode.text(names) for mode in modes)
@@ -94,7 +94,7 @@ def find_modes(search: GlobalSearch, here: Optimum, swarm: SwarmResult | None) -
 
 
 def likelihood_temperature(here: Optimum) -> float:
-    """What likelihood ratios are divided by where a residual is no noise: readings that then count as one."""
+    """Return what likelihood ratios are divided by where a residual is no noise: readings that then count as one."""
     if not any(n.model_error for n in here.noise.values()):
         return 1.0
     return max(1.0, residual_correlation_time([here.whitened.residual]))

@@ -240,7 +240,7 @@ class ParameterSet:
         return np.array([search_sd(p.prior, p.lower, p.upper, p.scale) for p in self.items])
 
     def with_start(self, values: FloatArray) -> ParameterSet:
-        """The same parameters with other starting values."""
+        """Return the same parameters with other starting values."""
         return ParameterSet(tuple(replace(p, start=float(v)) for p, v in zip(self.items, values, strict=True)))
 
     def without(self, names: Sequence[str]) -> ParameterSet:

@@ -46,11 +46,11 @@ class Prior(Protocol):
         ...
 
     def bounded(self, lower: float, upper: float) -> Prior:
-        """The same density truncated to the intersection of its bounds with these."""
+        """Return the same density truncated to the intersection of its bounds with these."""
         ...
 
     def describe(self, unit: str) -> str:
-        """What a reader of a report sees."""
+        """Return what a reader of a report sees."""
         ...
 
 

@@ -287,7 +287,7 @@ class Fit(FitStatistics, OtherTools):
         seed: int = 1,
         workers: int | None = 0,
     ) -> RecordingPrediction:
-        """What new readings would be, with a 90 % band, by the Gaussian approximation of the posterior.
+        """Return what new readings would be, with a 90 % band, by the Gaussian approximation of the posterior.
 
         Parameters
         ----------

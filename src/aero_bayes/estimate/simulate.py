@@ -115,7 +115,7 @@ def run_filter(
     calibration: Calibration, recording: Recording, values: FloatArray, *, workers: int | None = 0,
     engine: str = "native",
 ) -> Filtered:  # fmt: skip
-    """What a calibration with process noise predicts of a recording, whose readings it is not told.
+    """Return what a calibration with process noise predicts of a recording, whose readings it is not told.
 
     The parameters are those of :func:`run_problem`.
     """
@@ -172,7 +172,7 @@ def _first_readings(recording: Recording, calibration: Calibration) -> dict[str,
 def _columns(
     calibration: Calibration, recording: Recording, values: FloatArray, own: int | None
 ) -> dict[ProblemTarget, FloatArray]:
-    """What each column of the simulated problem means, and its values (n,)."""
+    """Return what each column of the simulated problem means, and its values (n,)."""
     columns: dict[ProblemTarget, FloatArray] = {
         p.target: values[:, j] for j, p in enumerate(calibration.parameters) if p.acts_in(own)
     }

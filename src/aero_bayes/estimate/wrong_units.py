@@ -108,7 +108,7 @@ def _readings(calibration: Calibration) -> list[_Reading]:
 
 
 def _nearest(calibration: Calibration, fit: Fit, open_simulator: OpenSimulator) -> float:
-    """What start values or fitted ones leave of a calibration, whichever is less."""
+    """Return what start values or fitted ones leave of a calibration, whichever is less."""
     parameters = calibration.parameters
     known = fit.named
     low, high = (np.array([getattr(p, side) for p in parameters]) for side in ("lower", "upper"))

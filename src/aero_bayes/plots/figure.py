@@ -36,7 +36,7 @@ class Picture(Figure):
 
 
 def ground(figure: Figure | Axes | None, width: float, height: float, dark: bool) -> Figure:
-    """What is drawn into: a figure, the place of an axes in one, or a new figure of a size in inches."""
+    """Return what is drawn into: a figure, the place of an axes in one, or a new figure of a size in inches."""
     if isinstance(figure, Axes):
         place, whole = figure.get_subplotspec(), figure.figure
         if place is None:
@@ -94,7 +94,7 @@ def draw_panels(
 
 
 def _key(colour: str, words: str) -> Artist:
-    """What a legend shows for a curve, or for a band."""
+    """Return what a legend shows for a curve, or for a band."""
     if words.startswith("shaded"):
         return Patch(color=colour, alpha=0.3, linewidth=0, label=words)
     return Line2D([], [], color=colour, linewidth=3, label=words)

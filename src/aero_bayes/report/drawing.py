@@ -304,7 +304,7 @@ def _draw_line(canvas: Canvas, layer: Line, frame: _PanelFrame, columns: int) ->
 
 
 def _seen(frame: _PanelFrame, x: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
-    """What lies within the frame, and one point to either side."""
+    """Return what lies within the frame, and one point to either side."""
     first, last = np.searchsorted(x, frame.x_limits[0]) - 1, np.searchsorted(x, frame.x_limits[1], "right") + 1
     part = slice(max(0, int(first)), int(last)) if len(x) > 1 and np.all(np.diff(x) >= 0) else slice(None)
     return (x[part], *(v[part] for v in values))

@@ -45,7 +45,7 @@ def residual_floor_table(run: RunDirectory) -> Markup | None:
 
 
 def diagnosis_table(run: RunDirectory) -> Markup | None:
-    """What was looked at and found of each cause of a residual that is not noise."""
+    """Return what was looked at and found of each cause of a residual that is not noise."""
     rows: list[tuple[object, ...]] = []
     marked = []
     for row in run.result.diagnosis:

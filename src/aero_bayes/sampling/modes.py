@@ -110,7 +110,7 @@ class NearestMode:
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> NearestMode:
-        """Of fits at the modes."""
+        """Take centres and precisions from fits at the modes."""
         free = len(fits[0].free)
         centres = np.array([fit.laplace.mean[:free] for fit in fits])
         return cls(
@@ -132,7 +132,7 @@ class NearestAdjustment(CurvatureAdjustment):
 
     @classmethod
     def of_fits(cls, fits: Sequence[Fit]) -> NearestAdjustment | None:
-        """Of fits at the modes; None where noise describes their residuals."""
+        """Return the adjustment of fits at the modes; None where noise describes their residuals."""
         parts = tuple(fit.spread for fit in fits if fit.spread is not None)
         if len(parts) < len(fits):
             return None
@@ -194,7 +194,7 @@ def worst(chains: Sequence[Chain]) -> tuple[Convergence, ...]:
 def mode_rows(
     fits: Sequence[Fit], chains: Sequence[Chain], shares: FloatArray, counts: Sequence[int]
 ) -> list[ModeDraws]:
-    """What is told of the draws of each mode."""
+    """Return what is told of the draws of each mode."""
     return [
         ModeDraws({n: f.value(n) for n in f.laplace.names[: len(f.free)]}, float(share), count, chain.converged)
         for f, chain, share, count in zip(fits, chains, shares, counts, strict=True)

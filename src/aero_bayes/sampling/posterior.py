@@ -147,7 +147,7 @@ class Posterior(PosteriorDraws, EstimateTable):
         seed: int = 1,
         workers: int | None = 0,
     ) -> RecordingPrediction:
-        """What new readings would be, for a recording whether it was fitted or not.
+        """Return what new readings would be, for a recording whether it was fitted or not.
 
         Parameters
         ----------

@@ -105,7 +105,7 @@ class NoiseModel:
     initial_sd: Mapping[str, float] = field(default_factory=dict)
 
     def with_process(self, states: Iterable[str]) -> NoiseModel:
-        """The same with process noise of some states, whose diffusion is estimated."""
+        """Return the same with process noise of some states, whose diffusion is estimated."""
         return replace(self, process={state: "estimated" for state in states})
 
     def kind(self, output: str) -> NoiseKind:
@@ -121,7 +121,7 @@ class NoiseModel:
         return declared if declared in ("relative", "student") else "auto"
 
     def declared(self, output: str) -> DeclaredNoise:
-        """What was declared of an output's noise."""
+        """Return what was declared of an output's noise."""
         return dict(self.outputs).get(output, self.default)
 
 
