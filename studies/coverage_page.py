@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 from scipy.stats import binom
 
 from aero_bayes.report import symbol
-from study_page import LOOK, drawn, listed, marked, percent, table, write_page
+from study_page import LOOK, drawn, listed, marked, percent, table
 
+TITLE = "Do the intervals hold what they promise?"
 KINDS = ("white", "correlated")
-
-
-def write_coverage_page(path: Path, result: dict[str, Any]) -> None:
-    """Write the page whole or not at all."""
-    write_page(path, "Do the intervals hold what they promise?", parts(result))
 
 
 def parts(result: dict[str, Any]) -> list[str]:

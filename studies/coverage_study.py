@@ -58,7 +58,8 @@ from aero_bayes.simulation import (
     StartTarget,
     open_simulator,
 )
-from coverage_page import write_coverage_page
+from coverage_page import TITLE, parts
+from study_page import write_page
 from trial_runs import run_study, study_parser, write_summary
 
 #: Correlation times in s of each kind of correlated noise.
@@ -377,7 +378,7 @@ def main() -> None:
     rows = run_study(studies, study, options.out / "coverage.sqlite", options, made_of=plan.key)
     result = summarise(rows, plan)
     write_summary(result, options.out / "coverage.json")
-    write_coverage_page(options.out / "coverage.html", result)
+    write_page(options.out / "coverage.html", TITLE, parts(result))
     print(json.dumps({k: v for k, v in result.items() if k != "rows"}, indent=1))
 
 

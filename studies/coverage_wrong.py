@@ -41,7 +41,8 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, open_simulator
-from coverage_wrong_page import write_wrong_page
+from coverage_wrong_page import TITLE, parts
+from study_page import write_page
 from trial_runs import code, run_study, trial_parser, write_summary
 from wrong_intervals import (
     HALF_90,
@@ -361,7 +362,7 @@ def main() -> None:
     result = summarise(rows, mended, seeds, sum("values" in row for row in made.values()))
     result["failed"] += sorted({str(row["error"]) for row in made.values() if "error" in row})
     write_summary(result, options.out / "coverage_wrong.json")
-    write_wrong_page(options.out / "coverage_wrong.html", result)
+    write_page(options.out / "coverage_wrong.html", TITLE, parts(result))
     print(json.dumps({k: v for k, v in result.items() if k != "by_rig"}, indent=1))
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from pathlib import Path
 from typing import Any
 
-from study_page import listed, marked, percent, table, write_page
+from study_page import listed, marked, percent, table
 
 TITLE = "How far do intervals hold where the model is wrong?"
 #: What was done is told in docs/explanation/intervals.md; the page says how to read its tables.
@@ -25,11 +24,6 @@ STATES = {
 METHODS = {"ours": "aero-bayes", "curve_fit": "least squares, white noise", "mcmc_white": "MCMC, white noise"}
 #: Coverage of a 90 % interval that is asked for, and the greatest relative width.
 HOLDS, WIDEST = (0.85, 0.95), 1.5
-
-
-def write_wrong_page(path: Path, result: Mapping[str, Any]) -> None:
-    """Write the page whole or not at all."""
-    write_page(path, TITLE, parts(result))
 
 
 def parts(result: Mapping[str, Any]) -> list[str]:

@@ -20,10 +20,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -64,10 +64,8 @@ class Answer:
     unseen: Mapping[str, float] = field(default_factory=dict)
 
 
-class CloseLoop(Protocol):
-    """The program: a folder with model, configuration and recordings -> what it says."""
-
-    def __call__(self, folder: Path) -> Answer: ...
+#: The program: a folder with model, configuration and recordings -> what it says.
+CloseLoop = Callable[[Path], Answer]
 
 
 def close_loop_by_command(folder: Path) -> Answer:
