@@ -218,3 +218,18 @@ def test_a_law_that_acts_twice_is_not_told_by_a_shared_place(monkeypatch):
 def test_finalists_have_other_laws_before_the_same_laws_elsewhere():
     laws = [Structure(t) for t in (("gain@a", "lag@b"), ("gain@b", "lag@a"), ("curve@a",), ("curve@b",), ("gain@b",))]
     assert one_of_each(laws, ("curve@a", "curve@b")) == [laws[0], *laws[2:]]
+
+
+@pytest.mark.parametrize(("refines", "told"), [({"by_side@u": "dry@u", "soft@u": "dry@u"}, ("soft@u",)), ({}, ())])
+def test_refinements_of_one_law_claim_that_law_beside_whatever_else_is_missing(refines, told):
+    size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
+    errors = {(): 1.0, ("soft@u",): 0.4, ("by_side@u",): 0.5, ("soft@u", "a@v"): 0.2, ("by_side@u", "b@w"): 0.202}
+    comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
+    choice = chosen(1.5 * BASIS[2], 1)
+    fits = {s: replace(choice.explored.first_model, structure=s) for s in comparison.squares}
+    (first, other) = (Structure(("soft@u", "a@v")), Structure(("by_side@u", "b@w")))
+    explored = replace(choice.explored, fits=fits, refines=refines)
+    choice = replace(choice, fitted=fits[first], near=(first, other), comparison=comparison, explored=explored)
+    found = choice.told()
+    assert found.terms == told
+    assert set(found.undecided) == {"a@v", "b@w"} if told else {"soft@u", "by_side@u"} <= set(found.undecided)

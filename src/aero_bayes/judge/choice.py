@@ -232,11 +232,13 @@ class Choice:
     def _claims_the_same(self, structure: Structure, term: str, other: str, rivals: Sequence[Structure]) -> bool:
         """Whether another term has the law of this one, if at another place, or may be told beside it at its place.
 
-        A curve claims its place only. Two laws at one place are told as alternatives if one can take the place of the
-        other, all else the same.
+        A curve claims its place only. Refinements of one law claim that law. Two other laws at one place are told as
+        alternatives if one can take the place of the other, all else the same.
         """
         explored, law = self.explored, law_of(other)
         if law == law_of(term) and term not in explored.curves:
+            return True
+        if explored.refines.get(term, term) == explored.refines.get(other, other):
             return True
         ports, curves = explored.ports, explored.curves
         if term in ports and ports.get(term) == ports.get(other) and (term in curves or other in curves):
