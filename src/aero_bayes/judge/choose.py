@@ -189,16 +189,21 @@ def rank(explored: SearchResult) -> tuple[CommonBlocks, Comparison]:
 def worth_all_readings(explored: SearchResult, settings: ChoiceSettings) -> list[Structure]:
     """Structures, explored on a part of the recordings, that are worth a fit to all: the finalists and their likes.
 
-    Their likes are the structures that the best one does not clearly beat, and the best law in place of each curve.
+    Their likes are the structures that the best one does not clearly beat, the best law in place of each curve, and the
+    best term of each place: which place it is, all readings may tell otherwise.
     """
     judge = Judge(explored, rank(explored)[1], settings)
     found = [*finalists(judge), *judge.near()[:FINALISTS]]
-    scores = judge.comparison.scores
+    scores, ports = judge.comparison.scores, explored.ports
     for structure in tuple(found):
         for curve in set(structure.terms) & set(explored.curves):
             laws = explored.laws_in_place_of(curve, structure.minus(curve), scores)
             found += sorted(laws, key=lambda s: scores[s])[:1]
-    return [*dict.fromkeys(found)]
+    alone = sorted((s for s in scores if len(s) == 1 and judge.material(s)), key=lambda s: scores[s])
+    places: dict[str | None, Structure] = {}
+    for structure in alone:
+        places.setdefault(ports.get(structure.terms[0]), structure)
+    return [*dict.fromkeys((*found, *[*places.values()][:FINALISTS]))]
 
 
 def finalists(judge: Judge) -> list[Structure]:
