@@ -25,15 +25,14 @@ from typing import Any
 from unittest.mock import patch
 
 import play_drive
-from real_rigs import RECORDINGS, RigCase, cases
-from real_rigs_table import judge_names
-from trial_runs import Row, code, write_summary
-
 from aero_bayes.check import residual_tests
 from aero_bayes.cli import main as run_program
 from aero_bayes.judge import choose, comparison, prediction, validation
 from aero_bayes.judge.choice import Choice
-from aero_bayes.loop import conclude, loop, tell
+from aero_bayes.loop import conclude, extend, loop, tell
+from real_rigs import RECORDINGS, RigCase, cases
+from real_rigs_table import judge_names
+from trial_runs import Row, code, write_summary
 
 
 @dataclass(frozen=True)
@@ -129,8 +128,20 @@ def run_case(case: RigCase, files: dict[str, list[Path]], out: Path, options: ar
         found.update(answers(context, base, first))
         return first
 
+    written: dict[Any, Any] = {}
+
+    def extended_once(context: Any, base: Any, choice: Any) -> Any:
+        """Write and fit each structure once: what is changed here only judges it."""
+        if choice.structure not in written:
+            written[choice.structure] = extend.extend(context, base, choice)
+        return written[choice.structure]
+
     began = time.perf_counter()
-    with patch.object(loop, "conclude", concluded), patch.object(loop, "Chooser", _Kept):
+    with (
+        patch.object(loop, "conclude", concluded),
+        patch.object(conclude, "extend", extended_once),
+        patch.object(loop, "Chooser", _Kept),
+    ):
         run_program(command, standalone_mode=False)
     return {"key": case.name, "code": code(), "seconds": round(time.perf_counter() - began, 1), "answers": found}
 

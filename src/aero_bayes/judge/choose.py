@@ -209,19 +209,25 @@ def worth_all_readings(explored: SearchResult, settings: ChoiceSettings) -> list
 def finalists(judge: Judge) -> list[Structure]:
     """Structures that are worth a refit without each block.
 
-    Those near the best material structure and those that it does not materially beat, the best of each size by the
-    closed form and by the fit itself, which the closed form may misjudge, and what they must be better than. Structures
-    of other laws come first: the same laws at other places often predict the same, and would leave no room for others.
+    Those near the best material structure; of each size the best material one and those that it does not materially
+    beat, since refits may turn what the closed form calls material; the best of each size by the closed form and by the
+    fit itself, which the closed form may misjudge; and what they must be better than. Structures of other laws come
+    first: the same laws at other places often predict the same, and would leave no room for others.
     """
     ranking, explored = judge.comparison, judge.explored
     scores, fits, curves = ranking.scores, explored.fits, explored.curves
     base = [s for s in ranking.squares if set(s.terms) == set(judge.settings.require)]
     near = judge.near()
     found = [ranking.best(base), *one_of_each(near, curves)[: FINALISTS // 2], *near[: FINALISTS // 4]]
-    found += one_of_each(judge.close_to(near[0]), curves)[: FINALISTS // 4]
-    for size in sorted({len(s) for s in ranking.squares}):
-        own = [s for s in ranking.squares if len(s) == size]
-        found += one_of_each(sorted(own, key=lambda s: scores[s]), curves)[:2]
+    sizes = [
+        sorted((s for s in ranking.squares if len(s) == size), key=lambda s: scores[s])
+        for size in sorted({len(s) for s in ranking.squares})
+    ]
+    for own in sizes:
+        best = next((s for s in own if judge.material(s)), None)
+        found += [best, *one_of_each(judge.close_to(best), curves)[: FINALISTS // 4]] if best is not None else []
+    for own in sizes:
+        found += one_of_each(own, curves)[:2]
         found += sorted(own, key=lambda s: -fits[s].optimum.log_likelihood)[:1]
     found = [*dict.fromkeys(found)][:FINALISTS]
     rests = [judge.rest(s, t) for s in found for t in s.terms if len(s) > 1]

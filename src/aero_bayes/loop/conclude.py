@@ -33,7 +33,8 @@ from aero_bayes.search.models import FittedModel
 MAX_NAMED_ALTERNATIVES = 2
 #: What may be behind it when unseen data refuse what explains the fitted ones.
 REFUSED_BY_UNSEEN = "Another effect is missing, or a further one that shows only on the unseen data."
-#: Structures that unseen readings may refuse before nothing is named: with more of them one would pass by chance.
+#: Structures that unseen readings may refuse before nothing is named, besides parts of the first one, which claim less:
+#: with more of them one would pass by chance.
 MAX_REFUSALS = 3
 
 
@@ -97,7 +98,7 @@ def conclude(context: LoopContext, base: BaseFit, choice: Choice) -> Conclusion:
     """Name the structure that was chosen, unless unseen readings refuse it; then the next one that they do not."""
     offered: Choice | None = choice
     refused: dict[tuple[str, ...], Conclusion] = {}
-    while offered is not None and len(refused) < MAX_REFUSALS:
+    while offered is not None and sum(not set(terms) < set(choice.terms) for terms in refused) < MAX_REFUSALS:
         told = offered.told()
         if told.terms not in refused:
             conclusion, accepted = _offer(context, base, told)
