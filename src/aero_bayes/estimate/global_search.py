@@ -107,17 +107,19 @@ class GlobalSearch:
 
     def run(
         self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
-        known: pso.SwarmResult | None = None,
+        known: pso.SwarmResult | None = None, start: FloatArray | None = None,
     ) -> GlobalSearchResult:  # fmt: skip
-        """Search from the parameters' starting values over the free columns; ``known`` is used in place of a new swarm.
+        """Search over the free columns from a point (p,) in search coordinates; by default from the starting values.
+
+        ``known`` is used in place of a new swarm.
 
         Raises
         ------
         CannotFinishError
             If the model cannot be simulated at any starting point.
         """
-        start = self.objective.parameters.to_search(self.objective.parameters.start)
-        swarm = None
+        parameters, swarm = self.objective.parameters, None
+        start = parameters.to_search(parameters.start) if start is None else start
         if self.settings.swarm is not None and len(free):
             start, swarm = self._explore(start, free, open_simulator, rng, known)
         steady = [j for j in free if j not in delay_columns(self.objective, free)]

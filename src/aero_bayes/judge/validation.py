@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,8 +13,8 @@ from aero_bayes.judge.prediction import MIN_GROWTH_RATIO, Prediction, surely_wor
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.unseen import Unseen
 
-#: Largest ratio of an output's error with the named terms to that without them, required of at least one output where
-#: the named terms leave structure: in the last fit, and on validation data.
+#: Largest ratio of the error with the named terms to that without them where they leave structure: in the last fit that
+#: of one output, on validation data the product over outputs, so that a gain of one does not hide the loss of another.
 MAX_ERROR_RATIO = 0.9
 #: Growth of an output's error on validation data that refuses even where few independent readings leave it unsure.
 MAX_GROWTH_RATIO = 2.0
@@ -28,7 +29,8 @@ def rejection_reason(
 
     They are rejected if with them the last fit leaves about as much of every output, and structure; if the prediction
     of an output gets significantly worse (two standard errors, with correlated readings) and by more than 5 %, or if
-    its error doubles; or if the residual is structured and no prediction improves by at least 10 %.
+    its error doubles; or if the residual is structured and the product over outputs of the ratios of errors, by which
+    structures are compared, does not fall by at least 10 %.
 
     Parameters
     ----------
@@ -49,8 +51,7 @@ def rejection_reason(
     worse = [o for o in last if last[o] > (MIN_GROWTH_RATIO if o in surely else MAX_GROWTH_RATIO) * first[o]]
     if worse:
         return f"the prediction of unseen data gets worse ({', '.join(worse)})."
-    better = any(error.rms < MAX_ERROR_RATIO * before.test[key].rms for key, error in after.test.items())
-    if structured and not better:
+    if structured and not math.prod(last.values()) < MAX_ERROR_RATIO * math.prod(first[o] for o in last):
         return "the prediction of unseen data does not improve."
     return None
 

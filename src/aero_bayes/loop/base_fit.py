@@ -90,13 +90,16 @@ class BaseFit:
         return replace(moved, parameters=moved.parameters.extended(own.items), fixed={**moved.fixed, **(fixed or {})})
 
 
-def fit_base_model(context: LoopContext) -> BaseFit:
-    """Fit the first model: led by the first readings, then with initial values that may be off them."""
+def fit_base_model(context: LoopContext, begin: Mapping[str, float]) -> BaseFit:
+    """Fit the first model: led by the first readings, then with initial values that may be off them.
+
+    ``begin`` holds SI values by name from which the fit begins, in place of those that the parameters declare.
+    """
     context.progress("building models", 0.0)
     model = context.family.base_model()
     context.statistics.end_stage("models")
     context.progress("fitting the model as given", 0.05)
-    close, fit = _fitted_without_outliers(context, context.calibrate(model, _shared(context, model)))
+    close, fit = _fitted_without_outliers(context, context.calibrate(model, _shared(context, model)), begin)
     plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(context, plain, close.parameters.from_search(fit.coordinates), fit)
@@ -116,9 +119,11 @@ def _finished(context: LoopContext, plain: Calibration, fit: Optimum) -> Fit:
         return finished_fit(search, GlobalSearchResult(fit, None, (), 0), FitSettings(), 0.0)
 
 
-def _fitted_without_outliers(context: LoopContext, calibration: Calibration) -> tuple[Calibration, Optimum]:
+def _fitted_without_outliers(
+    context: LoopContext, calibration: Calibration, begin: Mapping[str, float]
+) -> tuple[Calibration, Optimum]:
     """Fit what the data shows, and again without readings that are outliers of the fit, as long as there are any."""
-    calibration, found = _fitted(context, calibration)
+    calibration, found = _fitted(context, calibration, begin)
     for _ in range(MAX_OUTLIER_ROUNDS):
         with context.open(calibration.problem()) as simulator:
             objective = context.objective(calibration, simulator)
@@ -179,14 +184,16 @@ def _shared(context: LoopContext, model: Model) -> ParameterSet:
     return parameters_from_model(model, free=(*free, *later), overrides={**overrides, **later})
 
 
-def _fitted(context: LoopContext, calibration: Calibration) -> tuple[Calibration, Optimum]:
+def _fitted(context: LoopContext, calibration: Calibration, begin: Mapping[str, float]) -> tuple[Calibration, Optimum]:
     """Fit what the data shows, and again without a rotor's ripple where the residual shows any."""
     settings = context.settings
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
         search = GlobalSearch(objective, settings.global_search)
         rng = np.random.default_rng(settings.seed)
-        found_fit = search.run(_columns_with_effect(objective), context.open, rng)
+        first = np.array([begin.get(p.name, p.start) for p in objective.parameters])
+        start = objective.parameters.to_search(first) if begin else None
+        found_fit = search.run(_columns_with_effect(objective), context.open, rng, start=start)
         calibration, found = _without_steps(search, found_fit.optimum)
         if calibration is not objective.calibration:
             objective = objective.with_calibration(calibration, simulator)

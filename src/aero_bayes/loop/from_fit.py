@@ -22,20 +22,19 @@ def recordings_of(fit: Fit) -> Sequence[Recording]:
 
 
 def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
-    """The settings of a loop that begins at a fit: free parameters, their bounds, priors and values, and fixed ones.
+    """The settings of a loop that begins at a fit: free parameters, their bounds and priors, and fixed values.
 
-    What the settings say themselves of free and fixed parameters and of overrides counts.
+    Free ones keep their declared values, from which the search fits structures too. What the settings say themselves
+    of free and fixed parameters and of overrides counts.
     """
     calibration = fit.calibration
     free = {calibration.parameters.items[j].name for j in fit.free}
     shared = [p for p in templates(calibration.parameters) if isinstance(p.target, ParameterTarget)]
-    values = {p.name: fit.value(p.name) if p.name in fit.named else p.start for p in shared}
     searched = [p for p in shared if p.name in free or p.per_recording]
     overrides = {
-        p.name: Override(values[p.name], p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording)
-        for p in searched
+        p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording) for p in searched
     }
-    held = {p.name: values[p.name] for p in shared if p not in searched}
+    held = {p.name: fit.named.get(p.name, p.start) for p in shared if p not in searched}
     return replace(
         settings,
         free=settings.free or tuple(overrides),

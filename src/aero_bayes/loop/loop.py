@@ -97,7 +97,9 @@ def close_loop(
     <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00481 -> 0.000302>
     """
     settings = require_type(settings or LoopSettings(), LoopSettings, "settings")
+    begin: dict[str, float] = {}
     if isinstance(train, Fit):
+        begin = train.named
         model, settings, train = train.calibration.model, settings_of(train, settings), recordings_of(train)
     train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
     if not train:
@@ -119,7 +121,7 @@ def close_loop(
         recordings = Recordings.of(train, test, settings.held_out, known)
         context = LoopContext(family, recordings, settings, pool, folder, watched, LoopStatistics(watched))
         states = states_of(family.base_model(), settings)
-        base = fit_base_model(context)
+        base = fit_base_model(context, begin)
         cache, choice = search_structures(context, base)
         conclusion = diagnosed(conclude(context, base, choice), base, settings)
         context.statistics.keep_only(conclusion.written.path if conclusion.written is not None else None)
