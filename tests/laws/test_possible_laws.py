@@ -9,7 +9,7 @@ import pytest
 from small_rigs import rig
 
 from aero_bayes import Recording, fit, load_model
-from aero_bayes.estimate.calibration import CalibrationSettings
+from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.laws import Law, ports_with_laws
 from aero_bayes.laws.candidates import is_possible

@@ -1,7 +1,8 @@
 """Estimate parameters and their uncertainty from recordings."""
 
 from aero_bayes.estimate.calibrated_model import CalibratedModel
-from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
+from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.fit import FitSettings, fit, fit_calibration, without_ripple
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult

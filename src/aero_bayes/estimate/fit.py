@@ -20,7 +20,8 @@ from aero_bayes.data import Recording
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import swarm as pso
-from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
+from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.finished_fit import finished_fit, verdict_on

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.calibration import Calibration, CalibrationSettings, calibrate
+from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.new_recording import first_reading, typical

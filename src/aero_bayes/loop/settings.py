@@ -8,7 +8,7 @@ from pathlib import Path
 
 from aero_bayes.arguments import names_of, paths_of
 from aero_bayes.display import SettingsDisplay
-from aero_bayes.estimate.calibration import CalibrationSettings
+from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.estimate.search_settings import GlobalSearchSettings

@@ -19,7 +19,8 @@ from aero_bayes.data import read_recording
 from aero_bayes.data.file_forms import column_names
 from aero_bayes.data.table import is_time_name
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibration import CalibrationSettings, calibrate
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
 from aero_bayes.files import whole_file

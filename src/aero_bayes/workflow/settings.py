@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibration import CalibrationSettings
+from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL
 from aero_bayes.estimate.staged import Stage
