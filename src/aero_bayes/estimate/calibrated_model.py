@@ -158,12 +158,7 @@ def calibrated_model(
         For an FMU whose Modelica source is not known.
     """
     model = calibration.model
-    base = source or model.source
-    if base is None:
-        raise InputError(
-            f"{model.path.name}: a model with fitted values is compiled from its Modelica source, which is not known "
-            "of this FMU; set the values of fit.to_frame() where the FMU is used"
-        )
+    base = source or _source_of(model)
     own = list(zip(calibration.parameters, values.tolist(), strict=True))
     fitted = {p.target.name: (p.name, v) for p, v in own if isinstance(p.target, ParameterTarget)}
     fitted |= {p.name: (p.name, v) for p, v in own if p.name in delays}
@@ -186,6 +181,16 @@ def calibrated_model(
     values_given: dict[str, float | str] = {**_whole_arrays(model, given), **(chosen or {})}
     told = (*header, *_beside(calibration, values, delays))
     return CalibratedModel(base, values_given, remarks, told, dict(added or {}), stop=calibration.stop)
+
+
+def _source_of(model: Model) -> ModelicaSource:
+    """Return what a model was built from; InputError for an FMU whose source is not known."""
+    if model.source is None:
+        raise InputError(
+            f"{model.path.name}: a model with fitted values is compiled from its Modelica source, which is not known "
+            "of this FMU; set the values of fit.to_frame() where the FMU is used"
+        )
+    return model.source
 
 
 def _started(calibration: Calibration, values: FloatArray, given: Mapping[str, float]) -> dict[str, list[float]]:

@@ -73,14 +73,7 @@ def start_parameters(
         start[state.name] = reading
         seen.add(state.name)
         if policy == "estimated" or (policy == "auto" and free):
-            moved = _range(values)
-            spread = max(
-                min(
-                    max(NOISE_DEVIATIONS * output_noise_floor(recording, name).at_most, MIN_SPREAD_SHARE * moved),
-                    MAX_SPREAD_SHARE * moved,
-                ),
-                1e-9,
-            )
+            spread = _reading_spread(recording, name, values)
             found.append(_start(_named(name, model) + suffix, name, state, reading, spread, index))
     if policy == "estimated":
         rest = [state for state in model.states if state.name not in seen and state.name not in given]
@@ -89,6 +82,13 @@ def start_parameters(
             _start(_named(s.name, model) + suffix, s.name, s, s.start or 0.0, spreads[s.name], index) for s in rest
         ]
     return start, found
+
+
+def _reading_spread(recording: Recording, name: str, values: FloatArray) -> float:
+    """Return how far a first reading may be off: some deviations of the noise, between two shares of the range."""
+    moved = _range(values)
+    noise = NOISE_DEVIATIONS * output_noise_floor(recording, name).at_most
+    return max(min(max(noise, MIN_SPREAD_SHARE * moved), MAX_SPREAD_SHARE * moved), 1e-9)
 
 
 def with_free_starts(parameters: ParameterSet, experiments: Sequence[Experiment], model: Model) -> ParameterSet:

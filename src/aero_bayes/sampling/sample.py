@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -114,10 +115,7 @@ def _sample(
         )
         for one, joint, region in zip(fits, joints, regions, strict=True)
     ]  # fmt: skip
-    if any(chain.points.shape[1] < 8 for chain in chains):
-        cause = f"the time limit of {settings.time_limit:g} s passed"
-        cause = "sampling was interrupted" if progress.asked_to_end else cause
-        raise CannotFinishError(f"{cause} before the sampler had settled")
+    _refuse_unsettled(chains, settings, progress)
     rng = np.random.default_rng([seed, 1])
     points, density = _thin(chains[0], settings.draws)
     told: list[ModeDraws] = []
@@ -154,6 +152,14 @@ def _sample(
         seed=seed,
         mode_draws=tuple(told),
     )
+
+
+def _refuse_unsettled(chains: Sequence[Chain], settings: SampleSettings, progress: Watched) -> None:
+    """Raise CannotFinishError if a chain ended before there were draws to look at."""
+    if any(chain.points.shape[1] < 8 for chain in chains):
+        cause = f"the time limit of {settings.time_limit:g} s passed"
+        cause = "sampling was interrupted" if progress.asked_to_end else cause
+        raise CannotFinishError(f"{cause} before the sampler had settled")
 
 
 def identity(fit: Fit) -> str:
