@@ -29,7 +29,7 @@ from aero_bayes.check import residual_tests
 from aero_bayes.cli import main as run_program
 from aero_bayes.judge import choose, comparison, prediction, validation
 from aero_bayes.judge.choice import Choice
-from aero_bayes.loop import conclude, extend, loop, tell
+from aero_bayes.loop import conclude, extend, loop, make_result
 from real_rigs import RECORDINGS, RigCase, cases
 from real_rigs_table import judge_names
 from trial_runs import Row, code, write_summary
@@ -108,7 +108,7 @@ def _offered(choice: Choice) -> tuple[Any, ...]:
 def _answer(conclusion: Any) -> Row:
     return {
         "named": [effect.id for effect in conclusion.effects],
-        "equivalent": [list(ids) for ids in tell._equivalent(conclusion)],
+        "equivalent": [list(ids) for ids in make_result._equivalent(conclusion)],
     }
 
 
