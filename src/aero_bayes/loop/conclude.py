@@ -227,7 +227,7 @@ def _unexplained(
 def _one_of(ids: Sequence[str]) -> str:
     """Some terms, the last ones counted where they are many."""
     named, more = list(ids[: MAX_NAMED_ALTERNATIVES + 1]), len(ids) - MAX_NAMED_ALTERNATIVES - 1
-    return " or ".join([*named, f"one of {more} others"] if more > 0 else named)
+    return " or ".join([*named, f"one of {more} others"] if more > 1 else ids)
 
 
 def _explained(fitted: FittedModel) -> str:
