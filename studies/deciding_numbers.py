@@ -83,9 +83,12 @@ class _Kept(choose.Chooser):
 
 def answers(context: Any, base: Any, first: Any) -> dict[str, Row]:
     """What is named under each changed number: ids and classes that are not told apart, by number and value."""
-    chooser, found = _Kept.last, {"as it is": _answer(first)}
-    choice, own = chooser.choice, chooser.settings
+    chooser, found = _Kept.last, {"in the loop": _answer(first)}
+    # What the first choice had fitted besides is there from the beginning now: an answer on the edge may turn.
+    choice, own = choose.Chooser.choose(chooser, chooser.choice.explored), chooser.settings
     same = _offered(choice)
+    first = first if same == _offered(chooser.choice) else conclude.conclude(context, base, choice)
+    found["as it is"] = _answer(first)
     for name, number in NUMBERS.items():
         for value in number.values:
             with ExitStack() as stack:
