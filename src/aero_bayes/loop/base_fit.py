@@ -90,7 +90,7 @@ class BaseFit:
         return replace(moved, parameters=moved.parameters.extended(own.items), fixed={**moved.fixed, **(fixed or {})})
 
 
-def fit_base_model(context: LoopContext, begin: Mapping[str, float]) -> BaseFit:
+def fit_base_model(context: LoopContext, begin: Mapping[str, float] | None = None) -> BaseFit:
     """Fit the first model: led by the first readings, then with initial values that may be off them.
 
     ``begin`` holds SI values by name from which the fit begins, in place of those that the parameters declare.
@@ -99,7 +99,7 @@ def fit_base_model(context: LoopContext, begin: Mapping[str, float]) -> BaseFit:
     model = context.family.base_model()
     context.statistics.end_stage("models")
     context.progress("fitting the model as given", 0.05)
-    close, fit = _fitted_without_outliers(context, context.calibrate(model, _shared(context, model)), begin)
+    close, fit = _fitted_without_outliers(context, context.calibrate(model, _shared(context, model)), begin or {})
     plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(context, plain, close.parameters.from_search(fit.coordinates), fit)
