@@ -14,11 +14,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
 import json
-import shutil
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import chdir, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,9 +29,9 @@ from aero_bayes.cli import main as run_program
 from aero_bayes.judge import choose, comparison, prediction, validation
 from aero_bayes.judge.choice import Choice
 from aero_bayes.loop import conclude, extend, loop, make_result
-from real_rigs import RECORDINGS, RigCase, cases
+from real_rigs import RECORDINGS, RigCase, cases, copy_model, loop_arguments
 from real_rigs_table import judge_names
-from trial_runs import Row, code, write_summary
+from trial_runs import Row, code, markdown_table, write_summary
 
 
 @dataclass(frozen=True)
@@ -61,43 +60,19 @@ NUMBERS = {
 }
 
 
-@contextmanager
-def changed(name: str, value: float) -> Iterator[None]:
-    """Give a number of a module another value."""
-    module = NUMBERS[name].module
-    with patch.object(module, name, value):
-        yield
-
-
-class _Kept(choose.Chooser):
-    """Chooses, and keeps itself, so that the choice can be made again."""
-
-    last: _Kept
-    choice: Choice
-
-    def choose(self, explored: Any) -> Choice:
-        type(self).last = self
-        self.choice = super().choose(explored)
-        return self.choice
-
-
-def answers(context: Any, base: Any, first: Any) -> dict[str, Row]:
+def answers(context: Any, base: Any, choice: Choice, chooser: choose.Chooser) -> dict[str, Row]:
     """What is named under each changed number: ids and classes that are not told apart, by number and value."""
-    chooser, found = _Kept.last, {"in the loop": _answer(first)}
     # What the first choice had fitted besides is there from the beginning now: an answer on the edge may turn.
-    choice, own = choose.Chooser.choose(chooser, chooser.choice.explored), chooser.settings
-    same = _offered(choice)
-    first = first if same == _offered(chooser.choice) else conclude.conclude(context, base, choice)
-    found["as it is"] = _answer(first)
+    choice, own = chooser.choose(choice.explored), chooser.settings
+    plain, same = conclude.conclude(context, base, choice), _offered(choice)
+    found = {"as it is": _answer(plain)}
     for name, number in NUMBERS.items():
         for value in number.values:
-            with ExitStack() as stack:
-                if number.module is not None:
-                    stack.enter_context(changed(name, value))
-                chooser.settings = replace(own, min_share=value) if name == "min_share" else own
-                again = choose.Chooser.choose(chooser, choice.explored)
+            with patch.object(number.module, name, value) if number.module else nullcontext():
+                chooser.settings = own if number.module else replace(own, **{name: value})
+                again = chooser.choose(choice.explored)
                 judged_alike = number.module in (None, choose, comparison) and _offered(again) == same
-                concluded = first if judged_alike else conclude.conclude(context, base, again)
+                concluded = plain if judged_alike else conclude.conclude(context, base, again)
                 found[f"{name} = {value:g}"] = _answer(concluded)
     chooser.settings = own
     return found
@@ -105,7 +80,8 @@ def answers(context: Any, base: Any, first: Any) -> dict[str, Row]:
 
 def _offered(choice: Choice) -> tuple[Any, ...]:
     """What unseen readings are asked about, in order."""
-    return choice.told().structure, choice.told().undecided, choice.near
+    told = choice.told()
+    return told.structure, told.undecided, choice.near
 
 
 def _answer(conclusion: Any) -> Row:
@@ -117,18 +93,17 @@ def _answer(conclusion: Any) -> Row:
 
 def run_case(case: RigCase, files: dict[str, list[Path]], out: Path, options: argparse.Namespace) -> Row:
     """Close the loop of a rig in this process, and choose again under each changed number."""
-    shutil.rmtree(out, ignore_errors=True)
-    shutil.copytree(case.folder, out / "model")
-    with (out / "model" / "rig.toml").open("a", encoding="utf-8") as config:
-        config.write(f"\n[loop]\nmax_minutes = {options.max_minutes:g}\n")
-    command = ["close-loop", "--config", str(out / "model" / "rig.toml")]
-    command += [part for role, paths in files.items() for path in paths for part in (f"--{role}", str(path))]
-    command += ["--out", str(out / "run"), "--workers", str(options.workers), "--quiet"]
+    copy_model(case, out)
     found: dict[str, Row] = {}
+    choosers: list[choose.Chooser] = []
 
-    def concluded(context: Any, base: Any, choice: Any) -> Any:
+    def kept(*given: Any) -> choose.Chooser:
+        choosers.append(choose.Chooser(*given))
+        return choosers[-1]
+
+    def concluded(context: Any, base: Any, choice: Choice) -> Any:
         first = conclude.conclude(context, base, choice)
-        found.update(answers(context, base, first))
+        found.update({"in the loop": _answer(first)}, **answers(context, base, choice, choosers[-1]))
         return first
 
     written: dict[Any, Any] = {}
@@ -143,9 +118,10 @@ def run_case(case: RigCase, files: dict[str, list[Path]], out: Path, options: ar
     with (
         patch.object(loop, "conclude", concluded),
         patch.object(conclude, "extend", extended_once),
-        patch.object(loop, "Chooser", _Kept),
+        patch.object(loop, "Chooser", kept),
+        chdir(out),
     ):
-        run_program(command, standalone_mode=False)
+        run_program(loop_arguments(files, out, options), standalone_mode=False)
     return {"key": case.name, "code": code(), "seconds": round(time.perf_counter() - began, 1), "answers": found}
 
 
@@ -163,11 +139,15 @@ def table(rows: Sequence[Row]) -> str:
                 text = " + ".join(f"`{n}`" for n in answer["named"]) or "nothing"
                 differ.setdefault(name, []).append(f"{row['key']} {text} ({verdict.replace('_', ' ')})")
     order = ("right", "silent", "place_right", "missed", "false")
-    lines = ["| number | right | silent | place | missed | false | other answers |", "|" + " --- |" * 7]
-    for name, counts in verdicts.items():
-        cells = [str(counts[v]) for v in order]
-        lines.append(f"| {name} | {' | '.join(cells)} | {'; '.join(differ.get(name, ())) or '-'} |")
-    return "\n".join(lines)
+    return "\n".join(
+        markdown_table(
+            ("number", "right", "silent", "place", "missed", "false", "other answers"),
+            (
+                (name, *(str(counts[v]) for v in order), "; ".join(differ.get(name, ())) or "-")
+                for name, counts in verdicts.items()
+            ),
+        )
+    )
 
 
 def main() -> None:
@@ -177,6 +157,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("reports"), help="rows and runs: OUT/deciding_numbers")
     parser.add_argument("--only", choices=known, action="append", metavar="NAME", help="rigs")
     parser.add_argument("--workers", type=int, default=2, help="processes of a loop")
+    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--max-minutes", type=float, default=10.0, help="[loop] max_minutes of each loop")
     parser.add_argument("--stop-after", type=float, default=15.0, help="start no loop after so many minutes")
     options = parser.parse_args()

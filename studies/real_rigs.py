@@ -70,9 +70,24 @@ def cases() -> dict[str, RigCase]:
 
 def close_loop_of_case(case: RigCase, files: dict[str, list[Path]], out: Path, options: argparse.Namespace) -> Row:
     """Close the loop on the first model of a case."""
+    copy_model(case, out)
+    return run_loop(case.name, files, out, options)
+
+
+def copy_model(case: RigCase, out: Path) -> None:
+    """Begin a folder anew with the first model of a case and its configuration."""
     shutil.rmtree(out, ignore_errors=True)
     shutil.copytree(case.folder, out / "model")
-    return run_loop(case.name, files, out, options)
+
+
+def loop_arguments(files: dict[str, list[Path]], out: Path, options: argparse.Namespace) -> list[str]:
+    """Write the time limit into the configuration; arguments of the program, to be run in ``out``."""
+    if options.max_minutes:
+        with (out / "model" / "rig.toml").open("a", encoding="utf-8") as config:
+            config.write(f"\n[loop]\nmax_minutes = {options.max_minutes:g}\n")
+    arguments = ["close-loop", "--config", "model/rig.toml"]
+    arguments += [part for role, paths in files.items() for path in paths for part in (f"--{role}", str(path))]
+    return [*arguments, "--out", "run", "--workers", str(options.workers), "--seed", str(options.seed), "--quiet"]
 
 
 def run_loop(key: str, files: dict[str, list[Path]], out: Path, options: argparse.Namespace) -> Row:
@@ -89,12 +104,7 @@ def run_loop(key: str, files: dict[str, list[Path]], out: Path, options: argpars
     options : Namespace
         ``max_minutes``, ``workers`` and ``seed``.
     """
-    if options.max_minutes:
-        with (out / "model" / "rig.toml").open("a", encoding="utf-8") as config:
-            config.write(f"\n[loop]\nmax_minutes = {options.max_minutes:g}\n")
-    command = [str(Path(sys.executable).parent / "aero-bayes"), "close-loop", "--config", "model/rig.toml"]
-    command += [part for role, paths in files.items() for path in paths for part in (f"--{role}", str(path))]
-    command += ["--out", "run", "--workers", str(options.workers), "--seed", str(options.seed), "--quiet"]
+    command = [str(Path(sys.executable).parent / "aero-bayes"), *loop_arguments(files, out, options)]
     began = time.perf_counter()
     done = subprocess.run(command, cwd=out, capture_output=True, text=True, check=False)
     seconds = round(time.perf_counter() - began, 1)

@@ -16,7 +16,7 @@ from aero_bayes.judge.left_out import CommonBlocks, newton_errors, refitted_erro
 from aero_bayes.parallel import Task
 from aero_bayes.search.explored import Mapper, SearchResult, one_by_one
 from aero_bayes.search.models import FitNoise, FittedModel
-from aero_bayes.search.structure import Structure, law_of
+from aero_bayes.search.structure import Structure, by_size, law_of
 
 FloatArray = NDArray[np.float64]
 
@@ -219,10 +219,7 @@ def finalists(judge: Judge) -> list[Structure]:
     base = [s for s in ranking.squares if set(s.terms) == set(judge.settings.require)]
     near = judge.near()
     found = [ranking.best(base), *one_of_each(near, curves)[: FINALISTS // 2], *near[: FINALISTS // 4]]
-    sizes = [
-        sorted((s for s in ranking.squares if len(s) == size), key=lambda s: scores[s])
-        for size in sorted({len(s) for s in ranking.squares})
-    ]
+    sizes = [sorted(own, key=lambda s: scores[s]) for _, own in sorted(by_size(ranking.squares).items())]
     for own in sizes:
         best = next((s for s in own if judge.material(s)), None)
         found += [best, *one_of_each(judge.close_to(best), curves)[: FINALISTS // 4]] if best is not None else []

@@ -192,7 +192,7 @@ def _fitted(context: LoopContext, calibration: Calibration, begin: Mapping[str, 
         search = GlobalSearch(objective, settings.global_search)
         rng = np.random.default_rng(settings.seed)
         first = np.array([begin.get(p.name, p.start) for p in objective.parameters])
-        start = objective.parameters.to_search(first) if begin else None
+        start = objective.parameters.to_search(first)
         found_fit = search.run(_columns_with_effect(objective), context.open, rng, start=start)
         calibration, found = _without_steps(search, found_fit.optimum)
         if calibration is not objective.calibration:
