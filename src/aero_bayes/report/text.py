@@ -182,7 +182,7 @@ def signal_title(name: str, unit: str, meaning: str = "") -> str:
 
 
 def named_effect(id_: str, words: Mapping[str, str]) -> Markup:
-    """``dry friction at the pivot (pivot_friction)``, the id set as code; ``words`` by id."""
+    """``pivot_friction (dry friction at the pivot)``, the id set as code; ``words`` by id."""
     code = Markup("<code>{}</code>").format(id_)
     return Markup("{} ({})").format(code, words[id_]) if words.get(id_) else code
 
