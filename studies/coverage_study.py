@@ -183,7 +183,7 @@ def best_of_wrong(plan: StudyPlan, fmu: Path) -> dict[str, float]:
     """Fit the model without friction to many recordings with it: the parameters that serve best."""
     rng, long = np.random.default_rng([plan.seed, MANY]), replace(plan, duration=LONGER * plan.duration)
     found = fitted([friction(rng, long, f"r{k}") for k in range(MANY)], Model.load(fmu), rng)
-    return {name: found.parameters[name].value for name in FREE}
+    return {name: found[name].value for name in FREE}
 
 
 def fitted(recordings: list[Recording], model: Model, rng: np.random.Generator) -> Fit:

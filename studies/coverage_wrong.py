@@ -179,7 +179,7 @@ def best_values(task: Best, rig: Rig) -> dict[str, Any]:
     start = calibration.parameters.start.copy()
     for k, item in enumerate(calibration.parameters):
         if item.recording is None or "delay" in item.name:
-            start[k] = np.mean([one.value(item.name) for one in usual])
+            start[k] = np.mean([one[item.name].value for one in usual])
     with open_simulator(calibration.problem(), workers=0) as simulator:
         objective = Objective(calibration, simulator)
         found = local_fit(
@@ -211,7 +211,7 @@ def mend(task: Mend, rig: Rig) -> dict[str, Any]:
     right = [e for e in found.effects if e.id.partition("@")[0] == rig.law_name]
     return row | {
         "model": str(folder / f"{found.model.rpartition('.')[2]}.fmu"),
-        "added": {p.name: [found.parameters[p.name].value, p.lower, p.upper, p.scale] for p in found.added},
+        "added": {p.name: [found[p.name].value, p.lower, p.upper, p.scale] for p in found.added},
         "law": [p.name for e in right[:1] for p in e.parameters],
     }
 

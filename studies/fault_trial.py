@@ -137,7 +137,7 @@ def attempt(task: FaultTask) -> Row:
             "causes": [r.cause for r in causes],
             "what": [r.what for r in causes],
             "findings": sorted({f.kind for r in found.calibration.recordings for f in r.findings}),
-            "worst_error": max(abs(found.value(name) / truth.parameters[name] - 1.0) for name in rig.free),
+            "worst_error": max(abs(found[name].value / truth.parameters[name] - 1.0) for name in rig.free),
         }
     except Exception as error:
         row |= {"causes": [], "error": f"{type(error).__name__}: {error}"}

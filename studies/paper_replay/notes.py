@@ -32,7 +32,7 @@ def _comparison(rows: Sequence[ReplayRow], details: Details) -> Iterator[str]:
         f"order of the models can be compared. Best first, the paper's order of the {len(TABLE_1)} models is {paper}. "
         f"The same parameters on this bench: {'; '.join(row.model for row in here)}."
     )
-    excess = UNOPTIMISED.parameters["k_t"] / details.linear.value("k_t")
+    excess = UNOPTIMISED.parameters["k_t"] / details.linear["k_t"].value
     yield (
         "Table 1 gives `k_t` and `k_d` in the units of a linear law, so they are used with it; Eqs. 4 and 5 are "
         f"quadratic. `k_d` = {number(UNOPTIMISED.parameters['k_d'])} is negative there, as a load on the rotor; our "
@@ -50,7 +50,7 @@ def _comparison(rows: Sequence[ReplayRow], details: Details) -> Iterator[str]:
 
 def _swarm(details: Details) -> Iterator[str]:
     edge, scaled = BOX["J_r"][1], details.swarm_scaled[1]
-    whole = details.quadratic.value("J_r") + UNOPTIMISED.parameters["J_s"]
+    whole = details.quadratic["J_r"].value + UNOPTIMISED.parameters["J_s"]
     median, largest = np.median(details.endings, axis=0), np.max(details.endings, axis=0)
     yield (
         f"How 84 kg·m² can come out: the axis is linear. Of 0 to {number(edge)} kg·m² a share of {number(1e-4 / edge)} "

@@ -25,11 +25,11 @@ def test_profile_of_a_linear_model_is_the_parabola_of_its_marginal() -> None:
     problem = calibration([(T, y)], ["y"], items)
     found = fit_calibration(problem, lambda p: FormulaSimulator(p, line), FitSettings(method="local"))
     result = profile_likelihood(found, "a", FormulaSimulator(problem.problem(), line), points=41)
-    sd = found.parameters["a"].sd
-    np.testing.assert_allclose(result.drop, 0.5 * ((result.values - found.value("a")) / sd) ** 2, atol=2e-2)
+    sd = found["a"].sd
+    np.testing.assert_allclose(result.drop, 0.5 * ((result.values - found["a"].value) / sd) ** 2, atol=2e-2)
     low, high = result.interval
-    assert low == pytest.approx(found.value("a") - 1.645 * sd, rel=0.01)
-    assert high == pytest.approx(found.value("a") + 1.645 * sd, rel=0.01)
+    assert low == pytest.approx(found["a"].value - 1.645 * sd, rel=0.01)
+    assert high == pytest.approx(found["a"].value + 1.645 * sd, rel=0.01)
     assert result.bounded
 
 

@@ -21,8 +21,8 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
 
 
 def assert_right(found: aero_bayes.Fit, kinds: set[str], share: float = 0.03) -> None:
-    assert found.value("C") == pytest.approx(heated_room.C, rel=share)
-    assert found.value("G") == pytest.approx(heated_room.G, rel=share)
+    assert found["C"].value == pytest.approx(heated_room.C, rel=share)
+    assert found["G"].value == pytest.approx(heated_room.G, rel=share)
     assert {f.kind for r in found.calibration.recordings for f in r.findings} == kinds
     assert [row.cause for row in found.diagnosis if row.found] == (["data"] if kinds else [])
 
@@ -64,7 +64,7 @@ def test_the_part_after_a_gap_begins_anew(room: aero_bayes.Model) -> None:
 def test_few_readings_among_many_rows(room: aero_bayes.Model, every: int) -> None:
     found = heated_room.fit(heated_room.recording().thin(every), room)
     assert_right(found, set(), 0.15)
-    assert found.parameters["C"].sd is not None
+    assert found["C"].sd is not None
 
 
 def test_crests_of_what_a_model_lacks_near_a_resonance_are_no_outliers() -> None:

@@ -79,7 +79,7 @@ def test_a_tight_tolerance_is_clear_and_fits_the_truth(pendulum: aero_bayes.Mode
     tight = fitted(swing(), pendulum, 1e-8)
     assert not tight.diagnosis["solver"].found
     assert 0.0 < tight.solver_difference["phi"] < 0.1 * SD
-    assert tight.value("w") == pytest.approx(NATURAL, abs=3e-5)
+    assert tight["w"].value == pytest.approx(NATURAL, abs=3e-5)
 
 
 def test_a_small_error_of_the_solver_does_not_explain_what_the_model_lacks(pendulum: aero_bayes.Model) -> None:
@@ -100,5 +100,5 @@ def test_an_error_that_moves_no_parameter_is_no_finding(pendulum: aero_bayes.Mod
     assert "0.1 of its standard deviation" in harmless.diagnosis["solver"].what
     # To first order the shift is what a fit at the tighter tolerance finds.
     again = fitted(swing(), pendulum, 1e-7)
-    moved = abs(np.log(again.value("d") / found.value("d"))) / found.laplace.sd[found.laplace.names.index("d")]
+    moved = abs(np.log(again["d"].value / found["d"].value)) / found.laplace.sd[found.laplace.names.index("d")]
     assert found.solver_shift["d"] == pytest.approx(moved, rel=0.2)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from aero_bayes.estimate import Fit, FitSettings, Normal, fit_calibration
-from aero_bayes.estimate.band_width import NORMAL_HALF_WIDTH, conformal_quantile
-from aero_bayes.estimate.leave_out import equal_leverage_blocks
+from aero_bayes.estimate.band_width import conformal_quantile
+from aero_bayes.estimate.leave_out import BLOCK_COUNT, LinearisedFit, blocks_of_time
 from aero_bayes.sensors.whiteness import residual_correlation_time
+from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
 PRIOR_SD, ROWS, NOISE = 50.0, 240, 0.1
 SETTINGS = FitSettings(method="local", staged=False, ripple="ignore")
@@ -65,9 +66,8 @@ def test_the_factor_is_the_quantile_of_errors_of_refits_without_each_part(count:
     x, y = (np.concatenate(part) for part in zip(*recordings, strict=True))
     sd, y = found.noise["y"].sd, y[:, 0]
     memory = [residual_correlation_time([r]) for r in np.split(y - x @ found.values, count)]
-    blocks = equal_leverage_blocks(
-        found.series, x.T / sd * 180.0, np.eye(2) * (180.0 / PRIOR_SD) ** 2, int(np.ceil(2.0 * sum(memory)))
-    )
+    linear = LinearisedFit(x.T / sd * 180.0, np.zeros(len(x)), np.eye(2) * (180.0 / PRIOR_SD) ** 2)
+    blocks = blocks_of_time(found.series, linear.leverage, BLOCK_COUNT, int(np.ceil(2.0 * sum(memory))))
     parts = blocks[0] if count == 1 else np.split(np.arange(y.size), count)
     errors = np.empty(y.size)
     for part in parts:

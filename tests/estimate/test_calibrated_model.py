@@ -78,13 +78,13 @@ def test_both_give_the_loops_own_trajectory(
     sources = [CART / "Rig.mo", *(tmp_path / "written").glob("*.mo")]
     exported = loop.export_fmu(tmp_path / "exported.fmu")
     compiled = aero_bayes.export_fmu(loop.calibrated.name, tmp_path / "compiled.fmu", sources=sources)
-    start = loop.parameters["position_start"].value
+    start = loop["position_start"].value
     own = loop.predicted_after.fitted["train", "position"]
     for fmu in (exported, compiled):
         assert np.abs(trajectory(fmu, recording, start) - own).max() < 1e-6 * np.ptp(own)
     lines = written.read_text("utf-8").splitlines()
     k = next(line for line in lines if "k = " in line)
-    q05, q95 = loop.parameters["k"].q05, loop.parameters["k"].q95
+    q05, q95 = loop["k"].q05, loop["k"].q95
     assert f"// {q05:.6g} to {q95:.6g} N/m" in k
     assert "m = 1.25  // held" in "\n".join(lines)
     assert re.search(r"\btrain\.csv\b.*\b20\d\d-", lines[2])
@@ -114,7 +114,7 @@ def test_a_fit_of_an_fmu_says_where_its_values_are(recording: aero_bayes.Recordi
     again = aero_bayes.load_model(CART / "Rig.mo")
     fit = aero_bayes.fit(recording, again, parameters=free, settings=aero_bayes.FitSettings("local"), workers=0)
     fitted = aero_bayes.load_model(fit.export_fmu(str(tmp_path / "fitted.fmu")))
-    assert fitted.parameter("k").start == pytest.approx(fit.value("k"), rel=1e-11)
+    assert fitted.parameter("k").start == pytest.approx(fit["k"].value, rel=1e-11)
 
 
 ZONES = """

@@ -54,10 +54,10 @@ def fitted(modelica, recordings, limit) -> aero_bayes.Fit:
 def test_a_dead_time_of_many_samples_is_its_inputs_alone(modelica) -> None:
     fit = fitted(modelica, [room(1), room(2)], {"heater": 1800.0})
     assert set(fit.parameters) >= {"tau", "gain", "heater_delay"}
-    delay = fit.parameters["heater_delay"]
+    delay = fit["heater_delay"]
     assert delay.value == pytest.approx(DEAD, abs=4.0 * delay.sd)
     assert delay.sd < 5.0
-    assert fit.parameters["tau"].value == pytest.approx(TAU, rel=0.01)
+    assert fit["tau"].value == pytest.approx(TAU, rel=0.01)
     assert fit.rms["T"] == pytest.approx(NOISE, rel=0.05)
     together = fitted(modelica, [room(1), room(2)], 1800.0)
     assert together.rms["T"] > 2.0 * NOISE

@@ -76,6 +76,6 @@ def test_a_user_brings_a_prior_of_his_own():
     )  # fmt: skip
     precision = time.size / found.noise["y"].sd_white ** 2
     b = precision * y.mean() - 3.0
-    assert found.value("k") == pytest.approx((b + np.sqrt(b * b + 4.0 * precision * 8.0)) / (2.0 * precision), rel=2e-3)
-    assert found.value("k") > y.mean() + 0.02
-    assert re.match(facts("gamma", "9", "3"), found.parameters["k"].prior)
+    assert found["k"].value == pytest.approx((b + np.sqrt(b * b + 4.0 * precision * 8.0)) / (2.0 * precision), rel=2e-3)
+    assert found["k"].value > y.mean() + 0.02
+    assert re.match(facts("gamma", "9", "3"), found["k"].prior)

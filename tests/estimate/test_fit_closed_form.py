@@ -103,12 +103,12 @@ def test_a_parameter_without_effect_is_unidentified_and_gets_no_error_bar() -> N
     found = fit_calibration(
         calibration([(T, y)], ["y"], items), lambda p: FormulaSimulator(p, blind), FitSettings(swarm=SMALL)
     )
-    estimate = found.parameters["L_a"]
+    estimate = found["L_a"]
     assert estimate.status is Status.UNIDENTIFIED
     assert estimate.sd is None
     assert estimate.q05 is None
     assert estimate.value == 0.3
-    assert found.parameters["A"].sd is not None
+    assert found["A"].sd is not None
     assert "L_a" in found.identifiability.no_effect
 
 
@@ -144,8 +144,8 @@ def test_an_optional_parameter_is_freed_only_where_the_data_shows_it() -> None:
         found = fit_calibration(
             calibration([(times, y)], ["y"], items), lambda p: FormulaSimulator(p, two_speeds), FitSettings(swarm=SMALL)
         )
-        assert (found.parameters["L_a"].sd is not None) == shown
-        assert found.parameters["L_a"].value == (pytest.approx(0.02, rel=0.3) if shown else 0.03)
+        assert (found["L_a"].sd is not None) == shown
+        assert found["L_a"].value == (pytest.approx(0.02, rel=0.3) if shown else 0.03)
 
 
 def test_correlated_residuals_widen_the_intervals_and_warn() -> None:
@@ -164,7 +164,7 @@ def test_correlated_residuals_widen_the_intervals_and_warn() -> None:
     assert results["auto"].spread is not None
     assert results["white"].spread is None
     np.testing.assert_allclose(results["auto"].values, results["white"].values, atol=1e-4)
-    assert results["auto"].parameters["a"].sd > 3 * results["white"].parameters["a"].sd
+    assert results["auto"]["a"].sd > 3 * results["white"].parameters["a"].sd
     assert results["auto"].warnings
     assert "y" in results["auto"].warnings[0]
     assert results["white"].warnings

@@ -38,6 +38,6 @@ end Root;
             parameters=["a", "tau"],
             workers=0,
         )
-    assert found.value("tau") == pytest.approx(1.0, rel=0.03)
-    assert found.value("a") < 1e-2
+    assert found["tau"].value == pytest.approx(1.0, rel=0.03)
+    assert found["a"].value < 1e-2
     assert np.isfinite(found.covariance).all()

@@ -154,7 +154,7 @@ def test_starts_of_states_that_no_one_measured_are_found(modelica):
         truth |= {f"h1_start[{name}]": first, f"level_start[{name}]": second}
     assert set(truth) <= set(found.parameters)
     for name, value in truth.items():
-        estimate = found.parameters[name]
+        estimate = found[name]
         assert abs(estimate.value - value) < 4.5 * estimate.sd, name
         assert estimate.sd < 0.03, name
     # Held at the model's own start instead, the first tank spoils the fit.

@@ -76,7 +76,7 @@ def test_whole_number_switch_and_enumeration(model: aero_bayes.Model, table: dic
         recording_of(table), model, parameters={"R": (0.1, 20.0), **listed}, settings=QUICK, workers=0
     )
     assert found.trials[0].values == {"n": 3, "offset": False, "law": "Square"}
-    assert found.value("R") == pytest.approx(1.7, rel=0.02)
+    assert found["R"].value == pytest.approx(1.7, rel=0.02)
     assert len(found.trials) == 8
     assert found.trials[0].share > 0.999
     assert sum(t.share for t in found.trials) == pytest.approx(1.0)

@@ -46,7 +46,7 @@ def fitted(formula, names, truth, seed, low, high):
 def test_a_sign_that_is_squared(seed: int):
     found = fitted(squared, ("b", "tau"), (1.2, 2.0), seed, (-5.0, 0.1), (5.0, 20.0))
     (mode,) = found.modes
-    assert mode.values["b"] == pytest.approx(-found.value("b"), abs=1e-3)
+    assert mode.values["b"] == pytest.approx(-found["b"].value, abs=1e-3)
     assert mode.share == pytest.approx(0.5, abs=0.02)
     assert found.to_dict()["fit"]["modes"][0]["values"]["b"] == mode.values["b"]
     assert found.diagnosis["search"].found
@@ -57,7 +57,7 @@ def test_a_sign_that_is_squared(seed: int):
 def test_time_constants_that_may_swap(seed: int):
     found = fitted(swapped, ("tau_a", "tau_b"), (0.7, 4.0), seed, (0.1, 0.1), (20.0, 20.0))
     (mode,) = found.modes
-    assert mode.values["tau_a"] == pytest.approx(found.value("tau_b"), rel=1e-3)
+    assert mode.values["tau_a"] == pytest.approx(found["tau_b"].value, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -43,8 +43,8 @@ def test_declared_heavy_tails_hold_the_truth(room: aero_bayes.Model) -> None:
     settings = aero_bayes.FitSettings(noise=NoiseModel(outputs=(("T", "student"),)))
     found = aero_bayes.fit(with_outliers(2), room, parameters=["C", "G"], settings=settings, workers=0)
     assert found.noise_table()["T"]["kind"] == "student"
-    assert abs(found.value("C") - C) < 4.0 * found.parameters["C"].sd
-    assert abs(found.value("G") - G) < 4.0 * found.parameters["G"].sd
+    assert abs(found["C"].value - C) < 4.0 * found["C"].sd
+    assert abs(found["G"].value - G) < 4.0 * found["G"].sd
 
 
 def test_white_noise_stays_white(room: aero_bayes.Model) -> None:

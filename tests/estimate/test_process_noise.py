@@ -109,11 +109,11 @@ def test_fit_is_the_maximum_of_another_filters_likelihood(case):
         return -log_likelihood(recording, *values) - prior
 
     best = minimize(cost, np.log(TRUTH), method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-9, "maxiter": 4000})
-    values = np.array([fit.value(name) for name in NAMES])
+    values = np.array([fit[name].value for name in NAMES])
     sd = np.sqrt(np.diag(np.linalg.inv(curvature(cost, best.x))))
     assert fit.log_likelihood == pytest.approx(log_likelihood(recording, *values), abs=1e-4)
     np.testing.assert_array_less(np.abs(np.log(values) - best.x), 0.03 * sd)
-    found = [fit[name].sd / fit.value(name) for name in NAMES]
+    found = [fit[name].sd / fit[name].value for name in NAMES]
     np.testing.assert_allclose(found, sd, rtol=0.35)  # expected information against observed
 
 
@@ -141,7 +141,7 @@ def test_innovations_and_smoothed_states_hold_what_they_promise(case):
     inside = np.abs(x - states.mean[:, 0]) <= 1.645 * states.sd[:, 0]
     assert 0.75 < np.mean(inside) <= 1.0
     assert fit.warnings == ()
-    assert fit.to_dict()["process_noise"]["x"]["value"] == fit.value("process.x")
+    assert fit.to_dict()["process_noise"]["x"]["value"] == fit["process.x"].value
 
 
 def test_posterior_is_that_of_a_grid(model, case):

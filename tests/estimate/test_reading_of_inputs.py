@@ -77,7 +77,7 @@ def test_the_fit_decides_for_each_input(modelica, heater_is: Interpolation, at_n
     fit = fitted(modelica, house(heater_is, at_night), "auto")
     assert fit.to_dict()["fit"]["interpolation"] == {"T_amb": "linear", "heater": heater_is}
     assert fit.rms["T"] == pytest.approx(NOISE, rel=0.1)
-    assert fit.parameters["gain"].value == pytest.approx(GAIN, rel=0.01)
+    assert fit["gain"].value == pytest.approx(GAIN, rel=0.01)
 
 
 def test_a_reading_by_name_and_what_may_move(modelica) -> None:

@@ -47,10 +47,10 @@ def test_value_of_the_search_is_kept(
     model, recording = modelica(BRANCH), stepped(rng, gain)
     settings = FitSettings(calibration=START_AT_READING)
     fit = aero_bayes.fit(recording, model, parameters=["limit", "tau", "idle"], settings=settings, workers=0)
-    assert low <= fit.value("limit") <= high
-    assert fit.value("tau") == pytest.approx(4.0, rel=0.03)
+    assert low <= fit["limit"].value <= high
+    assert fit["tau"].value == pytest.approx(4.0, rel=0.03)
     assert fit.rms["y"] < 0.012
-    assert fit.value("idle") == 3.0
+    assert fit["idle"].value == 3.0
     assert fit.unidentified[-1] == "idle"
     steps = fit.identifiability.in_steps
     if gain == 1.0:  # where the start is in the right branch there is nothing to keep

@@ -82,7 +82,7 @@ def test_a_wrong_model_follows_the_data_as_least_squares_does(wrong):
     found, readings = wrong
     least = min(
         (least_squares(lambda p: linear(*p) - readings, start, bounds=([1.0, 0.01], [100.0, 10.0])) for start in
-         ([found.value("k"), found.value("d")], [14.0, 0.6])),
+         ([found["k"].value, found["d"].value], [14.0, 0.6])),
         key=lambda r: r.cost,
     )  # fmt: skip
     squares = np.sqrt(np.mean(least.fun**2))
@@ -111,7 +111,7 @@ def test_the_right_model_says_nothing(modelica):
     assert found.warnings == ()
     assert found.spread is None
     for name, truth in (("k", 10.0), ("d", 0.6)):
-        assert abs(found.value(name) - truth) < 4.5 * found.parameters[name].sd
+        assert abs(found[name].value - truth) < 4.5 * found[name].sd
 
 
 def test_a_parameter_that_ends_on_its_bound_has_no_interval():
@@ -128,7 +128,7 @@ def test_a_parameter_that_ends_on_its_bound_has_no_interval():
     found = fit_calibration(
         problem, lambda p: closed_form.FormulaSimulator(p, decay), FitSettings(swarm=SwarmSettings(16, 30))
     )
-    estimate, inside = found.parameters["r"], found.parameters["A"]
+    estimate, inside = found["r"], found["A"]
     assert estimate.value == pytest.approx(1.2, rel=1e-6)
     assert estimate.status is Status.AT_BOUND
     assert (estimate.sd, estimate.q05, estimate.q50, estimate.q95) == (None,) * 4

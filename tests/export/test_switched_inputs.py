@@ -37,7 +37,7 @@ def test_boolean_and_integer_inputs(tmp_path: Path):
     recording = aero_bayes.Recording("made", time, {"open": opened.astype(float), "steps": steps}, {"y": noisy}, units)
     settings = aero_bayes.FitSettings(method="local")
     found = aero_bayes.fit(recording, model, parameters=["R"], settings=settings, workers=0)
-    assert found.value("R") == pytest.approx(1.3, rel=0.01)
+    assert found["R"].value == pytest.approx(1.3, rel=0.01)
     assert found.rms["y"] == pytest.approx(0.01, rel=0.15)
 
 

@@ -78,7 +78,7 @@ def test_published_parameters_come_back_from_a_simulated_record(tmp_path: Path, 
     )
     found = fit(record(np.random.default_rng(3)), model, parameters=parameters, settings=settings, workers=0)
     for name, value in PUBLISHED.items():
-        estimate = found.parameters[name]
+        estimate = found[name]
         assert estimate.value == pytest.approx(value, rel=0.01 if name == "offset" else 2e-3)
         assert abs(estimate.value - value) < 4.5 * estimate.sd
     assert found.noise["V"].sd == pytest.approx(0.01, rel=0.15)

@@ -35,11 +35,11 @@ def typed(cart: SimpleNamespace) -> dict[str, Any]:
 
 def test_every_call_does_as_typed(typed: dict[str, Any], cart: SimpleNamespace):
     assert len([line for line in SCRIPT.read_text("utf-8").splitlines() if line and "import" not in line]) >= 60
-    assert typed["fit"].parameters["k"].value == typed["k"]
+    assert typed["fit"]["k"].value == typed["k"]
     assert typed["lists"].sha256 == typed["same"].sha256
     assert np.array_equal(typed["train"].time, typed["same"].time)
     assert typed["posterior"].draws.shape[:2] == (4, 50)
-    assert typed["loop"].parameters["k"].value == pytest.approx(typed["again"].parameters["k"].value, rel=1e-3)
+    assert typed["loop"]["k"].value == pytest.approx(typed["again"]["k"].value, rel=1e-3)
     for name in ("fit.html", "posterior.html"):
         assert "<svg" in (cart.folder / name).read_text("utf-8")
     assert (cart.folder / "all.png").stat().st_size > 50_000

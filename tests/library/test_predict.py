@@ -46,7 +46,7 @@ def test_another_recording_starts_at_its_own_readings(cart: SimpleNamespace):
     moved = replace(cart.recording, outputs={"position": cart.recording.outputs["position"] + 0.05}, sha256="")
     found = cart.fit.simulate(moved).outputs["position"]
     first = cart.recording.outputs["position"][cart.recording.time < 1.0]  # at rest until the force first changes
-    shift = cart.fit.value("position_start") - np.mean(first)  # as far off its readings as the fitted one
+    shift = cart.fit["position_start"].value - np.mean(first)  # as far off its readings as the fitted one
     doubt = np.std(first) / np.sqrt(first.size)
     assert abs(shift) > 6.0 * doubt
     assert found[0] == pytest.approx(np.mean(first) + 0.05 + shift, abs=doubt)
@@ -117,7 +117,7 @@ def test_tables_are_data_frames(cart: SimpleNamespace, loop: aero_bayes.LoopResu
     frame = cart.recording.to_frame()
     assert np.array_equal(frame["position"], cart.recording.outputs["position"])
     assert frame.index.name == "time"
-    assert cart.fit.to_frame().loc["k", "value"] == cart.fit.value("k")
+    assert cart.fit.to_frame().loc["k", "value"] == cart.fit["k"].value
     assert run.to_frame().loc["k", "q95"] == run.result.parameters["k"].q95
     assert loop.to_frame()["chosen"].sum() == len(loop.effects)
     assert set(cart.model.to_frame()["kind"]) == {"parameter", "input", "output", "state"}

@@ -32,7 +32,7 @@ def test_matlab_reads_values_spread_and_units(cart: SimpleNamespace, tmp_path: P
 
 def test_the_script_for_matlab_says_the_same_as_the_file(cart: SimpleNamespace, tmp_path: Path) -> None:
     text = cart.fit.to_matlab(tmp_path / "cart.m").read_text("utf-8")
-    assert float(re.search(r"^fitted\.parameter\.k = (\S+);$", text, re.M)[1]) == cart.fit.value("k")
+    assert float(re.search(r"^fitted\.parameter\.k = (\S+);$", text, re.M)[1]) == cart.fit["k"].value
     rows = re.search(r"^fitted\.covariance = \[(.*)\];$", text, re.M)[1].split("; ")
     np.testing.assert_array_equal([[float(x) for x in row.split()] for row in rows], cart.fit.parameter_covariance)
     assert all(line.startswith(("%", "fitted.", "clear ")) for line in text.splitlines())
@@ -42,7 +42,7 @@ def test_dymola_sets_what_was_fitted(cart: SimpleNamespace, tmp_path: Path) -> N
     lines = cart.fit.to_dymola(tmp_path / "cart.mos").read_text("utf-8").splitlines()
     given = dict(re.findall(r"^(\w+) = ([^;]+);", "\n".join(lines), re.M))
     assert {name: float(value) for name, value in given.items()} == {
-        "k": cart.fit.value("k"), "d": cart.fit.value("d"), "position": cart.fit.value("position_start"),
+        "k": cart.fit["k"].value, "d": cart.fit["d"].value, "position": cart.fit["position_start"].value,
     }  # fmt: skip
     calls = [line.partition("(")[0] for line in lines if "(" in line and not line.startswith("//")]
     assert calls == ["openModel", "translateModel", "simulateModel"]

@@ -86,7 +86,7 @@ def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
     assert {terms for (terms,) in average.structures} == {"pitch_delay", "thrust_lag"}
     assert sum(average.wins) == pytest.approx(1.0)
     for name in average.draws:
-        mixture, stated = average.mixture(name), found.parameters[name]
+        mixture, stated = average.mixture(name), found[name]
         assert (stated.q05, stated.q95) == (mixture.q05, mixture.q95)
         alone = average.chosen(name)
         assert alone.q95 - alone.q05 == pytest.approx(2 * 1.645 * alone.sd, rel=0.05)

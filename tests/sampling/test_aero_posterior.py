@@ -50,14 +50,14 @@ def posterior(found: Fit) -> Posterior:
 def test_the_truth_lies_where_the_laplace_approximation_says(found: Fit) -> None:
     assert found.reason.converged
     for name in FREE:
-        estimate = found.parameters[name]
+        estimate = found[name]
         assert estimate.status is Status.IDENTIFIED
         assert abs(estimate.value - getattr(TRUTH, name)) < 4.9 * estimate.sd, name
-    assert abs(found.value("input_delay") - 0.006) < 4.9 * found.parameters["input_delay"].sd
+    assert abs(found["input_delay"].value - 0.006) < 4.9 * found["input_delay"].sd
     assert found.noise["omega_m"].kind == "white"
     assert found.noise["theta"].sd == pytest.approx(2e-3, rel=0.1)
     assert found.warnings == ()
-    assert found.parameters["J_p"].status is Status.FIXED
+    assert found["J_p"].status is Status.FIXED
     assert found.failures["completed"] > 0
 
 
@@ -67,7 +67,7 @@ def test_posterior_agrees_with_laplace_and_is_written_whole(posterior: Posterior
     assert posterior.steps >= 20 * posterior.tau
     assert posterior.ess_bulk_min >= 1000.0
     for name in FREE:
-        one, two = posterior.fit.parameters[name], posterior.parameters[name]
+        one, two = posterior.fit[name], posterior[name]
         assert two.sd == pytest.approx(one.sd, rel=0.25), name
         assert abs(two.value - one.value) < 0.35 * one.sd, name
     written = json.loads(json.dumps(posterior.to_dict()))
@@ -97,15 +97,15 @@ def test_a_missing_effect_is_no_noise_and_leaves_the_motor_alone(models: dict[st
     assert wrong.noise["theta"].model_error
     assert any("theta" in w for w in wrong.warnings)
     for name in ("R_a", "c_m", "J_r", "k_d"):
-        assert abs(wrong.value(name) - getattr(TRUTH, name)) < 5.5 * wrong.parameters[name].sd, name
+        assert abs(wrong[name].value - getattr(TRUTH, name)) < 5.5 * wrong[name].sd, name
 
 
 def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> None:
     full = recording(Truth("half_quad", HALF_QUAD, (), 0.006))
     alone = Recording(full.name, full.time, full.inputs, {"theta": full.outputs["theta"]}, full.units)
     found = fit(alone, models["HalfQuad"], settings=SETTINGS, workers=1)
-    assert found.parameters["R_a"].status is not Status.IDENTIFIED
-    assert found.parameters["K_sp"].status is Status.IDENTIFIED
+    assert found["R_a"].status is not Status.IDENTIFIED
+    assert found["K_sp"].status is Status.IDENTIFIED
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the measured recordings are not here")
@@ -115,6 +115,6 @@ def test_real_step_recording(models: dict[str, Model]) -> None:
     assert all(share >= 0.88 for share in found.predict(read_recording(REAL), draws=30).coverage.values())
     assert found.rms["theta"] < 0.0108
     assert found.noise["theta"].model_error
-    assert 9.0 < found.value("R_a") < 10.5
-    assert 0.003 < found.value("input_delay") < 0.006
-    assert found.parameters["L_a"].sd is None
+    assert 9.0 < found["R_a"].value < 10.5
+    assert 0.003 < found["input_delay"].value < 0.006
+    assert found["L_a"].sd is None

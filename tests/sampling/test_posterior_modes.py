@@ -64,7 +64,7 @@ def test_every_ensemble_has_draws_of_both_modes(posterior: Posterior) -> None:
 
 
 def test_the_value_is_that_of_one_answer_and_the_interval_of_all(posterior: Posterior) -> None:
-    entry = posterior.parameters["b"]
+    entry = posterior["b"]
     assert abs(entry.value) == pytest.approx(GAIN, abs=5.0 * SD)
     assert entry.q05 == pytest.approx(-GAIN, abs=5.0 * SD)
     assert entry.q95 == pytest.approx(GAIN, abs=5.0 * SD)

@@ -64,14 +64,14 @@ def test_a_fit_finds_the_truth_with_the_spread_of_least_squares(fit, recording):
     s = np.stack(slopes, axis=1)
     expected = SD * np.sqrt(np.diag(np.linalg.inv(s.T @ s)))
     for name, truth, sd in zip(("gain", "rate"), (GAIN, RATE), expected, strict=True):
-        assert abs(fit.value(name) - truth) < 4.5 * sd
-        assert fit.parameters[name].sd == pytest.approx(sd, rel=0.25)
+        assert abs(fit[name].value - truth) < 4.5 * sd
+        assert fit[name].sd == pytest.approx(sd, rel=0.25)
     assert fit.rms["T"] == pytest.approx(SD, rel=0.2)
 
 
 def test_a_posterior_and_a_prediction(fit, recording):
     posterior = aero_bayes.sample(fit, settings=aero_bayes.SampleSettings(max_steps=8), seed=1, workers=0)
-    assert abs(np.mean(posterior.samples("rate")) - fit.value("rate")) < 4.0 * fit.parameters["rate"].sd
+    assert abs(np.mean(posterior.samples("rate")) - fit["rate"].value) < 4.0 * fit["rate"].sd
     assert fit.predict(recording).rms["T"] == pytest.approx(SD, rel=0.2)
 
 

@@ -74,8 +74,8 @@ def test_data_choose_the_law_they_were_made_with(replay):
     linear, quadratic = replay.details.linear, replay.details.quadratic
     assert quadratic.log_likelihood > linear.log_likelihood + 50.0
     assert quadratic.rms["i_m"] < linear.rms["i_m"]
-    assert quadratic.value("k_d") == pytest.approx(2.4e-8 * 1.08, rel=0.02)
-    assert quadratic.value("R_a") == pytest.approx(8.4 * 1.07, rel=0.02)
+    assert quadratic["k_d"].value == pytest.approx(2.4e-8 * 1.08, rel=0.02)
+    assert quadratic["R_a"].value == pytest.approx(8.4 * 1.07, rel=0.02)
 
 
 def test_curves_of_figure_6(replay):

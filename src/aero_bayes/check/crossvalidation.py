@@ -222,8 +222,9 @@ def _values(alone: Calibration, rest: Fit, coordinates: FloatArray) -> FloatArra
     """SI values (p,) for a recording left out: shared ones at a point of the others' posterior, own ones at a start."""
     items = rest.calibration.parameters.items
     searched = ParameterSet(tuple(items[j] for j in rest.free))
-    named = rest.named | dict(zip(searched.names, searched.from_search(coordinates).tolist(), strict=True))
-    return np.array([p.start if p.recording is not None else named[p.name] for p in alone.parameters])
+    drawn = dict(zip(searched.names, searched.from_search(coordinates).tolist(), strict=True))
+    shared = {p.name: drawn.get(p.name, float(rest[p.name])) for p in alone.parameters if p.recording is None}
+    return np.array([shared.get(p.name, p.start) for p in alone.parameters])
 
 
 def _integrated(target: Target, noise: FloatArray) -> tuple[float, FloatArray]:

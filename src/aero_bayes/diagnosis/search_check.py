@@ -37,5 +37,5 @@ def check_search(fit: Fit, left: LeftOver) -> DiagnosisRow:
     # A model that lacks an effect drives parameters to bounds, too, so that a bound alone explains no residual.
     return DiagnosisRow(
         "search", True, f"The best value of {join_names(bounds)} lies on a bound of the search range.",
-        ", ".join(f"{name} = {fit.value(name):.4g}" for name in bounds), "Widen the bounds if they are not physical.",
+        ", ".join(f"{name} = {fit[name].value:.4g}" for name in bounds), "Widen the bounds if they are not physical.",
     )  # fmt: skip

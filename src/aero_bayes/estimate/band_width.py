@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.leave_out import MIN_BLOCK_READINGS, Readings, equal_leverage_blocks, leave_blocks_out
+from aero_bayes.estimate.leave_out import BLOCK_COUNT, MIN_BLOCK_READINGS, LinearisedFit, Readings, blocks_of_time
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
-from aero_bayes.estimate.parameters import prior_curvature
 from aero_bayes.sensors.whiteness import residual_correlation_time
+from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
 FloatArray = NDArray[np.float64]
 
-#: Share of new readings that a band holds, and half its width in standard deviations where errors are normal.
-BAND_SHARE, NORMAL_HALF_WIDTH = 0.9, 1.6448536269514722
+#: Share of new readings that a band holds.
+BAND_SHARE = 0.9
 #: Average length of a block that is left out, in correlation times of the residual.
 BLOCK_LENGTH = 2.0
 
@@ -95,20 +95,19 @@ def _leave_out_changes(calibration: Calibration, series: Sequence[Series], optim
     assert optimum.evaluation.slopes is not None
     parameters = calibration.parameters
     shared = [k for k, j in enumerate(optimum.free) if parameters.items[j].recording is None]
-    second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in shared]]
-    slopes, prior = optimum.whitened.slopes[shared], prior_curvature(second)
+    linear = LinearisedFit.of(optimum, parameters, shared)
     plain = np.concatenate([by[shared] for by in optimum.evaluation.slopes], axis=1)
     changes = np.zeros(plain.shape[1])
-    for left in leave_blocks_out(slopes, optimum.whitened.residual, prior, _parts(series, slopes, prior, optimum)):
+    for left in linear.without(_parts(series, linear.leverage, optimum)):
         changes[left.readings] = left.step @ plain[:, left.readings]
     return np.split(changes, np.cumsum([s.sampling.size for s in series])[:-1])
 
 
-def _parts(series: Sequence[Series], slopes: FloatArray, prior: FloatArray, optimum: Optimum) -> list[Readings]:
+def _parts(series: Sequence[Series], leverage: FloatArray, optimum: Optimum) -> list[Readings]:
     """What is left out in turn: each recording; of a single one, blocks that are long beside the residual's memory."""
     lengths = [residual_correlation_time([r]) for r in optimum.evaluation.residual]
     least = math.ceil(BLOCK_LENGTH * sum(lengths))
-    by_recording = equal_leverage_blocks(series, slopes, prior, max(least, MIN_BLOCK_READINGS))
+    by_recording = blocks_of_time(series, leverage, BLOCK_COUNT, max(least, MIN_BLOCK_READINGS))
     if len(by_recording) > 1:
         return [np.concatenate(blocks) for blocks in by_recording]
     return by_recording[0]

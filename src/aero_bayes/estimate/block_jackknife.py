@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-from aero_bayes.estimate.leave_out import time_cells
+from aero_bayes.estimate.leave_out import LinearisedFit, time_cells
 from aero_bayes.estimate.objective import Series
 
 FloatArray = NDArray[np.float64]
@@ -48,19 +48,12 @@ def jackknife_covariance(series: Sequence[Series], slopes: FloatArray, residual:
         a Gaussian is that of Student's t.
     """
     recordings = sorted({s.experiment for s in series})
-    cells = max(round(STEPS * JACKKNIFE_BLOCKS / len(recordings)), STEPS)
-    leverage = np.einsum("kn,kn->n", slopes, slopes)
-    shifts = []
-    for recording in recordings:
-        parts = time_cells(series, leverage, recording, cells)
-        information = np.array([slopes[:, part] @ slopes[:, part].T for part in parts])
-        score = np.array([slopes[:, part] @ residual[part] for part in parts])
-        for first in range(cells - STEPS + 1):
-            block = slice(first, first + STEPS)
-            values, vectors = np.linalg.eigh(np.eye(len(slopes)) - information[block].sum(axis=0))
-            left = np.maximum(values, MIN_INFORMATION_LEFT)
-            shifts.append(vectors @ (vectors.T @ score[block].sum(axis=0) / left))
-    blocks = len(recordings) * cells / STEPS
-    moved = np.array(shifts)
+    count = max(round(STEPS * JACKKNIFE_BLOCKS / len(recordings)), STEPS)
+    linear = LinearisedFit(slopes, residual, np.zeros((len(slopes), len(slopes))))
+    cells = [cell for e in recordings for cell in time_cells(series, linear.leverage, e, count)]
+    starts = [k * count + first for k in range(len(recordings)) for first in range(count - STEPS + 1)]
+    windows = [slice(a, a + STEPS) for a in starts]
+    moved = np.array([left.step for left in linear.without(cells, windows, MIN_INFORMATION_LEFT)])
+    blocks = len(cells) / STEPS
     widening = float(stdtrit(blocks - 1.0, 0.95) / ndtri(0.95)) ** 2
     return np.asarray((blocks - 1.0) * widening * moved.T @ moved / len(moved))

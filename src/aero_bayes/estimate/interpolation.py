@@ -19,15 +19,13 @@ from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.progressive_horizon import OpenSimulator, floor_ratio
+from aero_bayes.estimate.progressive_horizon import GOOD_FIT_RATIO, OpenSimulator, floor_ratio
 from aero_bayes.simulation.interface import Interpolation
 
 #: Least share of an input's changes that follow another change at once, for linear interpolation to make sense.
 MIN_FOLLOWING_SHARE = 0.5
 #: Gain in log-likelihood at which another interpolation of an input is preferred.
 MIN_LOG_LIKELIHOOD_GAIN = 10.0
-#: Residual over noise floor above which a fit with other interpolation starts anew: it may be at a wrong optimum.
-MAX_EXPLAINED_FLOOR_RATIO = 1.5
 
 
 def moving_inputs(calibration: Calibration) -> tuple[str, ...]:
@@ -79,7 +77,8 @@ def choose_interpolation(
     before, here = search.objective.calibration, result.optimum
     if (linear := with_linear_inputs(before)) is None:
         return None
-    far = floor_ratio(search.objective, here.evaluation.residual) > MAX_EXPLAINED_FLOOR_RATIO
+    # It may be at a wrong optimum: the other interpolation then starts anew.
+    far = floor_ratio(search.objective, here.evaluation.residual) > GOOD_FIT_RATIO
     found = _better_fit(search, here, linear, open_simulator, (rng, result.swarm) if far else None)
     best, here = (before, here) if found is None else (linear, found)
     moving = moving_inputs(before)

@@ -9,11 +9,10 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Identifiability, Status
 from aero_bayes.estimate.laplace import Laplace
 from aero_bayes.estimate.parameter_estimates import Estimate, fixed_parameters
+from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
 FloatArray = NDArray[np.float64]
 _NO_INTERVAL: tuple[float | None, float | None, float | None, float | None] = (None, None, None, None)
-#: 95 % quantile of the standard normal distribution.
-_Q95 = 1.6448536269514722
 
 
 def laplace_estimates(
@@ -48,7 +47,7 @@ def laplace_estimates(
         if status in (Status.IDENTIFIED, Status.WEAK):
             position = free.index(column)
             mean, sd = laplace.mean[position], laplace.sd[position]
-            u = mean + sd * np.array([-_Q95, 0.0, _Q95])
+            u = mean + sd * np.array([-NORMAL_HALF_WIDTH, 0.0, NORMAL_HALF_WIDTH])
             x = np.exp(u) if item.scale == "log" else u * (item.upper - item.lower)
             low, middle, high = np.clip(x, item.lower, item.upper).tolist()
             interval = float(sd * slopes[column]), low, middle, high

@@ -1,7 +1,7 @@
-"""Leave-one-out in closed form: where a fit goes to first order when a block of its readings is left out.
+"""Leave readings out of a fit in closed form: where it goes to first order without a block of its readings.
 
 No simulation is needed beyond the sensitivities at the optimum. For a model that is linear in its parameters, with
-normal priors, it is exact.
+normal priors, it is exact. Bands, intervals and the choice among structures all leave out by this one function.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
+from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 
 FloatArray = NDArray[np.float64]
 Readings = NDArray[np.int_]
@@ -34,38 +36,82 @@ class BlockLeftOut:
         Columns of the whitened slopes that were left out.
     step : ndarray, shape (k,)
         Change of the parameters' search coordinates, by one Newton step.
-    log_information_lost : float
-        Log-determinant of the curvature of the log-posterior with the block, less that without it.
     """
 
     readings: Readings
     step: FloatArray
-    log_information_lost: float
 
 
-def equal_leverage_blocks(
-    series: Sequence[Series], slopes: FloatArray, prior: FloatArray, least: int = MIN_BLOCK_READINGS
-) -> list[list[Readings]]:
-    """Readings (columns of the whitened slopes) by recording, and in each by block of time, all outputs together.
-
-    Blocks have equal leverage, so that the fit without one of them is close to the full fit and its linearisation
-    holds. A transient that determines most parameters is thus cut into many blocks.
+@dataclass(frozen=True, eq=False)
+class LinearisedFit:
+    """A fit to first order about its optimum.
 
     Parameters
     ----------
-    series : sequence of Series
     slopes : ndarray, shape (k, N)
-        Whitened, all series end to end.
+        Whitened sensitivities of the parameters that move, all series end to end.
+    residual : ndarray, shape (N,)
+        Whitened.
     prior : ndarray, shape (k, k)
         Curvature of the negative log-prior.
-    least : int
-        Readings of a block on average, at least.
     """
-    leverage = np.einsum("kn,kn->n", slopes, np.linalg.solve(slopes @ slopes.T + prior, slopes))
+
+    slopes: FloatArray
+    residual: FloatArray
+    prior: FloatArray
+
+    @classmethod
+    def of(cls, optimum: Optimum, parameters: ParameterSet, moving: Sequence[int]) -> LinearisedFit:
+        """Linearise an optimum over some of its free columns, given by their places among them."""
+        second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in moving]]
+        return cls(optimum.whitened.slopes[list(moving)], optimum.whitened.residual, prior_curvature(second))
+
+    @property
+    def leverage(self) -> FloatArray:
+        """How much each reading determines the parameters (N,); the sum is at most their number."""
+        curvature = self.slopes @ self.slopes.T + self.prior
+        return np.einsum("kn,kn->n", self.slopes, np.linalg.pinv(curvature, hermitian=True) @ self.slopes)
+
+    def without(
+        self, cells: Sequence[Readings], windows: Sequence[slice] | None = None, least: float = MIN_CURVATURE_SHARE
+    ) -> Iterator[BlockLeftOut]:
+        """Leave each block out in turn.
+
+        At the optimum the gradient of the log-posterior is zero, so that without block ``b`` it is ``-S_b r_b``, and
+        the Newton step is ``-H_b^-1 S_b r_b`` with the curvature ``H_b`` of what remains.
+
+        Parameters
+        ----------
+        cells : sequence of ndarray of int
+            Together all readings.
+        windows : sequence of slice, optional
+            The cells of each block; each cell is a block by default.
+        least : float
+            Least curvature in any direction, as a share of that of all readings.
+        """
+        slopes, residual = self.slopes, self.residual
+        own = np.array([slopes[:, cell] @ slopes[:, cell].T for cell in cells])
+        whole = self.prior + own.sum(axis=0)
+        unit = 1.0 / np.sqrt(np.diag(whole))
+        for window in windows or [slice(k, k + 1) for k in range(len(cells))]:
+            block = np.concatenate(cells[window])
+            # Sum the other cells: a difference would lose a direction that only this block determines.
+            rest = self.prior + own[: window.start].sum(axis=0) + own[window.stop :].sum(axis=0)
+            values, vectors = np.linalg.eigh(rest * np.outer(unit, unit))
+            pull = vectors.T @ (unit * (slopes[:, block] @ residual[block]))
+            yield BlockLeftOut(block, -unit * (vectors @ (pull / np.maximum(values, least))))
+
+
+def blocks_of_time(series: Sequence[Series], leverage: FloatArray, count: int, least: int) -> list[list[Readings]]:
+    """Readings (columns of the whitened slopes) by recording, and in each by block of time, all outputs together.
+
+    Blocks have equal shares of readings and of leverage (N,), so that the fit without one of them is close to the full
+    fit and its linearisation holds. There are at most ``count`` in a recording, of ``least`` readings on average.
+    """
     found = []
     for e in sorted({s.experiment for s in series}):
         readings = sum(s.sampling.size for s in series if s.experiment == e)
-        cells = time_cells(series, leverage, e, max(min(BLOCK_COUNT, readings // least), 1))
+        cells = time_cells(series, leverage, e, max(min(count, readings // least), 1))
         found.append([cell for cell in cells if cell.size])
     return found
 
@@ -84,39 +130,3 @@ def time_cells(series: Sequence[Series], leverage: FloatArray, recording: int, c
     cell = np.minimum((np.cumsum(share) - 0.5 * share) / share.sum() * count, count - 1).astype(np.int64)
     edges = np.searchsorted(cell, np.arange(count + 1)).tolist()
     return [columns[a:b] for a, b in pairwise(edges)]
-
-
-def leave_blocks_out(
-    slopes: FloatArray, residual: FloatArray, prior: FloatArray, blocks: Sequence[Readings]
-) -> Iterator[BlockLeftOut]:
-    """Leave each block out in turn.
-
-    At the optimum the gradient of the log-posterior is zero, so that without block ``b`` it is ``-S_b r_b``, and the
-    Newton step is ``-H_b^-1 S_b r_b`` with the curvature ``H_b`` of what remains.
-
-    Parameters
-    ----------
-    slopes : ndarray, shape (k, N)
-        Whitened sensitivities of the parameters that all blocks share.
-    residual : ndarray, shape (N,)
-        Whitened.
-    prior : ndarray, shape (k, k)
-        Curvature of the negative log-prior.
-    blocks : sequence of ndarray of int
-        Together all readings.
-    """
-    own = [slopes[:, block] @ slopes[:, block].T for block in blocks]
-    whole = prior + sum(own)
-    unit = 1.0 / np.sqrt(np.diag(whole))
-    volume = float(np.log(_spectrum(whole, unit)[0]).sum())
-    for k, block in enumerate(blocks):
-        # Sum the other blocks: a difference would lose a direction that only this block determines.
-        values, vectors = _spectrum(prior + sum(own[:k] + own[k + 1 :]), unit)
-        pull = vectors.T @ (unit * (slopes[:, block] @ residual[block]))
-        yield BlockLeftOut(block, -unit * (vectors @ (pull / values)), volume - float(np.log(values).sum()))
-
-
-def _spectrum(curvature: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and eigenvectors of a curvature in units of its parameters; bounded below by rounding."""
-    values, vectors = np.linalg.eigh(curvature * np.outer(unit, unit))
-    return np.maximum(values, MIN_CURVATURE_SHARE), vectors

@@ -92,7 +92,7 @@ class OtherTools(EstimateTable):
         --------
         >>> from scipy.io import loadmat
         >>> read = loadmat(fit.to_matlab("fit.mat"), simplify_cells=True)["fitted"]
-        >>> bool(read["parameter"]["k"] == fit.value("k")), read["unit"][0], read["covariance"].shape
+        >>> bool(read["parameter"]["k"] == fit["k"].value), read["unit"][0], read["covariance"].shape
         (True, 'N/m', (3, 3))
         """
         path = _target(path, (".m", ".mat"))

@@ -63,6 +63,9 @@ class EstimateTable(ABC):
             raise InputError(f"no parameter {name!r}{known_names_hint(str(name), table)}")
         return table[name]
 
+    def __contains__(self, name: str) -> bool:
+        return name in self.parameters
+
     def to_frame(self) -> pandas.DataFrame:
         """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
 

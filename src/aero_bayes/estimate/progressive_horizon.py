@@ -25,6 +25,8 @@ OpenSimulator = Callable[[Problem], AbstractContextManager[Simulator]]
 
 #: Shares of the recordings that are fitted one after the other.
 HORIZON_SHARES = (0.05, 0.075, 0.11, 0.17, 0.25, 0.38, 0.57, 0.8)
+#: Residual over noise floor up to which no other optimum can be much better.
+GOOD_FIT_RATIO = 1.2
 #: From this share on, the residuals must be at most this many times those of a fit that is known already.
 MIN_CHECKED_SHARE, MAX_RESIDUAL_RATIO = 0.17, 0.8
 

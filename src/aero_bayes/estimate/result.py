@@ -97,10 +97,10 @@ class Fit(FitStatistics, OtherTools):
 
     Examples
     --------
-    >>> fit["k"].unit == "N/m", float(fit["k"]) == fit.value("k")
-    (True, True)
-    >>> fit.parameters["k"].unit, fit.parameters["k"].q05 < fit.value("k") == fit.named["k"]
+    >>> fit["k"].unit, fit["k"].q05 < fit["k"].value == float(fit["k"])
     ('N/m', True)
+    >>> list(fit.parameters)[:2]
+    ['k', 'd']
     >>> fit.outputs, fit.unidentified, fit.warnings[0].split(":")[0]
     (('position',), (), 'The model does not explain position')
     >>> fit.rms == {"position": fit.rms_by_recording["train"]["position"]}  # m
@@ -155,16 +155,7 @@ class Fit(FitStatistics, OtherTools):
         """The log-posterior over the free and the noise parameters, through a ``simulator`` of the same problem."""
         return JointTarget(self.target(simulator), NoiseLayout.of(self.calibration, self.noise))
 
-    def value(self, name: str) -> float:
-        """SI value of a parameter by its ``name``; InputError for one that is not there."""
-        return float(self.values[self.calibration.parameters.index(name)])
-
-    @property
-    def named(self) -> dict[str, float]:
-        """SI values by name."""
-        return dict(zip(self.calibration.parameters.names, self.values.tolist(), strict=True))
-
-    @property
+    @cached_property
     def parameters(self) -> dict[str, Estimate]:
         """Every parameter with its Laplace interval, the model's fixed ones included."""
         table = laplace_estimates(self.calibration, self.values, self.free, self.identifiability, self.laplace)

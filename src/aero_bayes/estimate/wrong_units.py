@@ -110,9 +110,8 @@ def _readings(calibration: Calibration) -> list[_Reading]:
 def _nearest(calibration: Calibration, fit: Fit, open_simulator: OpenSimulator) -> float:
     """Return what start values or fitted ones leave of a calibration, whichever is less."""
     parameters = calibration.parameters
-    known = fit.named
     low, high = (np.array([getattr(p, side) for p in parameters]) for side in ("lower", "upper"))
-    same = np.array([known.get(p.name, p.start) if p.recording is None else p.start for p in parameters])
+    same = np.array([float(fit[p.name]) if p.recording is None and p.name in fit else p.start for p in parameters])
     rows = np.array([parameters.start, np.clip(same, low, high)])
     with open_simulator(calibration.problem()) as simulator:
         runs = simulator.simulate(rows)

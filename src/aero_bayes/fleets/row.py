@@ -11,9 +11,8 @@ import numpy as np
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.fleets.table import Row
 from aero_bayes.schema import EffectJson, LoopJson, ParameterJson, RunJson
+from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
-#: Central 90 % of a normal density, in standard deviations to either side.
-Z90 = 1.6448536269514722
 #: Fall of the logarithm of the left-out error that makes an effect material: a quarter.
 MATERIAL_FALL = -math.log(0.75)
 #: Smallest share of the error that tells effects apart.
@@ -69,7 +68,7 @@ def _parameter(entry: ParameterJson, item: Parameter | None) -> dict[str, Any]:
     log = low > 0.0 and floor is not None and floor >= 0.0
     if log:
         low, middle, high = math.log(low), math.log(middle), math.log(high)
-    likelihood = _without_prior(middle, (high - low) / (2.0 * Z90), item, log=log)
+    likelihood = _without_prior(middle, (high - low) / (2.0 * NORMAL_HALF_WIDTH), item, log=log)
     return stated | {"log": log, "centre": likelihood[0], "width": likelihood[1]} if likelihood else stated
 
 

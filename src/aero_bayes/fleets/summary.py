@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO
 from aero_bayes.fleets.population import MIN_RIGS, Population, fit_population, stand_out
 from aero_bayes.fleets.prevalence import NamedEffect, estimate_prevalence, shared_out
 from aero_bayes.fleets.table import Row, Table
@@ -29,8 +30,8 @@ FloatArray = NDArray[np.float64]
 QUANTILE_LEVELS = np.array([0.05, 0.5, 0.95])
 #: A rig stands out where one so far away is expected once in so many fleets.
 OUTLIER_FLEETS = 100.0
-#: Its residual does where it is so many times the fleet's median, and so far above the noise.
-MIN_MEDIAN_RATIO, MIN_FLOOR_RATIO = 3.0, 1.5
+#: Its residual does where it is structured and so many times the fleet's median.
+MIN_MEDIAN_RATIO = 3.0
 #: Rigs that a list names.
 MAX_LISTED_RIGS = 100
 
@@ -148,7 +149,7 @@ def _outlier_text(name: str, centre: float, away: float, fleet: Population, *, l
 def _residuals(over_floor: FloatArray, outliers: _Outliers) -> None:
     """Note rigs whose residual is far above the fleet's median and above the noise."""
     median = float(np.nanmedian(over_floor)) if np.isfinite(over_floor).any() else math.nan
-    for k in np.flatnonzero(over_floor > max(MIN_FLOOR_RATIO, MIN_MEDIAN_RATIO * median)).tolist():
+    for k in np.flatnonzero(over_floor > max(MAX_FLOOR_RATIO, MIN_MEDIAN_RATIO * median)).tolist():
         text = f"its residual is {over_floor[k]:.3g} times the noise floor (median of the fleet: {median:.3g})"
         outliers.add(k, text)
 

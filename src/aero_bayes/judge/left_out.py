@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.leave_out import BLOCK_COUNT, MIN_BLOCK_READINGS, leave_blocks_out, time_cells
+from aero_bayes.estimate.leave_out import BLOCK_COUNT, MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective, Series
-from aero_bayes.estimate.parameters import prior_curvature
 from aero_bayes.search.models import FittedModel
 
 FloatArray = NDArray[np.float64]
@@ -73,10 +72,7 @@ class CommonBlocks:
         whole = len(recordings) >= MIN_WHOLE_RECORDINGS
         leverage = sum((_leverage(f) for f in fits), np.zeros(objective.readings))
         folds: list[tuple[Readings, ...]] = []
-        for e in recordings:
-            readings = sum(s.sampling.size for s in series if s.experiment == e)
-            count = max(min(BLOCK_COUNT // len(recordings), readings // MIN_BLOCK_READINGS), 1)
-            cells = [cell for cell in time_cells(series, leverage, e, count) if cell.size]
+        for cells in blocks_of_time(series, leverage, BLOCK_COUNT // len(recordings), MIN_BLOCK_READINGS):
             folds += [tuple(cells)] if whole else [(cell,) for cell in cells]
         outputs = objective.outputs
         owner = np.repeat([outputs.index(s.output) for s in series], [s.sampling.size for s in series])
@@ -109,19 +105,21 @@ class CommonBlocks:
         items = fitted.model.objective.parameters.items
         return [k for k, j in enumerate(fitted.optimum.free) if not self.whole or items[j].recording is None]
 
+    def linearised(self, fitted: FittedModel) -> LinearisedFit:
+        """The fit to first order in what moves."""
+        return LinearisedFit.of(fitted.optimum, fitted.model.objective.parameters, self.moving(fitted))
+
 
 def newton_errors(fitted: FittedModel, common: CommonBlocks) -> FloatArray:
     """Squared errors (blocks, m) of each block, predicted by a fit without it: one Newton step, kept in the bounds."""
     optimum, parameters, moving = fitted.optimum, fitted.model.objective.parameters, common.moving(fitted)
-    columns = [optimum.free[k] for k in moving]
-    slopes, residual = optimum.whitened.slopes[moving], optimum.whitened.residual
-    prior = prior_curvature(parameters.prior_derivatives(optimum.coordinates)[1][columns])
+    columns, linear = [optimum.free[k] for k in moving], common.linearised(fitted)
     low, high = (bound[columns] for bound in parameters.box)
     at, found = optimum.coordinates[columns], []
     every = [common.readings(k) for k in range(len(common.folds))]
-    for k, left in enumerate(leave_blocks_out(slopes, residual, prior, every)):
+    for k, left in enumerate(linear.without(every)):
         step = np.clip(at + left.step, low, high) - at
-        found.append(common.squares(k, residual[left.readings] - slopes[:, left.readings].T @ step))
+        found.append(common.squares(k, linear.residual[left.readings] - linear.slopes[:, left.readings].T @ step))
     return np.concatenate(found)
 
 
@@ -150,11 +148,9 @@ def _start(fitted: FittedModel, common: CommonBlocks, fold: int) -> FloatArray:
     """The optimum of all readings, or the point after the Newton step, whichever leaves less of the other readings."""
     optimum, own, moving = fitted.optimum, fitted.model.objective, common.moving(fitted)
     columns = [optimum.free[k] for k in moving]
-    slopes, residual = optimum.whitened.slopes[moving], optimum.whitened.residual
-    prior = prior_curvature(own.parameters.prior_derivatives(optimum.coordinates)[1][columns])
     out = common.readings(fold)
     others = np.setdiff1d(np.arange(common.owner.size), out)
-    (left, _) = leave_blocks_out(slopes, residual, prior, [out, others])
+    (left,) = common.linearised(fitted).without([out, others], [slice(0, 1)])
     low, high = (bound[columns] for bound in own.parameters.box)
     moved = optimum.coordinates.copy()
     moved[columns] = np.clip(moved[columns] + left.step, low, high)
@@ -162,16 +158,14 @@ def _start(fitted: FittedModel, common: CommonBlocks, fold: int) -> FloatArray:
     if there is None:
         return optimum.coordinates
     after = own.whiten(there, optimum.noise).residual
-    return moved if np.sum(after[others] ** 2) < np.sum(residual[others] ** 2) else optimum.coordinates
+    before = optimum.whitened.residual
+    return moved if np.sum(after[others] ** 2) < np.sum(before[others] ** 2) else optimum.coordinates
 
 
 def _leverage(fitted: FittedModel) -> FloatArray:
     """Share of the leverage of a fit that each reading has (N,); zero where no parameter is determined."""
     optimum = fitted.optimum
-    second = fitted.model.objective.parameters.prior_derivatives(optimum.coordinates)[1][list(optimum.free)]
-    slopes = optimum.whitened.slopes
-    curvature = slopes @ slopes.T + prior_curvature(second)
-    own = np.einsum("kn,kn->n", slopes, np.linalg.pinv(curvature, hermitian=True) @ slopes)
+    own = LinearisedFit.of(optimum, fitted.model.objective.parameters, range(len(optimum.free))).leverage
     whole = float(own.sum())
     return own / whole if whole > 0.0 and math.isfinite(whole) else np.zeros(own.size)
 

@@ -13,7 +13,7 @@ from aero_bayes.display import with_unit
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.sensors.whiteness import autocorrelation
+from aero_bayes.sensors.whiteness import residual_correlation_time
 
 FloatArray = NDArray[np.float64]
 
@@ -90,12 +90,7 @@ def rms_error(residual: FloatArray) -> RmsError:
 
 def _sd_of_mean(series: FloatArray) -> float:
     """Standard deviation of the mean of a series (n,), with its correlation counted."""
-    n = series.size
-    acf = autocorrelation(series, min(n // 3, 2000))
-    negative = np.flatnonzero(acf <= 0.0)
-    last = int(negative[0]) if negative.size else acf.size
-    time = max(1.0, 2.0 * float(acf[:last].sum()) - 1.0)
-    return float(np.std(series)) * math.sqrt(time / n)
+    return float(np.std(series)) * math.sqrt(residual_correlation_time([series]) / series.size)
 
 
 def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> list[str]:

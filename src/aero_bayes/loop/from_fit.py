@@ -34,7 +34,7 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     overrides = {
         p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording) for p in searched
     }
-    held = {p.name: fit.named.get(p.name, p.start) for p in shared if p not in searched}
+    held = {p.name: float(fit[p.name]) for p in shared if p not in searched}
     return replace(
         settings,
         free=settings.free or tuple(overrides),

@@ -99,7 +99,7 @@ def close_loop(
     settings = require_type(settings or LoopSettings(), LoopSettings, "settings")
     begin: dict[str, float] = {}
     if isinstance(train, Fit):
-        begin = train.named
+        begin = {name: entry.value for name, entry in train.parameters.items()}
         model, settings, train = train.calibration.model, settings_of(train, settings), recordings_of(train)
     train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
     if not train:

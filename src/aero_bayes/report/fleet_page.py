@@ -31,11 +31,10 @@ from aero_bayes.report.text import (
     tidy,
 )
 from aero_bayes.schema import FleetJson, FleetParameterJson, RangeJson, RigReasonJson, RunJson
+from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
 #: Width of a parameter's figure in CSS pixels, and rigs or effects that a list on the page names.
 HALF_WIDTH, MAX_LISTED = 480.0, 40
-#: Central 90 % of a normal density, in standard deviations to either side.
-Z90 = 1.6448536269514722
 _OUTCOMES = {"adequate": "the model is adequate", "extended": "an effect was added",
              "unexplained": "an effect is missing, and no candidate explains it"}  # fmt: skip
 
@@ -92,7 +91,7 @@ def _figures(columns: FleetColumns) -> Iterator[Ranked]:
         if not np.isfinite(one.values).any():
             continue
         title, unit, log = greek_name(name), pretty_unit(one.shared.unit), one.shared.log
-        half = Z90 * one.widths
+        half = NORMAL_HALF_WIDTH * one.widths
         low, high = (one.values * np.exp(s * half) if log else one.values + s * half for s in (-1.0, 1.0))
         yield Ranked(
             f"p/{name}", title, f"{title} ({unit})" if unit else title, columns.names, one.values, columns.flagged,

@@ -15,6 +15,7 @@ from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit
 from aero_bayes.schema import CandidateJson, EffectJson, LoopJson, StepJson
+from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
 PORT = 430.0
 _ROW, _TOP = 19.0, 46.0
@@ -162,7 +163,7 @@ def curve_plate(effect: EffectJson) -> Plate | None:
     x, value, sd = (np.array(numbers) for numbers in (found.x, found.value, found.sd))
     across, x_unit = scaled_unit(largest(x), found.x_unit)
     up, unit = scaled_unit(largest(value), found.unit)
-    low, high = (value + side * 1.645 * sd for side in (-1.0, 1.0))
+    low, high = (value + side * NORMAL_HALF_WIDTH * sd for side in (-1.0, 1.0))
     layers = (
         Band(x * across, low * up, high * up, ACCENT, 0.18, label="90 % band"),
         Line(x * across, value * up, ACCENT, 2.0, label="learned"),

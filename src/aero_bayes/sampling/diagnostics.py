@@ -17,7 +17,7 @@ import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from aero_bayes.sensors.whiteness import autocovariance
+from aero_bayes.sensors.whiteness import autocovariance, integrated_time
 
 FloatArray = NDArray[np.float64]
 
@@ -55,13 +55,6 @@ def r_hat(samples: FloatArray) -> float:
     return max(_plain_r_hat(rank_normalise(chains)), _plain_r_hat(rank_normalise(folded)))
 
 
-def _window(rho: FloatArray, c: float = 5.0) -> float:
-    """Integrate an autocorrelation over Sokal's window: up to the first m with m >= c tau(m)."""
-    tau = 2.0 * np.cumsum(rho) - 1.0
-    inside = np.arange(tau.size) >= c * tau
-    return float(max(tau[int(np.argmax(inside))] if inside.any() else tau[-1], 1e-3))
-
-
 def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
     """Compute the steps per independent sample of one walker, the larger of two estimates.
 
@@ -77,11 +70,12 @@ def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
     variance = float(np.var(samples))
     if variance == 0.0 or steps < 4:
         return float(steps)
-    own = _window(autocovariance(np.swapaxes(samples, 1, 2), float(samples.mean())).mean(axis=(0, 1)) / variance)
+    single = autocovariance(np.swapaxes(samples, 1, 2), float(samples.mean())).mean(axis=(0, 1))
+    own = integrated_time(single / variance)
     mean = autocovariance(samples.mean(axis=2)).mean(axis=0)
     if not coupled or mean[0] <= 0.0:
         return max(own, 1.0)
-    return float(max(own, walkers * mean[0] / variance * _window(mean / mean[0]), 1.0))
+    return float(max(own, walkers * mean[0] / variance * integrated_time(mean / mean[0]), 1.0))
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,10 +70,10 @@ class PosteriorDraws:
         """Draws of one parameter by ``name`` over all ensembles, in its SI unit, shape (ensembles * draws,)."""
         return self.draws[:, :, self.names.index(name)].ravel()
 
-    @property
+    @cached_property
     def parameters(self) -> dict[str, Estimate]:
         """Every parameter: median, standard deviation, quantiles; the model's fixed ones included."""
-        estimates = self.fit.parameters
+        estimates = dict(self.fit.parameters)
         prior_sd = self.calibration.parameters.prior_sd()
         for column, item in enumerate(self.calibration.parameters):
             if item.name in self.names and estimates[item.name].status is not Status.AT_BOUND:

@@ -196,6 +196,6 @@ def mode_rows(
 ) -> list[ModeDraws]:
     """Return what is told of the draws of each mode."""
     return [
-        ModeDraws({n: f.value(n) for n in f.laplace.names[: len(f.free)]}, float(share), count, chain.converged)
+        ModeDraws({n: f[n].value for n in f.laplace.names[: len(f.free)]}, float(share), count, chain.converged)
         for f, chain, share, count in zip(fits, chains, shares, counts, strict=True)
     ]

@@ -67,7 +67,7 @@ class Posterior(PosteriorDraws, EstimateTable):
     --------
     >>> posterior.samples("k").shape == (posterior.draws.shape[0] * posterior.draws.shape[1],)
     True
-    >>> entry = posterior.parameters["k"]
+    >>> entry = posterior["k"]
     >>> bool(entry.q05 < np.median(posterior.samples("k")) < entry.q95), entry.unit
     (True, 'N/m')
     >>> posterior.r_hat_max < 1.2 and min(posterior.ess_bulk_min, posterior.ess_tail_min) > 100 and posterior.tau > 0

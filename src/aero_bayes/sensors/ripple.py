@@ -17,15 +17,15 @@ import numpy as np
 import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
 
-from aero_bayes.data.ripple import MIN_ROTOR_SPEED
+from aero_bayes.data.ripple import MIN_ROTOR_SPEED, SEGMENT_LENGTH
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes
 from aero_bayes.sensors.noise_estimation import estimate_noise
 from aero_bayes.sensors.whitening import whiten
 
 FloatArray = NDArray[np.float64]
 
-#: Length of a segment in s, and least number of ripple periods in it: slower ripple may be slow physics.
-SEGMENT_LENGTH, MIN_PERIODS = 0.5, 3.0
+#: Least number of ripple periods in a segment: slower ripple may be slow physics.
+MIN_PERIODS = 3.0
 #: Log-evidence, less half the logarithm of the number of segments, above which an order is accepted.
 MIN_LOG_EVIDENCE = 5.0
 #: Number of alternating estimates of noise and ripple.

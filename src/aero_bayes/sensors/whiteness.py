@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -90,23 +91,32 @@ def ripple_means(innovations: FloatArray, interval: float, length: float = 0.2) 
     return means
 
 
+def integrated_time(correlation: FloatArray, smallest: float = -math.inf) -> float:
+    """Integrate an autocorrelation (n,): the readings that count as one independent reading, in samples.
+
+    The sum ends at a lag of :data:`AUTOCORRELATION_WINDOW` times itself (Sokal, 1997, Monte Carlo methods in
+    statistical mechanics), or before the correlation falls below ``smallest``.
+    """
+    times = 2.0 * np.cumsum(correlation) - 1.0
+    window = np.flatnonzero(np.arange(times.size) >= AUTOCORRELATION_WINDOW * times)
+    small = np.flatnonzero(correlation < smallest)
+    ends = (window[0] if window.size else times.size - 1, small[0] - 1 if small.size else times.size - 1)
+    return float(times[max(min(ends), 0)])
+
+
 def residual_correlation_time(residuals: Sequence[FloatArray]) -> float:
     """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
 
-    The sum runs over the autocorrelation up to where it falls below :data:`MIN_AUTOCORRELATION`, or to a lag of
-    :data:`AUTOCORRELATION_WINDOW` autocorrelation times (Sokal, 1997, Monte Carlo methods in statistical mechanics).
+    The sum ends where the autocorrelation falls below :data:`MIN_AUTOCORRELATION`: beyond, a single recording gives
+    mostly its own scatter.
     """
     total = sum(r.size for r in residuals)
     return sum(r.size * _correlation_time_of_series(r) for r in residuals) / max(total, 1)
 
 
 def _correlation_time_of_series(residual: FloatArray) -> float:
-    acf = autocorrelation(residual)[: max(residual.size // 3, 1)]
-    if acf[0] <= 0.0:
-        return 1.0
-    times = 2.0 * np.cumsum(acf) - 1.0
-    ends = np.flatnonzero((acf < MIN_AUTOCORRELATION) | (np.arange(acf.size) >= AUTOCORRELATION_WINDOW * times))
-    return max(float(times[max(ends[0] - 1, 0)] if ends.size else times[-1]), 1.0)
+    correlation = autocorrelation(residual)[: max(residual.size // 3, 1)]
+    return max(integrated_time(correlation, MIN_AUTOCORRELATION), 1.0) if correlation[0] > 0.0 else 1.0
 
 
 def block_variance_ratio(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:

@@ -12,6 +12,9 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from aero_bayes.simulation.interface import FloatArray
 
+#: Standard deviations of a normal density on either side of its mean that hold 90 %.
+NORMAL_HALF_WIDTH = 1.6448536269514722
+
 
 def ou_precision(time: FloatArray, sd: float, tau: float) -> tuple[FloatArray, FloatArray, float]:
     """Diagonal, off-diagonal and log-determinant of the precision of an Ornstein-Uhlenbeck process."""

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 from aero_bayes.simulation.interface import FilteredStates
 
 FloatArray = NDArray[np.float64]
-
-#: Standard deviations of a normal density on either side of its mean that hold 90 %.
-BAND_DEVIATIONS = 1.6448536269514722
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +27,7 @@ class SmoothedStates:
     @property
     def band(self) -> tuple[FloatArray, FloatArray]:
         """Ends (n, s) of the central intervals of 90 %."""
-        return self.mean - BAND_DEVIATIONS * self.sd, self.mean + BAND_DEVIATIONS * self.sd
+        return self.mean - NORMAL_HALF_WIDTH * self.sd, self.mean + NORMAL_HALF_WIDTH * self.sd
 
     def at(self, time: FloatArray, samples: FloatArray) -> SmoothedStates:
         """The states at times (k,) in s, along straight lines between the ``samples`` (n,); NaN outside of them."""

@@ -183,7 +183,7 @@ def _with_effect(
     ]
     written = family.extend(ids, tried[0], job.options.out)
     here = {old: new for pairs in written.names.values() for old, new in pairs}
-    values = [base.named.get(p.name, p.start) for p in job.parameters]
+    values = [float(base[p.name]) if p.name in base else p.start for p in job.parameters]
     found: list[Fit] = []
     for k, row in enumerate(tried[:: max(1, -(-len(tried) // MAX_STARTS))]):
         progress(f"fit with {name}", k / MAX_STARTS, "")

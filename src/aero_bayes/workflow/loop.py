@@ -13,6 +13,7 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.noise_report import noise_at_interval
 from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import Override
+from aero_bayes.estimate.progressive_horizon import GOOD_FIT_RATIO
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.progress import ProgressBar
@@ -26,9 +27,6 @@ if TYPE_CHECKING:  # the sampler takes a second to import
     from aero_bayes.sampling import Posterior
 
 Json = dict[str, Any]
-
-#: Residual over noise floor of a local fit from the starting values up to which the loop skips the swarm.
-MAX_START_FLOOR_RATIO = 1.2
 
 
 def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
@@ -95,7 +93,7 @@ def loop_settings(job: Job) -> LoopSettings:
         swarm = swarm if {"method", "pso"} & given or "starts" in fit_section.local.model_fields_set else None
     global_search = replace(
         defaults.global_search, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
-        starts=fitting.starts, good_enough=0.0 if "pso" in given else MAX_START_FLOOR_RATIO,
+        starts=fitting.starts, good_enough=0.0 if "pso" in given else GOOD_FIT_RATIO,
     )  # fmt: skip
     searched = [p for p in job.parameters if not p.free_if_identified]
     free_later = later_of(job)
@@ -168,7 +166,7 @@ def extended_job(job: Job, loop: LoopResult) -> Job:
     freed = [p for p in later_of(job) if p.name in loop.parameters]
     fixed = {name: value for name, value in job.fixed.items() if name not in loop.parameters}
     parameters = job.parameters.extended([*freed, *loop.added])
-    found = [loop.parameters[p.name].value if p.name in loop.parameters else p.start for p in parameters]
+    found = [loop[p.name].value if p.name in loop.parameters else p.start for p in parameters]
     return replace(job, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)), fixed=fixed)
 
 
