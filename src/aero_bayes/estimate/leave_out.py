@@ -70,7 +70,7 @@ class LinearisedFit:
     def leverage(self) -> FloatArray:
         """How much each reading determines the parameters (N,); the sum is at most their number."""
         curvature = self.slopes @ self.slopes.T + self.prior
-        return np.einsum("kn,kn->n", self.slopes, np.linalg.pinv(curvature, hermitian=True) @ self.slopes)
+        return np.asarray(np.einsum("kn,kn->n", self.slopes, np.linalg.pinv(curvature, hermitian=True) @ self.slopes))
 
     def without(
         self, cells: Sequence[Readings], windows: Sequence[slice] | None = None, least: float = MIN_CURVATURE_SHARE
