@@ -13,6 +13,7 @@ from aero_bayes.export.c_functions import (
     StoredValue,
     assertion_function,
     c_string,
+    columns_function,
     loop_function,
     reinit_function,
     start_function,
@@ -42,11 +43,12 @@ class _Memory:
         return f"m->data[{self.at[group] + k}]"
 
 
-def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, lanes: bool = True) -> str:
+def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, candidates: bool = False) -> str:
     """The complete C source of one model; native/fmi2.c is linked to it.
 
-    With ``lanes`` also the equations for several parameter vectors at a time, where the model has neither algebraic
-    loops nor events.
+    It has the equations for several parameter vectors at a time too, where the model has neither algebraic loops nor
+    events. With ``candidates`` not these: most of its laws are switched off, so that slow functions which count times
+    zero are not called, and derivatives by each parameter are a function of their own.
     """
     model, surfaces = switching.model, switching.surfaces
     b = model.system.builder
@@ -89,7 +91,8 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, la
     sizes = {
         "W": nw, "D": len(steps), "PRE": len(steps), "REL": len(events.relations), "ROUND": len(events.roundings),
         "SAMPLE": len(events.samplings), "LAST": len(events.samplings), "INITIAL": 1, "STARTED": nx,
-        "JX": nrow * (nx + nu), "JP": nrow * np_, "JW": nrow * nw, "FW": nw * nw, "FX": nw * (nx + nu), "FP": nw * np_,
+        "JX": nrow * (nx + nu), "JP": nrow * np_, "WANTED": np_,
+        "JW": nrow * nw, "FW": nw * nw, "FX": nw * (nx + nu), "FP": nw * np_,
         "DIFF": len(events.relations) + len(events.roundings), "TICK": 2 * len(events.samplings),
         "DUE": len(events.relations), "SLOPE": len(events.relations),
         "START": len(model.initial.unknowns) if model.initial is not None else 0,
@@ -117,11 +120,12 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, la
     rises = prepare(s.rise for s in surfaces)
     differences = prepare(r.difference for r in events.relations)
     instants = {i: t for i, r in enumerate(events.relations) if (t := model.time_of_change(r.difference)) is not None}
+    columns = [_jacobian(b, rows, [p], stage, memory.at["JP"] + j * nrow) for j, p in enumerate(parameters)]
     groups = {
         "dx": targets("R", rates, nx),
         "y": targets("R", outputs, layout.first_output),
         "jx": jacobian("JX", rows, moving),
-        "jp": jacobian("JP", rows, parameters),
+        "jp": [t for column in columns for t in column],
         "jw": [
             *jacobian("JW", rows, unknowns),
             *jacobian("FW", flat_loops, unknowns),
@@ -151,7 +155,18 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, la
     early = [StoredValue(place, n) for n, place in kept.items()]
     early += targets("R", dependent, layout.first_dependent)
     functions = [store_function("k", early, leaves, {})]
-    functions += [store_function(name, found, leaves, kept) for name, found in groups.items()]
+    factors = frozenset(parameters) if candidates else frozenset()
+    one_by_one = [("jp", k, column) for k, column in enumerate(columns) if column] if candidates else []
+    functions += [store_function(f"{name}{k}", column, leaves, kept) for name, k, column in one_by_one]
+    functions += [
+        store_function(name, found, leaves, kept, factors)
+        for name, found in groups.items()
+        if not (candidates and name == "jp")
+    ]
+    if candidates:
+        functions.append(
+            columns_function("jp", {memory.place("WANTED", k): f"eval_{name}{k}" for name, k, _ in one_by_one})
+        )
     functions.append(reinit_function(model, reinits, {**leaves, **kept}, states))
     if model.initial is not None:
         rows_there = prepare(model.initial.residuals)
@@ -205,7 +220,7 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, la
     between_events = events.relations or events.roundings or events.samplings or steps or assertions
     known_there = {model.system.time, *states, *inputs, *parameters}
     plain = all(b.symbols(n) <= known_there for n in (*rates, *outputs))
-    if lanes and plain and states and not (loops or between_events):
+    if not candidates and plain and states and not (loops or between_events):
         constants = {**{p: leaves[p] for p in parameters}, **kept}
         slopes = _jacobian(b, rates, states, stage, 0, by_rows=True)
         equations = LaneEquations(states, inputs, model.system.time, constants, rates, outputs, slopes)

@@ -80,7 +80,7 @@ def export_flat(
     out : path
     quick : bool
         Compile in less time to code that runs somewhat slower, one run at a time, and pack nothing: for candidates that
-        are tried and dropped.
+        are tried and dropped. Laws that are switched off cost little, see :func:`~aero_bayes.export.codegen.generate`.
     members : mapping of str to bytes, optional
         Further files of the archive.
     fmi : int
@@ -107,7 +107,7 @@ def export_flat(
         layout = lay_out(solved, sharing=fmi == 2)
         if not layout.states and not layout.outputs:
             raise InputError(f"{flat.name}: the model has neither states nor outputs")
-        source = generate(switching, layout, _NO_GUID, lanes=not quick)
+        source = generate(switching, layout, _NO_GUID, candidates=quick)
         description = write_fmi2_description(
             solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID, stop=stop, sources=not quick
         )

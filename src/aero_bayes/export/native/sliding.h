@@ -216,8 +216,10 @@ static void need_jacobian(Model *m) {
     else plain_jacobian(m);
     m->fresh |= FRESH_JX;
 }
-static void need_parameter_jacobian(Model *m) {
-    if (m->fresh & FRESH_JP) return;
+static void need_parameter_jacobian(Model *m, int column) {
+    need_constants(m);
+    if (m->fresh & FRESH_JP && group(m, WANTED)[column] != 0) return;
+    group(m, WANTED)[column] = 1;
     if (slides(m)) slide_jacobian(m, JP, INFO.np, plain_parameter_jacobian, RISE_P);
     else plain_parameter_jacobian(m);
     m->fresh |= FRESH_JP;
