@@ -6,8 +6,9 @@ registers ``plots`` as the backend (``aero_bayes/__init__.py``). Matplotlib is l
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,3 +74,27 @@ def register_plot_backend(load: Callable[[], PlotBackend]) -> None:
 def plot_backend() -> PlotBackend:
     """The registered backend."""
     return _loaders[-1]()
+
+
+Method = TypeVar("Method", bound=Callable[..., object])
+_FIGURE_PARAMETERS = """ax : matplotlib.axes.Axes, optional
+    Axes whose place in a larger figure it takes.
+figure : matplotlib.figure.Figure, optional
+    To draw into; a new one by default.
+dark : bool
+    Colours for a dark background.
+"""
+
+
+def describe_figure_parameters(method: Method) -> Method:
+    """Add to a method's docstring the parameters that each figure takes, and the figure that it returns."""
+    title, blank, rest = inspect.cleandoc(method.__doc__ or "").partition("\n\n")
+    heads = ("Parameters\n-", "Returns\n-", "Raises\n-", "Examples\n-")
+    sections = rest.split("\n\n") if blank else []
+    at = next((k for k, s in enumerate(sections) if s.startswith(heads)), len(sections))
+    text, sections = [title, *sections[:at]], sections[at:]
+    own = sections.pop(0) if sections and sections[0].startswith("Parameters") else "Parameters\n----------"
+    if not sections or not sections[0].startswith("Returns"):
+        sections.insert(0, "Returns\n-------\nmatplotlib.figure.Figure")
+    method.__doc__ = "\n\n".join([*text, f"{own}\n{_FIGURE_PARAMETERS.rstrip()}", *sections])
+    return method

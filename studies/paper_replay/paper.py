@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -68,9 +69,8 @@ def replay_paper(
     with WorkerPool(workers) as pool:
         linear, transfer = open_models(recording, models, lambda problem: open_simulator(problem, pool=pool))
         with linear.simulator, transfer.simulator:
-            linear_axes, log_axes = rng.spawn(2)
-            swarm = swarm_recipe(linear, "linear", linear_axes)
-            scaled = swarm_recipe(linear, "log", log_axes)
+            axes = rng.spawn(2)
+            swarm, scaled = swarm_recipe(linear, "linear", axes[0]), swarm_recipe(linear, "log", axes[1])
             report(0.35)
             line = in_stages(partial(coarse_stage, method="line search"), linear)
             interior = in_stages(partial(coarse_stage, method="interior point"), linear)
@@ -85,9 +85,7 @@ def replay_paper(
             still = float(np.nansum(recording.outputs["theta"] ** 2))
             details = Details(swarm, scaled, line, interior, exact, endings, still, *fits)
             rows, pitch = table.build(linear, transfer, details)
-    outcomes = linear.outcomes + transfer.outcomes
-    for one in fits:
-        outcomes.update(dict(one.outcomes))
+    outcomes = sum((Counter(one.outcomes) for one in fits), linear.outcomes + transfer.outcomes)
     report(1.0, min(row.fitness for row in rows if row.fitness is not None))
     return Replay(
         rows, write_notes(rows, details, outcomes), recording.time, recording.outputs["theta"], pitch, details,

@@ -221,7 +221,7 @@ def test_finalists_have_other_laws_before_the_same_laws_elsewhere():
 
 
 @pytest.mark.parametrize(("refines", "told"), [({"by_side@u": "dry@u", "soft@u": "dry@u"}, ("soft@u",)), ({}, ())])
-def test_refinements_of_one_law_claim_that_law_beside_whatever_else_is_missing(refines, told):
+def test_refinements_of_one_law_claim_it_beside_other_missing_terms(refines, told):
     size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
     errors = {(): 1.0, ("soft@u",): 0.4, ("by_side@u",): 0.5, ("soft@u", "a@v"): 0.2, ("by_side@u", "b@w"): 0.202}
     comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))

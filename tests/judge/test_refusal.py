@@ -86,7 +86,7 @@ def test_an_error_that_doubles_refuses_even_with_few_readings(size, refused):
     assert bool(said) is refused
 
 
-def test_a_gain_of_one_output_does_not_make_up_for_an_equal_loss_of_another():
+def test_gain_of_one_output_does_not_cancel_equal_loss_of_another():
     before, after = predicted(y=1.0, z=1.0), predicted(y=1.0, z=1.0)
     for (name, output), error in before.test.items():
         after.test[name, output] = replace(error, rms={"y": 0.8, "z": 1.25}[output] * error.rms)

@@ -208,9 +208,7 @@ class Slave:
         pytest.param(STOP, stop, "DOP853", 0.01, 1.0, id="events"),
     ],
 )
-def test_an_exported_co_simulation_is_as_near_and_goes_on_from_a_state_as_it_did(
-    tmp_path, text, slope, method, interval, size
-):
+def test_exported_co_simulation_is_accurate_and_restarts_from_a_state(tmp_path, text, slope, method, interval, size):
     rng = np.random.default_rng(2)
     time = interval * np.arange(81)
     level = size * (np.sin(time / (20.0 * interval)) + 0.2 * rng.standard_normal(time.size))

@@ -50,6 +50,10 @@ def read_recording(
     memory : int, optional
         Bytes that may be used; what is free by default.
 
+    Returns
+    -------
+    Recording
+
     Raises
     ------
     InputError
@@ -63,32 +67,9 @@ def read_recording(
     <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
     """
     layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
-    file = Path(path)
-    maps = dict(columns or {})
-    for column in maps:
-        if column not in layout.units:
-            raise InputError(
-                f"columns: {column} is not a column of the model, expected one of {', '.join(layout.units)}"
-            )
-    if not file.exists():
-        raise InputError(f"{file}: no such file")
-    if not file.is_file():
-        raise InputError(f"{file}: is not a file")
-    sources = {name: maps[name].source if name in maps else name for name in layout.units}
-    held = [quantity.name for quantity in layout.inputs]
-    wanted = ["time", *held, *(quantity.name for quantity in layout.outputs if quantity.name in maps)]
-    optional = [quantity.name for quantity in layout.outputs if quantity.name not in maps]
-    given = _after_events(read_columns(file, Request(sources, wanted, optional, held, memory)), held)
-    found = given.columns
-    if not any(quantity.name in found for quantity in layout.outputs):
-        missing = ", ".join(sources[quantity.name] for quantity in layout.outputs)
-        there = known_names_hint(
-            next(iter(sources[quantity.name] for quantity in layout.outputs), ""), column_names(file)
-        )
-        raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
-    if maps.get("time", ColumnMap("time")).unit is None:
-        found["time"] = plain_seconds(found["time"])
-    values = {name: _in_unit(column, name, maps, given.named, layout) for name, column in found.items()}
+    file, maps = Path(path), dict(columns or {})
+    given = _read(file, maps, layout, memory)
+    values = {name: _in_unit(column, name, maps, given.named, layout) for name, column in given.columns.items()}
     recording = Recording(
         name=file.stem,
         time=values["time"],
@@ -106,6 +87,32 @@ def read_recording(
         recording = hide(recording, name, rows, "quality", what)
     check_recording(recording, layout, given.line)
     return recording
+
+
+def _read(file: Path, maps: Mapping[str, ColumnMap], layout: Layout, memory: int | None) -> Columns:
+    """Read the columns of a layout, in their own units; the time in seconds where no unit is given."""
+    for column in maps:
+        if column not in layout.units:
+            raise InputError(
+                f"columns: {column} is not a column of the model, expected one of {', '.join(layout.units)}"
+            )
+    if not file.exists():
+        raise InputError(f"{file}: no such file")
+    if not file.is_file():
+        raise InputError(f"{file}: is not a file")
+    sources = {name: maps[name].source if name in maps else name for name in layout.units}
+    held = [quantity.name for quantity in layout.inputs]
+    outputs = [quantity.name for quantity in layout.outputs]
+    wanted = ["time", *held, *(name for name in outputs if name in maps)]
+    optional = [name for name in outputs if name not in maps]
+    given = _after_events(read_columns(file, Request(sources, wanted, optional, held, memory)), held)
+    if not any(name in given.columns for name in outputs):
+        missing = ", ".join(sources[name] for name in outputs)
+        there = known_names_hint(sources[outputs[0]] if outputs else "", column_names(file))
+        raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
+    if maps.get("time", ColumnMap("time")).unit is None:
+        given.columns["time"] = plain_seconds(given.columns["time"])
+    return given
 
 
 def _after_events(given: Columns, held: Sequence[str]) -> Columns:

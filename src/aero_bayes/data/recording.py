@@ -17,7 +17,7 @@ from aero_bayes.data.checks import check_recording
 from aero_bayes.data.findings import DataFinding
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
-from aero_bayes.plot_backend import plot_backend
+from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
@@ -128,6 +128,10 @@ class Recording:
         units : mapping of str to str, optional
             Of the columns.
 
+        Returns
+        -------
+        Recording
+
         Raises
         ------
         InputError
@@ -219,17 +223,9 @@ class Recording:
         outputs = {name: np.where(hidden, np.nan, values) for name, values in self.outputs.items()}
         return replace(self, name=f"{self.name} (1 in {every})", outputs=outputs, sha256="")
 
+    @describe_figure_parameters
     def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw inputs and outputs over time.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Whose place in a larger figure it takes.
-        figure : matplotlib.figure.Figure, optional
-            To draw into; a new one by default.
-        dark : bool
-            Colours for a dark ground.
 
         Returns
         -------

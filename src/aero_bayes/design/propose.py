@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from aero_bayes.design.signal_search import BestSignal, SearchSettings, best_sig
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
-from aero_bayes.progress import Progress, watching
+from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]
@@ -154,6 +155,10 @@ def propose_experiment(
     workers, progress
         As for a fit; an experiment that is asked for early is the best of those that were tried.
 
+    Returns
+    -------
+    Design
+
     Raises
     ------
     InputError
@@ -163,42 +168,53 @@ def propose_experiment(
 
     Examples
     --------
-    >>> from aero_bayes.design import Limits
-    >>> from aero_bayes.design.signal_search import SearchSettings
+    >>> from aero_bayes.design import Limits, SearchSettings
     >>> little = SearchSettings(start=2, rounds=1, candidates=2, families=1)
-    >>> allowed = Limits(amplifier=5.0, travel={"position": 0.3})  # N, m
-    >>> aero_bayes.propose_experiment(
-    ...     fit, duration=8.0, targets=["d"], limits=allowed, settings=little, workers=0
-    ... ).targets
+    >>> options = {"limits": Limits(5.0, {"position": 0.3}), "settings": little, "workers": 0}  # N, m
+    >>> aero_bayes.propose_experiment(fit, duration=8.0, targets=["d"], **options).targets
     ('d',)
     """
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
     time = experiment_times(fit, duration, rate_hz)
-    rng = np.random.default_rng(settings.seed)
     with (
         WorkerPool(workers) as pool,
         ExperimentPredictor(fit, time, limits, settings.engine, workers, pool) as predictor,
         watching(progress) as watched,
     ):
-        aimed = _targets(fit, predictor, targets)
-        known = predictor.precision()
-        before = posterior_sd(known)
+        return _best_design(fit, predictor, time, targets, settings, watched)
 
-        def score(signals: Sequence[FloatArray]) -> FloatArray:
-            predicted = predictor.predict([limits.amplifier * s for s in signals])
-            return np.array([_score(p, known, before, aimed, limits) for p in predicted])
 
-        found = best_signals(score, time, rng, settings, watched)
-        if not np.isfinite(found[0].score):
-            raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
-        values, travel = within_travel(predictor, limits.amplifier * found[0].values, rng)
-        prediction = predictor.predict([values, *_present(fit, predictor, time)])
-        if prediction[0] is None:
-            raise CannotFinishError("the proposed experiment could not be simulated")
-        after = posterior_sd(known + prediction[0].information)
-        same = prediction[1]
-        repeated = posterior_sd(known + same.information) if same is not None else np.full(before.shape, np.nan)
-        return _design(predictor, found, values, travel, (before, after, repeated), aimed, settings.seed)
+def _best_design(
+    fit: Fit,
+    predictor: ExperimentPredictor,
+    time: FloatArray,
+    targets: Sequence[str] | None,
+    settings: SearchSettings,
+    watched: Watched,
+) -> Design:
+    """Search over times (n,) in s for the best input, and keep it within its limits."""
+    rng, amplifier = np.random.default_rng(settings.seed), predictor.limits.amplifier
+    aimed, known = _targets(fit, predictor, targets), predictor.precision()
+    before = posterior_sd(known)
+    found = best_signals(partial(_scores, predictor, known, before, aimed), time, rng, settings, watched)
+    if not np.isfinite(found[0].score):
+        raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
+    values, travel = within_travel(predictor, amplifier * found[0].values, rng)
+    after, repeated = _sd_after(predictor, known, values, _present(fit, predictor, time))
+    return _design(predictor, found, values, travel, (before, after, repeated), aimed, settings.seed)
+
+
+def _sd_after(
+    predictor: ExperimentPredictor, known: FloatArray, values: FloatArray, present: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations after the proposed input (n,), and after as long a recording of the present one."""
+    proposed, same = predictor.predict([values, present])
+    if proposed is None:
+        raise CannotFinishError("the proposed experiment could not be simulated")
+    after = posterior_sd(known + proposed.information)
+    if same is None:
+        return after, np.full(after.shape, np.nan)
+    return after, posterior_sd(known + same.information)
 
 
 def default_limits(fit: GaussianFit) -> Limits:
@@ -258,6 +274,19 @@ def _targets(fit: Fit, predictor: ExperimentPredictor, targets: Sequence[str] | 
     return [j for j in sought if table[names[j]].status is not Status.IDENTIFIED] or sought
 
 
+def _scores(
+    predictor: ExperimentPredictor,
+    known: FloatArray,
+    before: FloatArray,
+    aimed: list[int],
+    signals: Sequence[FloatArray],
+) -> FloatArray:
+    """Scores of signals of size one (k,)."""
+    limits = predictor.limits
+    predicted = predictor.predict([limits.amplifier * s for s in signals])
+    return np.array([_score(p, known, before, aimed, limits) for p in predicted])
+
+
 def _score(
     predicted: PredictedExperiment | None, known: FloatArray, before: FloatArray, aimed: list[int], limits: Limits
 ) -> float:
@@ -268,13 +297,13 @@ def _score(
     return float(np.mean(np.log(after[aimed] / before[aimed])))
 
 
-def _present(fit: Fit, predictor: ExperimentPredictor, time: FloatArray) -> list[FloatArray]:
+def _present(fit: Fit, predictor: ExperimentPredictor, time: FloatArray) -> FloatArray:
     """Return the first recording's input, repeated over the new times."""
     signal = fit.calibration.experiments[0].inputs[0]
     span = fit.calibration.experiments[0].time
     within = span[0] + np.mod(time, span[-1] - span[0])
     index = np.clip(np.searchsorted(signal.time, within, side="right") - 1, 0, signal.time.size - 1)
-    return [np.asarray(signal.values[index])]
+    return np.asarray(signal.values[index])
 
 
 def _design(

@@ -4,7 +4,7 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.declared import declared_overrides
-from aero_bayes.estimate.fit import FitSettings, fit, fit_calibration, without_ripple
+from aero_bayes.estimate.fit import FitSettings, fit, fit_calibration
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.identifiability import Combination, Identifiability, Status
 from aero_bayes.estimate.interpolation import choose_interpolation, moving_inputs, with_other_interpolation
@@ -27,6 +27,7 @@ from aero_bayes.estimate.predictive import Predictive
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.estimate.stage_report import StageReport
 from aero_bayes.estimate.staged import Stage, causal_stages

@@ -19,6 +19,7 @@ from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.process_noise import process_parameters, uncertain_start
 from aero_bayes.estimate.recording_parameters import for_recordings, with_started_states
+from aero_bayes.estimate.thinning import rows_of_first_readings, thin
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
 from aero_bayes.sensors.reading_spread import SpreadModel
@@ -201,31 +202,6 @@ def _measured(experiment: Experiment) -> FloatArray:
     return experiment.measured
 
 
-def rows_of_first_readings(measured: FloatArray, least: int = 20) -> int:
-    """How many rows hold the first ``least`` readings of every output (n, m), or all that it has."""
-    counts = np.cumsum(np.isfinite(measured), axis=0)
-    enough = counts >= np.minimum(counts[-1], least)
-    return int(np.argmax(enough, axis=0).max()) + 1 if measured.size else 0
-
-
-def thin(experiment: Experiment, samples: int) -> Experiment:
-    """The experiment on every n-th of its sample times, about ``samples`` of them.
-
-    An output that is read less often than the others keeps up to as many readings of its own.
-    """
-    every = -(-experiment.time.size // samples)
-    if every <= 1:
-        return experiment
-    rows = np.arange(0, experiment.time.size, every)
-    if experiment.measured is not None:
-        own = [np.flatnonzero(np.isfinite(column)) for column in experiment.measured.T]
-        kept = np.isfinite(experiment.measured[rows]).sum(axis=0)
-        seldom = [r for r, count in zip(own, kept, strict=True) if count < 0.5 * min(r.size, samples)]
-        for readings in seldom:
-            rows = np.union1d(rows, readings[:: -(-readings.size // samples)])
-    return experiment.at_samples(rows)
-
-
 def calibrate(
     recordings: Sequence[Recording],
     model: Model,
@@ -243,51 +219,33 @@ def calibrate(
         If nothing was recorded that the model can predict, if the model lacks an input that was recorded, or the
         recording lacks one that the model has.
     """
-    settings = settings or CalibrationSettings()
+    settings, noise = settings or CalibrationSettings(), noise or NoiseModel()
     if not recordings:
         raise InputError("no recording was given")
     check_plausible(recordings, model)
-    known = model.declared.recording
-    limit = known.max_input_delay if settings.delay_limit is None else settings.delay_limit
-    may_start_at_rest = known.resting if settings.may_start_at_rest is None else settings.may_start_at_rest
-    if settings.delay == "free" and not limit:
-        raise InputError(f"model {model.name} declares no input delay: give its delay_limit")
+    limit = _delay_limit(recordings, model, settings)
     outputs = _outputs(recordings, model, settings)
     if isinstance(settings.interpolation, Mapping):
         _check_inputs(recordings, settings.interpolation, "interpolation")
     parameters = for_recordings(with_started_states(parameters, model), model, recordings)
-    given = {state for p in parameters for state in p.starts}
-    driven = {variable.name for variable in model.inputs}
-    whole: list[Experiment] = []
-    experiments: list[Experiment] = []
-    nuisances: list[Parameter] = []
     floors: dict[str, float] = {}
-    noise = noise or NoiseModel()
-    for index, recording in enumerate(recordings):
-        missing = [name for name in recording.inputs if name not in driven]
-        if missing:
-            raise InputError(f"{recording.name}: model {model.name} has no input {missing[0]}")
-        suffix = "" if len(recordings) == 1 else f"[{recording.name}]"
-        experiment = _experiment(recording, outputs, floors, settings, known.zero_at_rest)
-        start, extra = start_parameters(
-            recording, experiment, model, settings.start, may_start_at_rest, index, suffix, given
-        )
-        nuisances += extra
+    at_rest = model.declared.recording.zero_at_rest
+    whole = [_experiment(recording, outputs, floors, settings, at_rest) for recording in recordings]
+    started = _with_starts(whole, recordings, model, settings, parameters)
+    experiments = [e if settings.most_readings is None else thin(e, settings.most_readings) for e in whole]
+    nuisances: list[Parameter] = []
+    for index, (experiment, (_, starts)) in enumerate(zip(whole, started, strict=True)):
+        nuisances += starts
         if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], settings.delay, limit):
-            nuisances.append(_delay(limit, index, suffix))
-        whole.append(experiment)
-        if settings.most_readings is not None:
-            experiment = thin(experiment, settings.most_readings)
-        experiments.append(replace(experiment, start=start))
+            nuisances.append(_delay(limit, index, _suffix(recordings, index)))
     if isinstance(limit, Mapping):
-        _check_inputs(recordings, limit, "delay")
         nuisances += _delays(whole, limit, settings.delay)
     # What the caller searches as a parameter of his own is no nuisance beside it.
     taken = {(p.target, p.recording) for p in parameters}
     new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
     found = Calibration(
         model,
-        tuple(experiments),
+        tuple(replace(e, start=start) for e, (start, _) in zip(experiments, started, strict=True)),
         tuple(recording.name for recording in recordings),
         parameters.extended(new),
         dict(fixed or {}),
@@ -297,6 +255,48 @@ def calibrate(
         floors,
     )
     return found.with_process_noise(noise) if noise.process else found
+
+
+def _suffix(recordings: Sequence[Recording], index: int) -> str:
+    """End of the names of a recording's own parameters."""
+    return "" if len(recordings) == 1 else f"[{recordings[index].name}]"
+
+
+def _delay_limit(
+    recordings: Sequence[Recording], model: Model, settings: CalibrationSettings
+) -> float | Mapping[str, float]:
+    """Largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs."""
+    declared = model.declared.recording.max_input_delay
+    limit = declared if settings.delay_limit is None else settings.delay_limit
+    if settings.delay == "free" and not limit:
+        raise InputError(f"model {model.name} declares no input delay: give its delay_limit")
+    driven = {variable.name for variable in model.inputs}
+    for recording in recordings:
+        missing = [name for name in recording.inputs if name not in driven]
+        if missing:
+            raise InputError(f"{recording.name}: model {model.name} has no input {missing[0]}")
+    if isinstance(limit, Mapping):
+        _check_inputs(recordings, limit, "delay")
+    return limit
+
+
+def _with_starts(
+    experiments: Sequence[Experiment],
+    recordings: Sequence[Recording],
+    model: Model,
+    settings: CalibrationSettings,
+    parameters: ParameterSet,
+) -> list[tuple[Mapping[str, float], list[Parameter]]]:
+    """For each recording, the values that states begin at, and the parameters of those that are estimated."""
+    resting = model.declared.recording.resting
+    may_start_at_rest = resting if settings.may_start_at_rest is None else settings.may_start_at_rest
+    given = {state for p in parameters for state in p.starts}
+    return [
+        start_parameters(
+            recording, experiment, model, settings.start, may_start_at_rest, index, _suffix(recordings, index), given
+        )
+        for index, (recording, experiment) in enumerate(zip(recordings, experiments, strict=True))
+    ]
 
 
 def _outputs(recordings: Sequence[Recording], model: Model, settings: CalibrationSettings) -> tuple[str, ...]:

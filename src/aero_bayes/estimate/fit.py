@@ -42,15 +42,16 @@ from aero_bayes.estimate.parameters import ChosenParameters, chosen_parameters
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL, CostKind, GlobalSearchSettings
 from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.value_comparison import best_values
 from aero_bayes.estimate.wrong_units import with_unit_finding
-from aero_bayes.progress import Progress, watching
+from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.noise import NoiseModel
-from aero_bayes.sensors.ripple import Ripple, find_ripples
+from aero_bayes.sensors.ripple import Ripple
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
@@ -155,6 +156,11 @@ def fit(
     checkpoint : Checkpoint or path, optional
         File to resume from and to keep up to date.
 
+    Returns
+    -------
+    Fit
+        Values with intervals, the noise, the residuals and a diagnosis.
+
     Raises
     ------
     InputError
@@ -167,41 +173,65 @@ def fit(
     >>> aero_bayes.fit(recording, model, parameters=["k", "d"], workers=0)
     <Fit Rig: k=54.9 N/m, d=3.899 N.s/m, position_start=-0.0006229 m>
     """
-    from aero_bayes.simulation import open_simulator
-
-    settings = settings or FitSettings()
     recordings = require_all(recordings, Recording, "recordings")
-    overrides = declared_overrides(require_type(model, Model, "model"))
-    chosen = parameters if parameters is not None else tuple(overrides)
-    if isinstance(chosen, Sized) and not chosen:
-        known = ", ".join(v.name for v in model.parameters)
-        raise InputError(
-            f"model {model.name} declares no parameters to fit: say which to search by parameters; it has {known}"
-        )
-    if settings.noise.process and settings.cost != "posterior":
-        raise InputError(f"cost = {settings.cost!r} knows no process noise: it needs cost = 'posterior'")
-    chosen, listed = split_values(chosen)
-    candidates = combinations(model, {**settings.values, **listed})
-    cleaned = screened(recordings, model)
-
-    def opened(problem: Problem) -> Simulator:
-        return open_simulator(problem, engine=settings.engine, workers=workers)
-
+    require_type(model, Model, "model")
     # Sums over BLAS threads differ in their last digits, and the same seed is to give the same numbers.
     with threadpool_limits(limits=1, user_api="blas"), watching(progress) as watched:
         cache = Checkpoint.at(checkpoint)
+        request = _Request(model, parameters, settings or FitSettings(), seed, workers, watched, cache)
+        return request.fit(screened(recordings, model))
 
-        def calibrated(given: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> Calibration:
-            free = chosen_parameters(model, chosen, overrides)
-            return calibrate(given, model, free, fixed=fixed, noise=settings.noise, settings=settings.calibration)
+
+class _Request:
+    """What the fits of one call share: the model, the parameters to search, the settings and the seed."""
+
+    def __init__(
+        self,
+        model: Model,
+        parameters: ChosenParameters | None,
+        settings: FitSettings,
+        seed: int,
+        workers: int | None,
+        progress: Watched,
+        cache: Checkpoint | None,
+    ) -> None:
+        self.settings, self.seed, self.workers, self.progress, self.cache = settings, seed, workers, progress, cache
+        self.overrides = declared_overrides(model)
+        chosen = parameters if parameters is not None else tuple(self.overrides)
+        if isinstance(chosen, Sized) and not chosen:
+            known = ", ".join(v.name for v in model.parameters)
+            raise InputError(
+                f"model {model.name} declares no parameters to fit: say which to search by parameters; it has {known}"
+            )
+        if settings.noise.process and settings.cost != "posterior":
+            raise InputError(f"cost = {settings.cost!r} knows no process noise: it needs cost = 'posterior'")
+        self.chosen, listed = split_values(chosen)
+        self.candidates = combinations(model, {**settings.values, **listed})
+
+    def opened(self, problem: Problem, workers: int | None = None) -> Simulator:
+        """Open a simulator of a problem."""
+        from aero_bayes.simulation import open_simulator
+
+        return open_simulator(
+            problem, engine=self.settings.engine, workers=self.workers if workers is None else workers
+        )
+
+    def calibration(self, recordings: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> Calibration:
+        """Combine recordings and a model."""
+        free, settings = chosen_parameters(model, self.chosen, self.overrides), self.settings
+        return calibrate(recordings, model, free, fixed=fixed, noise=settings.noise, settings=settings.calibration)
+
+    def fit(self, recordings: Sequence[Recording]) -> Fit:
+        """Fit each combination of listed values, and finish the likeliest: outliers, sensors, noise, checks."""
+        settings, opened, watched, cache = self.settings, self.opened, self.progress, self.cache
 
         def fitted(candidate: ValueCombination) -> Fit:
-            calibration = calibrated(cleaned, candidate.model, {**settings.fixed, **candidate.fixed})
-            rng = np.random.default_rng(seed)
+            calibration = self.calibration(recordings, candidate.model, {**settings.fixed, **candidate.fixed})
+            rng = np.random.default_rng(self.seed)
             return fit_calibration(calibration, opened, settings, rng, watched, checkpoint=cache)
 
         # Outliers, ripple and kinds of noise belong to the likeliest values: all are compared on the same readings.
-        found = best_values(candidates, fitted)
+        found = best_values(self.candidates, fitted)
         filtered = found.calibration.process is not None
         if not filtered and not watched.asked_to_end:
             found = _without_outliers(found, opened, settings, watched, cache)
@@ -209,16 +239,15 @@ def fit(
             found = _with_sensors(found, opened, settings, watched, cache)
             found = _with_noise_kinds(found, opened, settings, watched)
         judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
-        here = partial(open_simulator, engine=settings.engine, workers=0)  # one run needs no workers
+        here = partial(opened, workers=0)  # one run needs no workers
         found = with_solver_difference(replace(found, identifiability=judged), here)
         if watched.asked_to_end:
             return found
-        local = replace(settings, method="local")
-        own = found.calibration
+        local, problem = replace(settings, method="local"), found.calibration
         return with_unit_finding(
             found,
-            lambda given: calibrated(given, own.model, own.fixed),
-            lambda other: fit_calibration(other, opened, local, np.random.default_rng(seed)),
+            lambda given: self.calibration(given, problem.model, problem.fixed),
+            lambda other: fit_calibration(other, opened, local, np.random.default_rng(self.seed)),
             here,
         )
 
@@ -299,29 +328,6 @@ def _continued(first: Fit, refitted: Fit) -> Fit:
         iterations=first.iterations + refitted.iterations,
         outcomes=outcomes,
     )
-
-
-def without_ripple(
-    calibration: Calibration, fitted: Sequence[FloatArray]
-) -> tuple[Calibration, dict[str, dict[str, Ripple]]]:
-    """The calibration with ripple locked to a rotor subtracted, and what was subtracted by recording and output.
-
-    ``fitted`` holds the outputs (n, m) of each experiment. The calibration is the same where nothing was found.
-    """
-    units = {v.name: v.unit for v in calibration.model.outputs}
-    by_output = [units.get(o, "") for o in calibration.outputs]
-    experiments, found = [], {}
-    for experiment, name, y, f in zip(
-        calibration.experiments, calibration.names, calibration.measured, fitted, strict=True
-    ):
-        own = find_ripples(experiment.time, y, f, calibration.outputs, by_output)
-        cleaned = y.copy()
-        for output, ripple in own.items():
-            cleaned[:, calibration.outputs.index(output)] -= ripple.values
-        if own:
-            found[name] = own
-        experiments.append(replace(experiment, measured=cleaned))
-    return (replace(calibration, experiments=tuple(experiments)) if found else calibration), found
 
 
 def fit_calibration(

@@ -18,17 +18,16 @@ from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.delays import delay_columns, scan_delays, search_delays
 from aero_bayes.estimate.laplace import with_robust_covariance
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise, local_fit
-from aero_bayes.estimate.model_error import correlated_outputs
+from aero_bayes.estimate.model_error import correlated_outputs, estimate_output_noise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.progressive_horizon import OpenSimulator, fit_progressive_horizon, floor_ratio
 from aero_bayes.estimate.reduced_problem import with_few_samples, with_loose_solver
 from aero_bayes.estimate.search_settings import GlobalSearchSettings
-from aero_bayes.estimate.staged import Stage, causal_stages
+from aero_bayes.estimate.staged import Stage, stages_by_effect
 from aero_bayes.estimate.step_parameters import other_plateaus
 from aero_bayes.estimate.target import Target
 from aero_bayes.progress import Progress, Watched
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
-from aero_bayes.sensors.noise_estimation import estimate_noise
 
 FloatArray = NDArray[np.float64]
 
@@ -192,7 +191,7 @@ class GlobalSearch:
         if not self.settings.check_noise or self.settings.cost != "posterior" or self.objective.filtered:
             return here
         for _ in range(3):
-            noise = self._estimate_noise(here)
+            noise = estimate_output_noise(self.objective, here, self.white_outputs)
             new = {o for o, n in noise.items() if n.model_error} - self.white_outputs
             new = new or self._outputs_overfitted_by_noise(here, noise)
             new = new or correlated_outputs(self.objective, here, noise) - self.white_outputs
@@ -201,7 +200,7 @@ class GlobalSearch:
             self.white_outputs |= new
             self.kinds |= dict.fromkeys(new, "white")
             here = self._local_fit(here.coordinates, here.free, None, self.local_settings)
-        noise = self._estimate_noise(here)
+        noise = estimate_output_noise(self.objective, here, self.white_outputs)
         here = self._local_fit(here.coordinates, here.free, noise, replace(self.local_settings, hold_noise=True))
         return with_robust_covariance(self.objective, here)
 
@@ -218,27 +217,6 @@ class GlobalSearch:
         white = replace(self.least_squares_settings, floors={})
         residual = found.evaluation.residual
         return {o: n.sd_white for o, n in fit_noise(objective or self.objective, residual, white).items()}
-
-    def _estimate_noise(self, here: Optimum) -> dict[str, OutputNoise]:
-        """Noise by its exact likelihood; for outputs weighted by their residual, the RMS of the residual."""
-        found = {}
-        for output in self.objective.outputs:
-            own = [k for k, s in enumerate(self.objective.series) if s.output == output]
-            kind = self.objective.calibration.noise.kind(output)
-            n = estimate_noise(
-                [self.objective.series[k].sampling.time for k in own],
-                [self.objective.series[k].sampling.equalised(here.evaluation.residual[k]) for k in own],
-                "white" if output in self.white_outputs else kind, here.noise[output],
-                max(self.objective.calibration.floors.get(output, 0.0), 1e-7 * self._scale(output)),
-            )  # fmt: skip
-            if (spread := self.objective.calibration.spreads.get(output)) is not None:
-                n = replace(n, sd_white=n.sd_white * spread.widening, sd_ou=n.sd_ou * spread.widening)
-            found[output] = replace(n, model_error=True) if output in self.white_outputs else n
-        return found
-
-    def _scale(self, output: str) -> float:
-        calibration = self.objective.calibration
-        return float(calibration.scale[calibration.outputs.index(output)])
 
     def _local_fit(
         self,
@@ -349,17 +327,7 @@ class GlobalSearch:
             return ()
         if self.settings.stages is not None:
             return self.settings.stages
-        parameters, calibration = self.objective.parameters, self.objective.calibration
-        found = self.objective.evaluate(point, free)
-        if found is None or found.slopes is None or len(calibration.outputs) == 1:
-            return ()
-        effect = np.zeros((len(free), len(calibration.outputs)))
-        for k, series in enumerate(self.objective.series):
-            size = np.max(np.abs(found.slopes[k]), axis=1) / calibration.scale[series.column]
-            effect[:, series.column] = np.maximum(effect[:, series.column], size)
-        names = [parameters.names[j] for j in free]
-        stages = causal_stages(names, calibration.outputs, np.where(effect > 1e-6, effect, 0.0))
-        return stages if len(stages) > 1 else ()
+        return stages_by_effect(self.objective, point, free)
 
     def _fit_stage(self, stage: Stage, point: FloatArray, free: Sequence[int]) -> FloatArray:
         """Fit a stage's own parameters to its outputs."""

@@ -199,6 +199,19 @@ def levenberg_marquardt(
     if here is None:
         return LocalResult(point, None, 0, Stop.FAILED_START, 1)
     rule = StepRule(low, high, shape or CostShape())
+    return _iterate(cost_function, (point, here), rule, settings, on_iteration, leads_to_known)
+
+
+def _iterate(
+    cost_function: CostFunction[Quadratic],
+    start: tuple[FloatArray, Quadratic],
+    rule: StepRule,
+    settings: LocalSettings,
+    on_iteration: Callable[[int, float], object] | None,
+    leads_to_known: Callable[[Quadratic, FloatArray], bool] | None,
+) -> LocalResult[Quadratic]:
+    """Step from a point (p,) with its quadratic model until a reason to stop applies."""
+    point, here = start
     damping, growth, evaluations = settings.damping, 2.0, 1
     largest_curvature, rejected, idle = np.zeros(point.size), 0, 0
     for iteration in range(1, settings.max_iterations + 1):

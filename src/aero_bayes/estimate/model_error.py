@@ -1,13 +1,15 @@
-"""Outputs whose residuals no noise describes, because what is left after the noise is correlated."""
+"""Noise of each output at a fit, and outputs whose residuals no noise describes: what it leaves is correlated."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from itertools import combinations_with_replacement
 
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.sensors import OutputNoise, correlation_p_value, is_rotor_speed, ripple_means, whiten
+from aero_bayes.sensors.noise_estimation import estimate_noise
 from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE
 
 
@@ -35,3 +37,39 @@ def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, 
         if correlation_p_value(innovations[j], innovations[k]) < FALSE_ALARM_RATE / len(pairs):
             found |= {objective.series[j].output, objective.series[k].output}
     return {output for output in found if objective.calibration.noise.kind(output) == "auto"}
+
+
+def estimate_output_noise(
+    objective: Objective, here: Optimum, white_outputs: Collection[str] = ()
+) -> dict[str, OutputNoise]:
+    """Estimate noise by its exact likelihood; for ``white_outputs``, weighted by their residual, by its RMS.
+
+    Parameters
+    ----------
+    objective : Objective
+    here : Optimum
+        Of the objective; its residuals are described.
+    white_outputs : collection of str
+        Outputs whose residual is model error.
+
+    Returns
+    -------
+    dict of str to OutputNoise
+        By output; standard deviations in the output's unit.
+    """
+    calibration, found = objective.calibration, {}
+    scale = dict(zip(calibration.outputs, calibration.scale.tolist(), strict=True))
+    for output in objective.outputs:
+        own = [k for k, s in enumerate(objective.series) if s.output == output]
+        white = output in white_outputs
+        n = estimate_noise(
+            [objective.series[k].sampling.time for k in own],
+            [objective.series[k].sampling.equalised(here.evaluation.residual[k]) for k in own],
+            "white" if white else calibration.noise.kind(output),
+            here.noise[output],
+            max(calibration.floors.get(output, 0.0), 1e-7 * scale[output]),
+        )
+        if (spread := calibration.spreads.get(output)) is not None:
+            n = replace(n, sd_white=n.sd_white * spread.widening, sd_ou=n.sd_ou * spread.widening)
+        found[output] = replace(n, model_error=True) if white else n
+    return found

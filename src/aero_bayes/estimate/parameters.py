@@ -346,6 +346,11 @@ def parameters_from_model(
         Which to search; by default those that ``overrides`` names.
     overrides : mapping of str to Override
 
+    Returns
+    -------
+    ParameterSet
+        In the order of ``free``, in SI units.
+
     Raises
     ------
     InputError

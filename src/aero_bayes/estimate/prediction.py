@@ -22,7 +22,7 @@ from aero_bayes.estimate.predictive import (
 )
 from aero_bayes.estimate.simulate import as_recording, run_filter, run_problem
 from aero_bayes.estimate.target import NoiseLayout
-from aero_bayes.plot_backend import plot_backend
+from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Filtered, Outcome
 from aero_bayes.simulation.model import Model
@@ -93,17 +93,9 @@ class RecordingPrediction:
                 found.append((output, (y - part.median[:, k])[seen], inside[seen]))
         return found
 
+    @describe_figure_parameters
     def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw the median and the 90 % band over what was read.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Whose place in a larger figure it takes.
-        figure : matplotlib.figure.Figure, optional
-            To draw into; a new one by default.
-        dark : bool
-            Colours for a dark ground.
 
         Examples
         --------

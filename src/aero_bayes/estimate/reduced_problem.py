@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.calibration import Calibration, rows_of_first_readings, thin
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.thinning import rows_of_first_readings, thin
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Simulator
 
 FloatArray = NDArray[np.float64]

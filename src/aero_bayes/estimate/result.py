@@ -31,7 +31,7 @@ from aero_bayes.estimate.stage_report import StageReport
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.estimate.value_comparison import ValueTrial, chosen_estimates, trials_sentence
-from aero_bayes.plot_backend import plot_backend
+from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.simulation.interface import Simulator
 from aero_bayes.simulation.smoothing import SmoothedStates
 
@@ -351,6 +351,7 @@ class Fit(FitStatistics, OtherTools):
         """
         return self.calibrated.export_fmu(path)
 
+    @describe_figure_parameters
     def plot(
         self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
     ) -> Figure:
@@ -360,12 +361,6 @@ class Fit(FitStatistics, OtherTools):
         ----------
         recording : str, optional
             Name of a fitted recording; the first by default.
-        ax : matplotlib.axes.Axes, optional
-            Axes whose place in a larger figure it takes.
-        figure : matplotlib.figure.Figure, optional
-            To draw into; a new one by default.
-        dark : bool
-            Colours for a dark background.
 
         Returns
         -------

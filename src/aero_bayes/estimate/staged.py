@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.estimate.objective import Objective
+
 FloatArray = NDArray[np.float64]
 
 
@@ -47,3 +49,18 @@ def causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArr
         group = tuple(out for out, m in zip(outputs, moved, strict=True) if m == members)
         stages.append(Stage(tuple(names[j] for j in new), group))
     return tuple(stages)
+
+
+def stages_by_effect(objective: Objective, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
+    """Stages of the free columns, by their effects at a point (p,) in search coordinates; none where one would do."""
+    calibration = objective.calibration
+    found = objective.evaluate(point, free)
+    if found is None or found.slopes is None or len(calibration.outputs) == 1:
+        return ()
+    effect = np.zeros((len(free), len(calibration.outputs)))
+    for k, series in enumerate(objective.series):
+        size = np.max(np.abs(found.slopes[k]), axis=1) / calibration.scale[series.column]
+        effect[:, series.column] = np.maximum(effect[:, series.column], size)
+    names = [objective.parameters.names[j] for j in free]
+    stages = causal_stages(names, calibration.outputs, np.where(effect > 1e-6, effect, 0.0))
+    return stages if len(stages) > 1 else ()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial, reduce
+
 from aero_bayes.export import arrays
 from aero_bayes.export.arrays import ShapeError, Value, scalars
 from aero_bayes.export.expression import Builder, Node
@@ -21,33 +23,28 @@ def array_function(b: Builder, function: str, args: list[Value]) -> Value | None
         For sizes that do not fit or are not known.
     """
 
-    def whole(value: Value) -> int:
-        if not isinstance(value, Node) or value.op != "const" or not value.value.is_integer():
-            raise ShapeError("a size that is not a constant whole number")
-        return int(value.value)
-
     match function, args:
         case "size", (value,):
             return [b.const(float(n)) for n in arrays.shape(value)]
         case "size", (value, dimension):
             sizes = arrays.shape(value)
-            if not 1 <= whole(dimension) <= len(sizes):
+            if not 1 <= _whole(dimension) <= len(sizes):
                 raise ShapeError("size() of a dimension that is not there")
-            return b.const(float(sizes[whole(dimension) - 1]))
+            return b.const(float(sizes[_whole(dimension) - 1]))
         case "ndims", (value,):
             return b.const(float(len(arrays.shape(value))))
         case "fill", (item, *sizes):
-            return arrays.filled(item, [whole(s) for s in sizes])
+            return arrays.filled(item, [_whole(s) for s in sizes])
         case (("zeros" | "ones"), _):
-            return arrays.filled(b.const(float(function == "ones")), [whole(s) for s in args])
+            return arrays.filled(b.const(float(function == "ones")), [_whole(s) for s in args])
         case "identity", (size,):
-            n = whole(size)
+            n = _whole(size)
             return [[b.const(float(i == j)) for j in range(n)] for i in range(n)]
         case "diagonal", (value,):
             items = scalars(value)
             return [[x if i == j else b.zero for j in range(len(items))] for i, x in enumerate(items)]
         case "linspace", (first, last, count):
-            n = whole(count)
+            n = _whole(count)
             width = arrays.elementwise(b.sub, last, first)
             steps = [arrays.elementwise(b.mul, b.const(k / (n - 1)), width) for k in range(n)]
             return [arrays.elementwise(b.add, first, step) for step in steps]
@@ -70,10 +67,13 @@ def array_function(b: Builder, function: str, args: list[Value]) -> Value | None
             if len(scalars(value)) == 1:
                 return scalars(value)[0]
         case (("product" | "min" | "max"), (value,)):
-            items = scalars(value)
-            if items:
-                result = items[0]
-                for item in items[1:]:
-                    result = b.binary("mul" if function == "product" else function, result, item)
-                return result
+            operation = "mul" if function == "product" else function
+            if items := scalars(value):
+                return reduce(partial(b.binary, operation), items)
     return None
+
+
+def _whole(value: Value) -> int:
+    if not isinstance(value, Node) or value.op != "const" or not value.value.is_integer():
+        raise ShapeError("a size that is not a constant whole number")
+    return int(value.value)

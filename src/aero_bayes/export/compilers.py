@@ -94,23 +94,27 @@ def export_fmu(
     PosixPath('Rig.fmu')
     """
     out, sources, libraries = Path(out), paths_of(sources, "sources"), paths_of(libraries, "libraries")
+    wanted = platforms_called(platforms)
+
+    def attempt(one: Compiler) -> Path:
+        if one == "omc":
+            return export_openmodelica(model, out, sources, libraries)
+        return export_embedded(model, out, sources, libraries, fmi=fmi, platforms=wanted, stop=stop)
+
+    return first_compiler(_usable_compiler(compiler, fmi, here_only=wanted == (this_machine(),)), attempt)
+
+
+def _usable_compiler(compiler: Compiler, fmi: int, *, here_only: bool) -> Compiler:
+    """Return the compiler, or the only one that can do what is asked."""
+    if compiler not in ("auto", "omc", "embedded"):
+        raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
     if fmi not in (2, 3):
         raise InputError(f"FMI {fmi}: expected 2 or 3")
-    wanted = platforms_called(platforms)
-    if fmi == 3 or wanted != (this_machine(),):
-        if compiler == "omc":
-            raise InputError(
-                "FMI 3.0 and binaries for other machines are written by the embedded exporter only; expected "
-                "--compiler embedded"
-            )
-        compiler = "embedded"
-    if compiler == "auto":
-        return first_compiler(
-            compiler,
-            lambda one: export_fmu(model, out, compiler=one, sources=sources, libraries=libraries, stop=stop),
-        )
+    if fmi == 2 and here_only:
+        return compiler
     if compiler == "omc":
-        return export_openmodelica(model, out, sources, libraries)
-    if compiler != "embedded":
-        raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
-    return export_embedded(model, out, sources, libraries, fmi=fmi, platforms=wanted, stop=stop)
+        raise InputError(
+            "FMI 3.0 and binaries for other machines are written by the embedded exporter only; expected "
+            "--compiler embedded"
+        )
+    return "embedded"

@@ -275,6 +275,18 @@ def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[
         if attribute not in _DEFAULTS:
             raise InputError(f"{flat.name}: {name!r} has no {attribute}")
         return _DEFAULTS[attribute]
+    found = _evaluated(flat, name, attribute, tree, values)
+    for k in subscripts:
+        found = found[k - 1] if isinstance(found, list) else found
+    items = scalars(found)
+    if len(items) != 1 or items[0].op != "const":
+        raise InputError(f"{flat.name}: {attribute} of {name!r} is not one number")
+    return items[0].value
+
+
+def _evaluated(flat: FlatModel, name: str, attribute: str, tree: Expression, values: Mapping[str, float]) -> Value:
+    """Evaluate an attribute after everything that it depends on."""
+    known = {v.name: v for v in flat.variables}
     b = Builder()
     scope = Scope(b, flat.functions, {}, f"{name}.{attribute}", records=flat.records)
     open_: set[str] = set()
@@ -294,13 +306,7 @@ def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[
             scope.values[n] = b.const(values[n]) if n in values else _overridden(scope, n, binding, values)
 
     need(tree)
-    found: Value = scope.value(tree)
-    for k in subscripts:
-        found = found[k - 1] if isinstance(found, list) else found
-    items = scalars(found)
-    if len(items) != 1 or items[0].op != "const":
-        raise InputError(f"{flat.name}: {attribute} of {name!r} is not one number")
-    return items[0].value
+    return scope.value(tree)
 
 
 def _overridden(scope: Scope, name: str, binding: Expression, values: Mapping[str, float]) -> Value:

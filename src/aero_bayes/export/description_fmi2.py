@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from aero_bayes.errors import InputError
@@ -26,7 +27,43 @@ def write_fmi2_description(
     stop: float | None = None,
     sources: bool = False,
 ) -> bytes:
-    """The description as bytes, the same for the same model."""
+    """Write the description, the same for the same model.
+
+    Parameters
+    ----------
+    model : ExplicitModel
+    layout : VariableLayout
+        Value references of its variables.
+    model_name, identifier, guid : str
+        Full name, name of the binary, and identifier that the binary has, too.
+    stop : float, optional
+        End of the default experiment in s.
+    sources : bool
+        Whether the archive holds the C source.
+
+    Returns
+    -------
+    bytes
+        The text of ``modelDescription.xml``.
+    """
+    root = ET.Element(
+        "fmiModelDescription", fmiVersion="2.0", modelName=model_name, guid=guid, generationTool="aero-bayes",
+        variableNamingConvention="structured", numberOfEventIndicators=str(model.indicators),
+    )  # fmt: skip
+    _interfaces(root, identifier, asks_for_events=bool(layout.inputs), sources=sources)
+    _units(root, layout)
+    categories = ET.SubElement(root, "LogCategories")
+    ET.SubElement(categories, "Category", name="logStatusError", description="Calls that failed")
+    ET.SubElement(categories, "Category", name="logStatusWarning", description="Calls to look at")
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=f"{stop or DEFAULT_STOP:.12g}", tolerance="1e-6")
+    _structure(root, model, layout, _variables(_Variables(root, _start_values(model, layout)), model, layout))
+    ET.indent(root)
+    text = ET.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
+
+
+def _start_values(model: ExplicitModel, layout: VariableLayout) -> dict[Node, float]:
+    """Values of parameters, inputs and states at the start, where nothing has been set yet."""
     b = model.system.builder
     values = {b.symbol(p.name): _number(p.binding, {}) for p in layout.parameters if p.binding is not None}
     for p in model.system.parameters:
@@ -34,28 +71,32 @@ def write_fmi2_description(
             values.setdefault(b.symbol(p.name), p.binding.value)
     values |= {b.symbol(v.name): _attribute(v, "start", values, 0.0) for v in layout.inputs}
     values[model.system.time] = 0.0
-    by_name = {v.name: v for v in model.system.variables}
-
-    def guess(path: str, start: Node) -> float:
-        """A state's start where nothing has been set yet; what events or inputs decide is left to the FMU itself."""
-        try:
-            return _number(start, values)
-        except (KeyError, ArithmeticError, ValueError):
-            return _attribute(by_name[path], "start", values, 0.0)
-
     for later in (False, True):
         for path, start in zip(layout.state_paths, model.starts, strict=True):
             if (b.symbols(start) <= values.keys()) is not later and b.symbol(path) not in values:
-                values[b.symbol(path)] = guess(path, start)
-    root = ET.Element(
-        "fmiModelDescription", fmiVersion="2.0", modelName=model_name, guid=guid, generationTool="aero-bayes",
-        variableNamingConvention="structured", numberOfEventIndicators=str(model.indicators),
-    )  # fmt: skip
+                values[b.symbol(path)] = _state_start(model, path, start, values)
+    return values
+
+
+def _state_start(model: ExplicitModel, path: str, start: Node, values: Mapping[Node, float]) -> float:
+    """A state's start where nothing has been set yet; what events or inputs decide is left to the FMU itself."""
+    try:
+        return _number(start, values)
+    except (KeyError, ArithmeticError, ValueError):
+        by_name = {v.name: v for v in model.system.variables}
+        return _attribute(by_name[path], "start", values, 0.0)
+
+
+def _interfaces(root: ET.Element, identifier: str, *, asks_for_events: bool, sources: bool) -> None:
+    """Add model exchange and co-simulation; a model with inputs asks for an event where one jumps without any."""
     common = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
-    told = "false" if layout.inputs else "true"  # so that it can ask for an event where an input jumps without one
     interfaces = [
         ET.SubElement(
-            root, "ModelExchange", common, completedIntegratorStepNotNeeded=told, providesDirectionalDerivative="true"
+            root,
+            "ModelExchange",
+            common,
+            completedIntegratorStepNotNeeded="false" if asks_for_events else "true",
+            providesDirectionalDerivative="true",
         ),
         ET.SubElement(
             root,
@@ -69,56 +110,61 @@ def write_fmi2_description(
         files = ET.SubElement(interface, "SourceFiles")
         for file in (f"{identifier}.c", "fmi2.c"):
             ET.SubElement(files, "File", name=file)
-    _units(root, layout)
-    ET.SubElement(
-        ET.SubElement(root, "LogCategories"), "Category", name="logStatusError", description="Calls that failed"
-    )
-    ET.SubElement(root.find("LogCategories"), "Category", name="logStatusWarning", description="Calls to look at")  # type: ignore[arg-type]
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=f"{stop or DEFAULT_STOP:.12g}", tolerance="1e-6")
-    writer = _Variables(root, values)
-    nx = len(layout.states)
+
+
+@dataclass(frozen=True)
+class _Indices:
+    """Indices of variables in the description, by what they are; ``outputs`` are all that the model shows."""
+
+    inputs: list[int]
+    states: list[int]
+    calculated: list[int]
+    outputs: list[int]
+    dependent: list[int]
+    rates: list[int]
+
+
+def _variables(writer: _Variables, model: ExplicitModel, layout: VariableLayout) -> _Indices:
+    """Add every variable."""
+    values, nx = writer.values, len(layout.states)
     inputs = [
         writer.add(
             v, 2 * nx + i, causality="input", variability="continuous", start=_attribute(v, "start", values, 0.0)
         )
         for i, v in enumerate(layout.inputs)
     ]
-    states = []
-    for i, v in enumerate(layout.states):
-        start = model.starts[i]
-        exact = start.op == "const"
-        causality = "output" if v.shown else "local"
-        states.append(
-            writer.add(
-                v,
-                i,
-                causality=causality,
-                variability="continuous",
-                initial="exact" if exact else "approx",
-                start=guess(layout.state_paths[i], start),
-            )
+    states = [
+        writer.add(
+            v,
+            i,
+            causality="output" if v.shown else "local",
+            variability="continuous",
+            initial="exact" if start.op == "const" else "approx",
+            start=_state_start(model, path, start, values),
         )
-    outputs: list[int] = []
-    for i, v in enumerate(layout.outputs):
-        kind = "continuous" if v.variability == "continuous" else "discrete"
-        outputs.append(
-            writer.add(v, layout.first_output + i, causality="output", variability=kind, initial="calculated")
+        for i, (v, path, start) in enumerate(zip(layout.states, layout.state_paths, model.starts, strict=True))
+    ]
+    calculated = [
+        writer.add(
+            v,
+            layout.first_output + i,
+            causality="output",
+            variability="continuous" if v.variability == "continuous" else "discrete",
+            initial="calculated",
         )
-    calculated = list(outputs)
-    shown = [model.solved[v.name] for v in layout.outputs]
-    top = {v.name: v for v in model.system.variables}
+        for i, v in enumerate(layout.outputs)
+    ]
+    outputs, by_name = list(calculated), {v.name: v for v in model.system.variables}
     for name, vr in layout.aliases.items():
-        v = top[name]
-        is_output = v.shown
-        index = writer.add(
-            v, vr, causality="output" if is_output else "local", variability="continuous", initial="calculated"
-        )
-        if is_output:
+        v = by_name[name]
+        causality = "output" if v.shown else "local"
+        index = writer.add(v, vr, causality=causality, variability="continuous", initial="calculated")
+        if v.shown:
             outputs.append(index)
     for i, v in enumerate(layout.parameters):
         writer.add(
             v, layout.first_parameter + i, causality="parameter", variability="tunable", initial="exact",
-            start=values[b.symbol(v.name)],
+            start=values[model.system.builder.symbol(v.name)],
         )  # fmt: skip
     dependent = [
         writer.add(
@@ -127,28 +173,29 @@ def write_fmi2_description(
         for i, v in enumerate(layout.dependent)
     ]
     rates = [_add_rate(writer, v, nx + i, states[i]) for i, v in enumerate(layout.states)]
-    outputs = sorted(outputs + [s for s in states if writer.causality(s) == "output"])
+    shown = sorted(outputs + [s for s in states if writer.causality(s) == "output"])
+    return _Indices(inputs, states, calculated, shown, dependent, rates)
+
+
+def _structure(root: ET.Element, model: ExplicitModel, layout: VariableLayout, indices: _Indices) -> None:
+    """Add outputs, derivatives and initial unknowns, with what they depend on."""
+    b, states, outputs, rates = model.system.builder, indices.states, indices.outputs, indices.rates
     structure = ET.SubElement(root, "ModelStructure")
     knowns = {b.symbol(path): index for path, index in zip(model.states, states, strict=True)}
-    knowns |= {b.symbol(v.name): index for v, index in zip(layout.inputs, inputs, strict=True)}
-    expressions = {**dict(zip(rates, model.rates, strict=True)), **dict(zip(calculated, shown, strict=True))}
+    knowns |= {b.symbol(v.name): index for v, index in zip(layout.inputs, indices.inputs, strict=True)}
+    expressions = dict(zip(rates, model.rates, strict=True))
+    expressions |= dict(zip(indices.calculated, [model.solved[v.name] for v in layout.outputs], strict=True))
     needs = {index: model.dependencies(e) for index, e in expressions.items()}
     open_states = [s for s, e in zip(states, model.starts, strict=True) if e.op != "const"]
-    for tag, indices in (
-        ("Outputs", outputs),
-        ("Derivatives", rates),
-        ("InitialUnknowns", sorted({*(o for o in outputs if o not in states), *rates, *dependent, *open_states})),
-    ):
-        if indices:
+    first = {*(o for o in outputs if o not in states), *rates, *indices.dependent, *open_states}
+    for tag, unknowns in (("Outputs", outputs), ("Derivatives", rates), ("InitialUnknowns", sorted(first))):
+        if unknowns:
             group = ET.SubElement(structure, tag)
-            for index in indices:
+            for index in unknowns:
                 unknown = ET.SubElement(group, "Unknown", index=str(index))
                 on = needs.get(index)
                 if tag != "InitialUnknowns" and on is not None:
                     unknown.set("dependencies", " ".join(map(str, sorted(knowns[s] for s in on if s in knowns))))
-    ET.indent(root)
-    text = ET.tostring(root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
 
 
 def _units(root: ET.Element, layout: VariableLayout) -> None:

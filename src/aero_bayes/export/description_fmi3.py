@@ -45,6 +45,28 @@ def convert_to_fmi3(description: bytes, indicators: int) -> bytes:
         "fmiModelDescription", fmiVersion="3.0", modelName=old.get("modelName", ""),
         instantiationToken=old.get("guid", ""), generationTool="aero-bayes", variableNamingConvention="structured",
     )  # fmt: skip
+    _add_interfaces(root, old)
+    root.extend(e for tag in _SAME if (e := old.find(tag)) is not None)
+    first = _add_variables(root, scalars, references, indicators)
+    structure = ET.SubElement(root, "ModelStructure")
+    for above, tag in _UNKNOWNS.items():
+        done: set[str] = set()
+        for unknown in old.iterfind(f"ModelStructure/{above}/Unknown"):
+            reference = references[int(unknown.get("index", "0")) - 1]
+            if reference not in done:
+                done.add(reference)
+                new = ET.SubElement(structure, tag, valueReference=reference)
+                on = unknown.get("dependencies")
+                if on is not None:
+                    new.set("dependencies", " ".join(references[int(i) - 1] for i in on.split()))
+    for k in range(indicators):
+        ET.SubElement(structure, "EventIndicator", valueReference=str(first + 1 + k))
+    ET.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'.encode()
+
+
+def _add_interfaces(root: ET.Element, old: ET.Element) -> None:
+    """Add model exchange and co-simulation as the old description has them."""
     for tag in ("ModelExchange", "CoSimulation"):
         interface = old.find(tag)
         assert interface is not None
@@ -57,7 +79,10 @@ def convert_to_fmi3(description: bytes, indicators: int) -> bytes:
         elif interface.get("completedIntegratorStepNotNeeded") == "false":
             common["needsCompletedIntegratorStep"] = "true"
         ET.SubElement(root, tag, common)
-    root.extend(e for tag in _SAME if (e := old.find(tag)) is not None)
+
+
+def _add_variables(root: ET.Element, scalars: list[ET.Element], references: list[str], indicators: int) -> int:
+    """Add each variable once, the time and the event indicators; return the value reference of the time."""
     group = ET.SubElement(root, "ModelVariables")
     seen: set[str] = set()
     for scalar, reference in zip(scalars, references, strict=True):
@@ -84,18 +109,4 @@ def convert_to_fmi3(description: bytes, indicators: int) -> bytes:
             group, "Float64", name=f"event_indicator[{k + 1}]", valueReference=str(first + 1 + k), causality="local",
             variability="continuous", initial="calculated",
         )  # fmt: skip
-    structure = ET.SubElement(root, "ModelStructure")
-    for above, tag in _UNKNOWNS.items():
-        done: set[str] = set()
-        for unknown in old.iterfind(f"ModelStructure/{above}/Unknown"):
-            reference = references[int(unknown.get("index", "0")) - 1]
-            if reference not in done:
-                done.add(reference)
-                new = ET.SubElement(structure, tag, valueReference=reference)
-                on = unknown.get("dependencies")
-                if on is not None:
-                    new.set("dependencies", " ".join(references[int(i) - 1] for i in on.split()))
-    for k in range(indicators):
-        ET.SubElement(structure, "EventIndicator", valueReference=str(first + 1 + k))
-    ET.indent(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'.encode()
+    return first

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -74,7 +74,53 @@ def translate(model: FlatModel) -> EquationSystem:
     events = Events(builder)
     scope = Scope(builder, model.functions, {"time": time}, f"model {model.name}", records=model.records)
     others = [v for v in model.variables if not v.constant]
-    for v in others:
+    _declare(scope, events, others)
+    parameters = _parameters(scope, [v for v in model.variables if v.constant])
+    events.piecewise_constant |= {builder.symbol(p.name) for p in parameters}
+    inputs, discrete_variables, variables = _sorted_variables(scope, others, assigned_in_events(model))
+    symbols = [builder.symbol(v.name) for v in discrete_variables]
+    events.piecewise_constant |= set(symbols)
+    scope.place, scope.operators.events = None, events
+    actions = EventActions(scope, events)
+    residuals = _residuals(model, scope, actions, symbols)
+    before, initial = _initial(model, scope, actions, symbols)
+    memo = {limit: x for limit, x in scope.operators.left_limits.items() if x.name in scope.operators.derivatives}
+    residuals = [builder.substitute(r, memo) for r in residuals]
+    initial = tuple(builder.substitute(r, memo) for r in initial)
+    outside = frozenset[Node]().union(*(builder.symbols(r) for r in (*residuals, *initial, *before.values())))
+    driven = {builder.symbol(v.name) for v in inputs}
+    for limit, x in scope.operators.left_limits.items():
+        if x in driven or limit in outside:
+            raise scope.fail(f"pre({x.name}) of a variable that is neither discrete nor a state")
+    discrete = DiscretePart(
+        actions.updates,
+        tuple(actions.reinits),
+        tuple(events.relations.values()),
+        tuple(events.roundings.values()),
+        tuple(events.samplings.values()),
+        _assertions(model, scope),
+        before,
+        scope.operators.left_limits,
+    )
+    return EquationSystem(
+        model.name,
+        builder,
+        time,
+        tuple(parameters),
+        tuple(inputs),
+        tuple(variables),
+        tuple(residuals),
+        initial,
+        tuple(discrete_variables),
+        discrete,
+        scope.operators.derivatives,
+    )
+
+
+def _declare(scope: Scope, events: Events, variables: Sequence[FlatVariable]) -> None:
+    """Give the names of variables their symbols."""
+    builder = scope.builder
+    for v in variables:
         scope.place = v.place
         if v.type == "String":
             raise scope.fail(f"the variable {v.name!r} of type String")
@@ -86,13 +132,16 @@ def translate(model: FlatModel) -> EquationSystem:
             if switched
             else symbols_of
         )
-    parameters = _parameters(scope, [v for v in model.variables if v.constant])
-    events.piecewise_constant |= {builder.symbol(p.name) for p in parameters}
-    in_events = assigned_in_events(model)
-    variables: list[ScalarVariable] = []
+
+
+def _sorted_variables(
+    scope: Scope, declared: Sequence[FlatVariable], in_events: Collection[str]
+) -> tuple[list[ScalarVariable], list[ScalarVariable], list[ScalarVariable]]:
+    """Inputs, discrete variables (those that are assigned ``in_events``, too), and the rest."""
     inputs: list[ScalarVariable] = []
-    discrete_variables: list[ScalarVariable] = []
-    for v in others:
+    discrete: list[ScalarVariable] = []
+    variables: list[ScalarVariable] = []
+    for v in declared:
         scope.place = v.place
         for variable in _scalars(scope, v, None):
             if _is_input(v):
@@ -100,58 +149,29 @@ def translate(model: FlatModel) -> EquationSystem:
                     raise scope.fail(f"the input {v.name!r} of type {v.type}")
                 inputs.append(replace(variable, type="Real", variability="continuous"))
             elif v.variability == "discrete" or v.name in in_events:
-                discrete_variables.append(variable)
+                discrete.append(variable)
             else:
                 variables.append(variable)
-    symbols = [builder.symbol(v.name) for v in discrete_variables]
-    events.piecewise_constant |= set(symbols)
-    scope.place, scope.operators.events = None, events
-    actions = EventActions(scope, events)
+    return inputs, discrete, variables
+
+
+def _residuals(model: FlatModel, scope: Scope, actions: EventActions, discrete: Sequence[Node]) -> list[Node]:
+    """Run what happens in events, and return the residuals of equations and algorithms."""
+    b = scope.builder
     for clause in model.whens:
         actions.clause(clause)
     residuals: list[Node] = []
     for algorithm in model.algorithms:
         scope.place = algorithm.place
-        residuals += [builder.sub(new, s) for s, new in actions.algorithm(algorithm.statements, algorithm.outputs)]
-    open_ = set(symbols) - actions.updates.keys()
+        residuals += [b.sub(new, s) for s, new in actions.algorithm(algorithm.statements, algorithm.outputs)]
+    open_ = set(discrete) - actions.updates.keys()
     pairs: list[tuple[Node, Node]] = []
     for left, right in scope.sides(model.equations):
         if left in open_ or right in open_:
             pairs.append((left, right))
         else:
-            residuals.append(builder.sub(right, left))
-    residuals += [builder.sub(right, left) for left, right in match_discrete(scope, pairs, actions, symbols)]
-    before, initial = _initial(model, scope, actions, symbols)
-    memo = {limit: x for limit, x in scope.operators.left_limits.items() if x.name in scope.operators.derivatives}
-    residuals = [builder.substitute(r, memo) for r in residuals]
-    initial = tuple(builder.substitute(r, memo) for r in initial)
-    outside = frozenset[Node]().union(*(builder.symbols(r) for r in (*residuals, *initial, *before.values())))
-    driven = {builder.symbol(v.name) for v in inputs}
-    for limit, x in scope.operators.left_limits.items():
-        if x in driven or limit in outside:
-            raise scope.fail(f"pre({x.name}) of a variable that is neither discrete nor a state")
-    return EquationSystem(
-        model.name,
-        builder,
-        time,
-        tuple(parameters),
-        tuple(inputs),
-        tuple(variables),
-        tuple(residuals),
-        initial,
-        tuple(discrete_variables),
-        DiscretePart(
-            actions.updates,
-            tuple(actions.reinits),
-            tuple(events.relations.values()),
-            tuple(events.roundings.values()),
-            tuple(events.samplings.values()),
-            _assertions(model, scope),
-            before,
-            scope.operators.left_limits,
-        ),
-        scope.operators.derivatives,
-    )
+            residuals.append(b.sub(right, left))
+    return residuals + [b.sub(right, left) for left, right in match_discrete(scope, pairs, actions, discrete)]
 
 
 def _solved_at_start(model: FlatModel) -> FlatModel:

@@ -40,7 +40,6 @@ class FlatVariable:
     causality: Causality = "local"
     sizes: tuple[int, ...] = ()
     unit: str = ""
-    display_unit: str = ""
     attributes: Mapping[str, Expression] = field(default_factory=dict)
     binding: Expression | None = None
     flow: bool = False

@@ -37,22 +37,10 @@ def initial_values(
     reach = [b.symbols(r) | behind if b.symbols(r) & in_loops else b.symbols(r) for r in rows]
     # An equation is about the states that it names, the last ones first, before those that it depends on.
     nearest = [sorted(open_states, key=lambda s: s not in own) for _, own in said] + [open_states] * len(fixed)
-    owner: dict[Node, int] = {}
-
-    def place(k: int, seen: set[Node]) -> bool:
-        for state in nearest[k]:
-            if state in reach[k] and state not in seen:
-                seen.add(state)
-                if state not in owner or place(owner[state], seen):
-                    owner[state] = k
-                    return True
-        return False
-
-    for k in range(len(rows)):
-        if not place(k, set()) and k < len(stated):
-            raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
-    states_of = list(owner)
-    row_of = list(owner.values())
+    owner = _owners(nearest, reach)
+    if not set(range(len(stated))) <= set(owner.values()):
+        raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
+    states_of, row_of = list(owner), list(owner.values())
     at = {s: i for i, s in enumerate(states_of)}
     found: dict[Node, Node] = {}
     used: list[Node] = []
@@ -77,6 +65,27 @@ def initial_values(
             (*residuals, *(r for loop in more for r in loop.residuals)),
         )
     return tuple(starts[b.symbol(n)] for n in states), unsolved
+
+
+def _owners(nearest: Sequence[Sequence[Node]], reach: Sequence[frozenset[Node]]) -> dict[Node, int]:
+    """For states, the equation that determines each: each equation has at most one, and as many have one as can.
+
+    ``nearest`` has the states of each equation in the order in which they are tried, ``reach`` those that it knows.
+    """
+    owner: dict[Node, int] = {}
+
+    def place(k: int, seen: set[Node]) -> bool:
+        for state in nearest[k]:
+            if state in reach[k] and state not in seen:
+                seen.add(state)
+                if state not in owner or place(owner[state], seen):
+                    owner[state] = k
+                    return True
+        return False
+
+    for k in range(len(nearest)):
+        place(k, set())
+    return owner
 
 
 def _linear(system: EquationSystem, residuals: Sequence[Node], symbols: Sequence[Node]) -> list[Node] | None:

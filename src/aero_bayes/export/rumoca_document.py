@@ -103,7 +103,6 @@ class _FlatModelReader(TreeReader):
             causality=_CAUSALITY.get(_word(v["causality"]), "local"),
             sizes=tuple(int(d) for d in v["dims"]),
             unit=v["unit"] or "",
-            display_unit=v["display_unit"] or "",
             attributes=attributes,
             binding=None if v["binding"] is None else self.expression(v["binding"]),
             flow=bool(v["flow"]),

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -45,59 +45,61 @@ def fleet(
     Parameters
     ----------
     rigs : iterable of Rig, or path
-        The rigs, or a ``fleet.toml`` that says all of what follows.
+        The rigs, or a ``fleet.toml`` that says what follows.
     out : path
-        Where everything is written: ``rigs/NAME/`` for each rig, ``rigs.sqlite``, ``fleet.json``, ``report.html``. Rows
-        that are there already are kept, so that a run that was stopped goes on where it was.
+        Folder for ``rigs/NAME/``, ``rigs.sqlite``, ``fleet.json`` and ``report.html``; rows that are there are kept.
     settings : dict, optional
         The configuration for all rigs, nested as in the TOML file; paths in it from the present folder.
     work : {"fit", "posterior", "loop", "all"}
     seed : int
         Every rig draws its own from this and its name.
     executor : concurrent.futures.Executor, optional
-        Where rigs are worked on, one task each, such as ``distributed.Client.get_executor()``; all cores of this
-        machine by default. Workers must see recordings and ``out`` under the same paths.
+        Works on rigs, one task each, such as ``distributed.Client.get_executor()``; all cores by default. Workers must
+        see recordings and ``out`` under the same paths.
     progress : callable, optional
         Told how many rigs are done, one or more at a time.
 
     Returns
     -------
     FleetJson
-        As ``fleet.json`` holds it.
 
     Raises
     ------
     InputError
-        The fleet's file or table is wrong, two rigs have one name, or the model cannot be built. A rig that cannot be
-        fitted is no error but a row that says why.
+        The fleet's file or table is wrong, two rigs have one name, or the model cannot be built; where one rig cannot
+        be fitted, its row says why.
 
     Examples
     --------
     >>> rigs = [Rig(f"A{k:02}", (Path(f"A{k:02}.csv"),)) for k in range(20)]  # doctest: +SKIP
-    >>> found = fleet(rigs, "out", settings={"model": {"name": "Aero.Systems.HalfQuad"}})  # doctest: +SKIP
-    >>> found.parameters["R_a"].spread.q50  # doctest: +SKIP
+    >>> fleet(rigs, "out", settings={"model": {"name": "Aero.Systems.HalfQuad"}}).parameters  # doctest: +SKIP
     """
     if executor is None:
         with open_executor() as pool:
             return fleet(rigs, out, settings=settings, work=work, seed=seed, executor=pool, progress=progress)
-    if isinstance(rigs, Path | str):
-        plan = read_fleet(Path(rigs))
-    else:
-        plan = FleetPlan(settings or {}, Path(), work, tuple(rigs))
+    plan = _plan_of(rigs, settings, work)
     folder = Path(out).resolve()
     tasks = tasks_of(plan, folder, seed)
-    first = [
-        task for task in (next(tasks, None),) if task
-    ]  # what is wrong with all rigs shows before anything is written
+    first = list(islice(tasks, 1))  # what is wrong with all rigs shows before anything is written
     with Table(folder / TABLE) as table:
         run_tasks(chain(first, tasks), attempt, table, executor, made_of=lambda task: task.made_of, progress=progress)
         table.keep_only({rig.name for rig in plan.rigs})
         result, columns = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
-    with whole_file(folder / FLEET_RESULT) as temporary:
-        text = json.dumps(result.model_dump(by_alias=True), indent=1, ensure_ascii=False, allow_nan=False)
-        temporary.write_text(text + "\n", "utf-8")
+    _write_json(result, folder / FLEET_RESULT)
     write_fleet_page(folder, result, columns)
     return result
+
+
+def _plan_of(rigs: Iterable[Rig] | Path | str, settings: dict[str, Any] | None, work: Work) -> FleetPlan:
+    if isinstance(rigs, Path | str):
+        return read_fleet(Path(rigs))
+    return FleetPlan(settings or {}, Path(), work, tuple(rigs))
+
+
+def _write_json(result: FleetJson, path: Path) -> None:
+    with whole_file(path) as temporary:
+        text = json.dumps(result.model_dump(by_alias=True), indent=1, ensure_ascii=False, allow_nan=False)
+        temporary.write_text(text + "\n", "utf-8")
 
 
 def tasks_of(plan: FleetPlan, out: Path, seed: int) -> Iterator[RigTask]:

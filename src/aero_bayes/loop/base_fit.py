@@ -13,7 +13,7 @@ from aero_bayes.data import noise_floors
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.finished_fit import finished_fit
-from aero_bayes.estimate.fit import MAX_OUTLIER_ROUNDS, FitSettings, without_ripple
+from aero_bayes.estimate.fit import MAX_OUTLIER_ROUNDS, FitSettings
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.interpolation import choose_interpolation
@@ -25,6 +25,7 @@ from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.step_parameters import acts_in_steps, settle_blind, with_slope
 from aero_bayes.loop.context import LoopContext

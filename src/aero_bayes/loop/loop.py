@@ -83,6 +83,11 @@ def close_loop(
         returns True, the search for terms ends, and the loop concludes from what was tried. By default a bar in a
         notebook, where an interrupt ends the search likewise.
 
+    Returns
+    -------
+    LoopResult
+        The outcome, the named effects, the models before and after, and their errors on unseen data.
+
     Raises
     ------
     InputError

@@ -25,7 +25,7 @@ from aero_bayes.loop.found_effect import FoundEffect, NewParameter
 from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.ranking import Step
 from aero_bayes.loop.structure_average import StructureAverage
-from aero_bayes.plot_backend import plot_backend
+from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
@@ -196,19 +196,11 @@ class LoopResult:
             )
         return self.calibrated.export_fmu(path)
 
+    @describe_figure_parameters
     def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw what the models before and after make of data that was not fitted, and what each leaves.
 
         Of the output that most was left of. Dashed: twice the noise floor.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Whose place in a larger figure it takes.
-        figure : matplotlib.figure.Figure, optional
-            To draw into; a new one by default.
-        dark : bool
-            Colours for a dark ground.
 
         Examples
         --------
@@ -216,17 +208,9 @@ class LoopResult:
         """
         return plot_backend().loop_figure(self, figure=ax or figure, dark=dark)
 
+    @describe_figure_parameters
     def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
         """Draw by how much each candidate lowers the error on left-out readings, step by step; orange: chosen.
-
-        Parameters
-        ----------
-        ax : matplotlib.axes.Axes, optional
-            Whose place in a larger figure it takes.
-        figure : matplotlib.figure.Figure, optional
-            To draw into; a new one by default.
-        dark : bool
-            Colours for a dark ground.
 
         Raises
         ------

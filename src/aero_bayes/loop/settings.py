@@ -80,8 +80,8 @@ class LoopSettings(SettingsDisplay):
     ['AddProcessNoise']
     >>> settings.choice.min_share
     0.75
-    >>> settings, settings.allows("F"), settings.allows("v")
-    (LoopSettings(exclude=('F',), free=('k', 'd')), False, True)
+    >>> settings
+    LoopSettings(exclude=('F',), free=('k', 'd'))
     """
 
     structures: StructureSettings = field(default_factory=StructureSettings)
@@ -134,7 +134,3 @@ class LoopSettings(SettingsDisplay):
     def choice(self) -> ChoiceSettings:
         """What counts as a cause."""
         return ChoiceSettings(self.min_share, self.structures.require)
-
-    def allows(self, port: str) -> bool:
-        """Whether effects at a port are tried."""
-        return port not in self.exclude and (self.ports is None or port in self.ports)

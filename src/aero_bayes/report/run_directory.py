@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
-from aero_bayes.plot_backend import plot_backend
+from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.schema import SCHEMA, RunJson
 
 if TYPE_CHECKING:
@@ -96,6 +96,7 @@ class RunDirectory:
             raise InputError(f"{self.path}: the run has no posterior.nc; aero-bayes posterior writes one")
         return load(path)
 
+    @describe_figure_parameters
     def plot(
         self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
     ) -> Figure:
@@ -105,12 +106,6 @@ class RunDirectory:
         ----------
         recording : str, optional
             Name of a recording.
-        ax : matplotlib.axes.Axes, optional
-            Whose place in a larger figure it takes.
-        figure : matplotlib.figure.Figure, optional
-            To draw into; a new one by default.
-        dark : bool
-            Colours for a dark ground.
 
         Raises
         ------

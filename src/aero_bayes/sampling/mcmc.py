@@ -8,6 +8,7 @@ invariant.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,13 +88,11 @@ def run_chain(
         Vectorised log-density: points (n, d) to (n,), minus infinity where there is none. If it has a method
         ``log_prior`` of the same form, that part is taken as costing nothing.
     proposal : WarpedStudentT
-        First approximation of the density; the ensembles start from draws of it, widened. The density may have
-        corners along its ``axes``.
+        First approximation of the density, whose widened draws the ensembles start from; corners lie along its axes.
     settings : SampleSettings
     seed : int
     checkpoint : Checkpoint or Path, optional
-        Kept up to date; if it holds the state of the same run (seed, settings, ``identity``), the run goes
-        on from there and gives bit by bit what it would have given without the interruption.
+        Kept up to date; the same run (seed, settings, ``identity``) goes on from there, bit by bit.
     identity : str
         What makes the density this one and no other (hashes of model and data).
     moves : callable, optional
@@ -106,15 +105,37 @@ def run_chain(
     CannotFinishError
         If no starting point of finite density can be found.
     """
-    began = saved = time.perf_counter()
-    ensembles = Ensembles(density, proposal, settings, moves)
+    began, ensembles = time.perf_counter(), Ensembles(density, proposal, settings, moves)
     key = digest("chain", seed, settings.identity, identity, proposal.mean)
     kept = Checkpoint.at(checkpoint)
-    if kept is not None and (stored := kept.get(key)) is not None:
+    stored = kept.get(key) if kept is not None else None
+    if stored is not None:
         ensembles.restore(stored)
     else:
         ensembles.start(np.random.default_rng(seed))
-    before = ensembles.seconds
+
+    def save() -> None:
+        if kept is not None:
+            kept.put(key, ensembles.state(), now=True)
+
+    verdict, end = _advance(ensembles, settings, save, progress, began)
+    save()
+    return Chain(
+        *ensembles.chain(),
+        verdict.diagnoses,
+        ensembles.evaluations,
+        ensembles.seconds,
+        verdict.enough,
+        ("" if verdict.enough else f"{end}: ") + verdict.reason,
+        ensembles.adaptation,
+    )
+
+
+def _advance(
+    ensembles: Ensembles, settings: SampleSettings, save: Callable[[], None], progress: Progress | None, began: float
+) -> tuple[StoppingDecision, str]:
+    """Draw until the criteria are met or a limit is reached; return the decision, and which limit it may have been."""
+    saved, before = began, ensembles.seconds
     verdict = StoppingDecision(False, "burn-in had not ended", (), 0)
     asked = False
     while True:
@@ -126,28 +147,13 @@ def run_chain(
             verdict = decide(ensembles.chain()[0], settings, coupled=ensembles.coupled)
             ensembles.next_check = verdict.next_check
             if verdict.enough or over:
-                break
+                return verdict, "interrupted" if asked else f"stopped at the {'time' if late else 'step'} limit"
         ensembles.advance()
         told = "burn-in", ensembles.rounds / settings.max_rounds, f"round {ensembles.rounds + 1}"
         if ensembles.adaptation.frozen:
             words = verdict.line if verdict.diagnoses else f"{ensembles.kept} steps"
             told = "sampling", ensembles.kept / ensembles.next_check, words
         asked = progress is not None and progress(told[0], min(1.0, told[1]), told[2]) is True
-        if kept is not None and now - saved > settings.checkpoint_seconds:
-            kept.put(key, ensembles.state(), now=True)
+        if now - saved > settings.checkpoint_seconds:
+            save()
             saved = time.perf_counter()
-    if kept is not None:
-        kept.put(key, ensembles.state(), now=True)
-    end = "interrupted" if asked else f"stopped at the {'time' if late else 'step'} limit"
-    limit = "" if verdict.enough else f"{end}: "
-    points, level = ensembles.chain()
-    return Chain(
-        points,
-        level,
-        verdict.diagnoses,
-        ensembles.evaluations,
-        ensembles.seconds,
-        verdict.enough,
-        limit + verdict.reason,
-        ensembles.adaptation,
-    )

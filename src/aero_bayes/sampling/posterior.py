@@ -15,7 +15,7 @@ from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.parameter_estimates import EstimateTable, estimates_html
 from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.estimate.value_comparison import chosen_estimates
-from aero_bayes.plot_backend import plot_backend
+from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.sampling.draws import PosteriorDraws
 from aero_bayes.sampling.inferencedata import save, to_inference_data
 from aero_bayes.sampling.modes import ModeDraws
@@ -182,6 +182,7 @@ class Posterior(PosteriorDraws, EstimateTable):
         chosen = np.unique(np.linspace(0, len(points) - 1, min(draws, len(points))).astype(np.int64))
         return self.fit.predictor.predict(points[chosen], inputs, seed=seed, workers=workers)
 
+    @describe_figure_parameters
     def plot(
         self,
         parameters: Sequence[str] | None = None,
@@ -196,12 +197,6 @@ class Posterior(PosteriorDraws, EstimateTable):
         ----------
         parameters : sequence of str, optional
             Which; by default at most eight, those in the strongest correlations.
-        ax : matplotlib.axes.Axes, optional
-            Whose place in a larger figure it takes.
-        figure : matplotlib.figure.Figure, optional
-            To draw into; a new one by default.
-        dark : bool
-            Colours for a dark ground.
 
         Raises
         ------
@@ -217,6 +212,7 @@ class Posterior(PosteriorDraws, EstimateTable):
         by_name = {name: self.draws[:, :, j] for j, name in enumerate(self.names)}
         return plot_backend().pairs_figure(by_name, units, parameters, figure=ax or figure, dark=dark)
 
+    @describe_figure_parameters
     def plot_bands(
         self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
     ) -> Figure:
@@ -226,12 +222,6 @@ class Posterior(PosteriorDraws, EstimateTable):
         ----------
         recording : str, optional
             Name of a fitted recording; the first by default.
-        ax : matplotlib.axes.Axes, optional
-            Whose place in a larger figure it takes.
-        figure : matplotlib.figure.Figure, optional
-            To draw into; a new one by default.
-        dark : bool
-            Colours for a dark ground.
 
         Raises
         ------

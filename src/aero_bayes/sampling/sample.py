@@ -70,6 +70,11 @@ def sample(
         Told a phase, how far it is (0 to 1), and a line of text; where it returns True, sampling ends with the draws so
         far, which have not converged. By default a bar in a notebook, where an interrupt ends it likewise.
 
+    Returns
+    -------
+    Posterior
+        Draws in SI units, by ensemble, with their convergence.
+
     Raises
     ------
     CannotFinishError

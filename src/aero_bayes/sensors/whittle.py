@@ -73,54 +73,87 @@ def maximise_whittle(
     near : float, optional
         A further correlation time to start from.
     """
-    angular = np.concatenate([power.angular for power in powers])
-    count = np.concatenate([power.count for power in powers])
-    observed = np.concatenate([power.power for power in powers])
-    interval = powers[0].interval
-    total = float(np.sum(count * observed) / np.sum(count))
+    spectrum = _Spectrum(
+        np.cos(np.concatenate([power.angular for power in powers])),
+        np.concatenate([power.count for power in powers]),
+        np.concatenate([power.power for power in powers]),
+        powers[0].interval,
+    )
+    total = spectrum.mean()
     if total <= 0.0:
         return max(floor, 1e-12), 0.0, 0.0
     smallest = max(floor**2, 1e-8 * total)
-    half = angular > 1.0
-    fast = float(np.sum(count[half] * observed[half]) / max(np.sum(count[half]), 1.0)) or total
-    cosine = np.cos(angular)
-    low = np.array([math.log(smallest), math.log(1e-7 * total), math.log(0.8 * interval)])
+    low = np.array([math.log(smallest), math.log(1e-7 * total), math.log(0.8 * spectrum.interval)])
     high = np.array(
         [
             math.log(max(4.0 * total, 2.0 * smallest)),
             math.log(30.0 * total + 30 * smallest),
-            math.log(max(longest, 4.0 * interval)),
+            math.log(max(longest, 4.0 * spectrum.interval)),
         ]
     )
+    taus = np.geomspace(math.exp(low[2]), math.exp(high[2]), 9)
+    if near is not None:
+        taus = np.append(taus, np.clip(near, taus[0], taus[-1]))
+    fast = np.concatenate([power.angular for power in powers]) > 1.0
+    begin, cost = _best_of_grid(spectrum, taus, smallest, spectrum.mean(fast) or total)
+    begin = np.clip(begin, low, high)
+    found = scipy.optimize.minimize(
+        spectrum.cost, begin, jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        options={"maxiter": 40},
+    )  # fmt: skip
+    white, drift, tau = np.exp(found.x if found.fun <= cost else begin)
+    if drift < 1e-6 * total:
+        return math.sqrt(max(total, smallest)), 0.0, 0.0
+    return math.sqrt(white), math.sqrt(drift), float(tau)
 
-    def objective(x: FloatArray) -> tuple[float, FloatArray]:
+
+@dataclass(frozen=True, eq=False)
+class _Spectrum:
+    """Lines of all recordings: cosine of the angle, count, power (each (n,)), and the sample interval in s."""
+
+    cosine: FloatArray
+    count: FloatArray
+    observed: FloatArray
+    interval: float
+
+    def mean(self, lines: NDArray[np.bool_] | None = None) -> float:
+        """Mean power of the readings, or of some lines (n,); zero for none."""
+        count, observed = (self.count, self.observed) if lines is None else (self.count[lines], self.observed[lines])
+        return float(np.sum(count * observed) / (np.sum(count) if lines is None else max(np.sum(count), 1.0)))
+
+    def cost(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """Whittle's cost and its gradient (3,), at the logarithms of the two variances and of the time (3,)."""
         white, drift, tau = math.exp(x[0]), math.exp(x[1]), math.exp(x[2])
-        phi = math.exp(-interval / tau)
-        below = 1.0 + phi * phi - 2.0 * phi * cosine
+        phi = math.exp(-self.interval / tau)
+        below = 1.0 + phi * phi - 2.0 * phi * self.cosine
         shape = (1.0 - phi * phi) / below
         model = white + drift * shape
-        cost = float(np.sum(count * (np.log(model) + observed / model)))
-        slope = count * (1.0 / model - observed / model**2)
-        by_phi = drift * (-2.0 * phi * below - (1.0 - phi * phi) * (2.0 * phi - 2.0 * cosine)) / below**2
+        cost = float(np.sum(self.count * (np.log(model) + self.observed / model)))
+        slope = self.count * (1.0 / model - self.observed / model**2)
+        by_phi = drift * (-2.0 * phi * below - (1.0 - phi * phi) * (2.0 * phi - 2.0 * self.cosine)) / below**2
         gradient = np.array(
             [
                 white * np.sum(slope),
                 drift * np.sum(slope * shape),
-                np.sum(slope * by_phi) * phi * interval / tau,
+                np.sum(slope * by_phi) * phi * self.interval / tau,
             ]
         )
         return cost, gradient
 
-    # The cost has several local optima, so both variances are first found for each correlation time of a grid, all at
-    # once, by the monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009).
-    taus = np.geomspace(math.exp(low[2]), math.exp(high[2]), 9)
-    if near is not None:
-        taus = np.append(taus, np.clip(near, taus[0], taus[-1]))
-    phis = np.exp(-interval / taus)[:, np.newaxis]
-    shapes = (1.0 - phis**2) / (1.0 + phis**2 - 2.0 * phis * cosine)
+
+def _best_of_grid(spectrum: _Spectrum, taus: FloatArray, smallest: float, fast: float) -> tuple[FloatArray, float]:
+    """The best of a grid of correlation times (k,) in s: logarithms of the variances and the time (3,), and the cost.
+
+    The cost has several local optima, so both variances are found for each correlation time, all at once, by the
+    monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009). ``smallest`` is
+    the least white variance, ``fast`` the mean power of the fast lines.
+    """
+    total, count = spectrum.mean(), spectrum.count
+    phis = np.exp(-spectrum.interval / taus)[:, np.newaxis]
+    shapes = (1.0 - phis**2) / (1.0 + phis**2 - 2.0 * phis * spectrum.cosine)
     whites = np.full((taus.size, 1), max(min(fast, total), smallest))
     drifts = np.full((taus.size, 1), max(total - fast, 0.02 * total))
-    one, power = np.ones((count.size, 1)), count * observed
+    one, power = np.ones((count.size, 1)), count * spectrum.observed
     for step in range(MULTIPLICATIVE_UPDATES):
         inverse = 1.0 / (whites + drifts * shapes)
         push, pull = power * inverse * inverse, count * inverse
@@ -131,15 +164,6 @@ def maximise_whittle(
         else:
             whites = np.maximum(whites * ((push @ one) / (pull @ one)), smallest)
     model = whites + drifts * shapes
-    costs = np.sum(count * (np.log(model) + observed / model), axis=1)
+    costs = np.sum(count * (np.log(model) + spectrum.observed / model), axis=1)
     k = int(np.argmin(costs))
-    begin = np.clip(np.log([whites[k, 0], drifts[k, 0], taus[k]]), low, high)
-    found = scipy.optimize.minimize(
-        objective, begin, jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
-        options={"maxiter": 40},
-    )  # fmt: skip
-    best = found.x if found.fun <= costs[k] else begin
-    white, drift, tau = np.exp(best)
-    if drift < 1e-6 * total:
-        return math.sqrt(max(total, smallest)), 0.0, 0.0
-    return math.sqrt(white), math.sqrt(drift), float(tau)
+    return np.log([whites[k, 0], drifts[k, 0], taus[k]]), float(costs[k])

@@ -12,11 +12,11 @@ import os
 import pickle
 import warnings
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
+from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.batches import Batches
 from aero_bayes.simulation.cosimulation_runs import CosimulationEngine
@@ -39,7 +39,7 @@ _STEP_ERROR_GOAL = 1e-5  # of an output's range, between a step and its halves
 _RELATIVE_STEP = 1e-3  # of the differences: the FMU's solver is no smoother than that
 
 
-class CosimulationSimulator(ReducedTrajectories):
+class CosimulationSimulator(ReducedTrajectories, ClosedAtExit):
     """Runs a problem whose model has co-simulation only.
 
     Parameters
@@ -83,14 +83,6 @@ class CosimulationSimulator(ReducedTrajectories):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.problem, self._workers)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Stop the workers and free the model."""

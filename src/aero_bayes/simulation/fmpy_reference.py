@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -151,21 +151,7 @@ class FmpySimulator(SingleRuns):
         solver: CVodeSolver | None = None
         while True:
             stop = min(end, float(breaks[np.searchsorted(breaks, t + tiny, side="right")]), next_event)
-            if solver is None:
-                solver = CVodeSolver(
-                    nx=len(model.states),
-                    nz=model.event_indicators,
-                    get_x=fmu.getContinuousStates,
-                    set_x=fmu.setContinuousStates,
-                    get_dx=fmu.getDerivatives,
-                    get_z=self._indicators,
-                    get_nominals=self._nominals,
-                    set_time=set_time,
-                    input=_Inputs(set_time),
-                    startTime=t,
-                    relativeTolerance=min(settings.relative_tolerance, settings.absolute_tolerance),
-                    maxNumSteps=settings.max_steps,
-                )
+            solver = solver or self._new_solver(set_time, t, settings)
             event = False
             while t < stop - tiny and not event:
                 goal = stop
@@ -198,6 +184,23 @@ class FmpySimulator(SingleRuns):
         set_time(t)
         out[done:] = self._read(variables)
         return out
+
+    def _new_solver(self, set_time: Callable[[float], None], start: float, settings: SolverSettings) -> CVodeSolver:
+        """CVODE from a time in s on; after an event it begins anew."""
+        return CVodeSolver(
+            nx=len(self.problem.model.states),
+            nz=self.problem.model.event_indicators,
+            get_x=self._fmu.getContinuousStates,
+            set_x=self._fmu.setContinuousStates,
+            get_dx=self._fmu.getDerivatives,
+            get_z=self._indicators,
+            get_nominals=self._nominals,
+            set_time=set_time,
+            input=_Inputs(set_time),
+            startTime=start,
+            relativeTolerance=min(settings.relative_tolerance, settings.absolute_tolerance),
+            maxNumSteps=settings.max_steps,
+        )
 
     def _nominals(self, pointer: Any, size: int) -> None:
         self._fmu.getNominalsOfContinuousStates(pointer, size)

@@ -46,6 +46,11 @@ def load_model(
     folder : path, optional
         Where a built FMU is kept; a temporary folder that lasts as long as the process by default.
 
+    Returns
+    -------
+    Model
+        Its inputs, outputs, states and parameters, in SI units.
+
     Raises
     ------
     InputError

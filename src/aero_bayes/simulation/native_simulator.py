@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import accumulate
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
+from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.simulation.batches import (
     BLOCK_BYTES,
@@ -35,7 +35,7 @@ from aero_bayes.simulation.problem_file import write_problem
 from aero_bayes.simulation.workers import WorkerPool
 
 
-class NativeSimulator:
+class NativeSimulator(ClosedAtExit):
     """Runs a problem with the compiled engine.
 
     Parameters
@@ -69,14 +69,6 @@ class NativeSimulator:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.problem, self._workers)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _open_batches(self) -> Batches:
         if self._closed:

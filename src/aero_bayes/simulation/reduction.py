@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
+from aero_bayes.closing import ClosedAtExit
 from aero_bayes.simulation.gaussian import gauss_newton_products
 from aero_bayes.simulation.interface import (
     DelayTarget,
@@ -82,7 +81,7 @@ class ReducedTrajectories:
         return cost, gradient, hessian, found - unequal
 
 
-class SingleRuns(ReducedTrajectories):
+class SingleRuns(ReducedTrajectories, ClosedAtExit):
     """A :class:`Simulator` that does one run after the other, in this process; slopes are central differences."""
 
     def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
@@ -125,11 +124,3 @@ class SingleRuns(ReducedTrajectories):
 
     def close(self) -> None:
         """Free what the simulator holds."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -12,12 +12,11 @@ import tempfile
 import threading
 import weakref
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import worker_main
@@ -32,7 +31,7 @@ from aero_bayes.simulation.worker_group import WorkerGroup, stop_all
 MAX_LOST_RUNS = 24
 
 
-class WorkerPool:
+class WorkerPool(ClosedAtExit):
     """Worker processes shared by any number of simulators.
 
     Parameters
@@ -73,14 +72,6 @@ class WorkerPool:
     def _new_group(self) -> WorkerGroup:
         memory = SharedMemory(max(1, self.size), self.folder)
         return WorkerGroup(self.size, self.folder, memory, self.memory_limit, self._engine_class)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Stop the workers and remove what was unpacked."""
