@@ -70,8 +70,11 @@ def test_without_unseen_readings_nothing_is_refused():
     assert rejection_reason(predicted(), after, RECORDINGS, [STRUCTURED]) is None
 
 
-@pytest.mark.parametrize(("size", "refused"), [(2.3, True), (1.5, False)])
-def test_an_error_that_doubles_refuses_even_with_few_readings(size, refused):
+@pytest.mark.parametrize(
+    ("size", "left", "refused"),
+    [(2.3, SETTLED, True), (1.5, SETTLED, False), (1.2, STRUCTURED, True), (1.05, STRUCTURED, False)],
+)
+def test_an_error_that_grows_refuses_even_with_few_readings(size, left, refused):
     """One slow drift is one independent reading."""
     few = replace(
         UNSEEN, time=TIME[:9], inputs={"u": np.zeros(9)}, outputs={o: y[:9] for o, y in UNSEEN.outputs.items()}
@@ -82,7 +85,7 @@ def test_an_error_that_doubles_refuses_even_with_few_readings(size, refused):
         fitted = {("run", "y"): few.outputs["y"] + y, ("run", "z"): few.outputs["z"] + z}
         return Prediction({}, {k: rms_error(few.outputs[k[1]] - v) for k, v in fitted.items()}, fitted)
 
-    said = rejection_reason(off(1.0, 1.0), off(0.3, size), recordings, [STRUCTURED])
+    said = rejection_reason(off(1.0, 1.0), off(0.3, size), recordings, [left])
     assert bool(said) is refused
 
 

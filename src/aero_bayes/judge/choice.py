@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
-from aero_bayes.judge.comparison import Comparison, Share
+from aero_bayes.search.comparison import Comparison, Share
 from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.structure import Structure, law_of

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum
 from aero_bayes.judge.choice import Choice, ChoiceSettings, Judge, residual_reports
-from aero_bayes.judge.comparison import MIN_BLOCKS, Comparison
-from aero_bayes.judge.left_out import CommonBlocks, newton_errors, refitted_errors
 from aero_bayes.parallel import Task
+from aero_bayes.search.comparison import MIN_BLOCKS, Comparison
 from aero_bayes.search.explored import Mapper, SearchResult, one_by_one
+from aero_bayes.search.left_out import CommonBlocks, newton_errors, refitted_errors
 from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.search.structure import Structure, by_size, law_of
 

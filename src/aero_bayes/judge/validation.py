@@ -16,7 +16,8 @@ from aero_bayes.judge.unseen import Unseen
 #: Largest ratio of the error with the named terms to that without them where they leave structure: in the last fit that
 #: of one output, on validation data the product over outputs, so that a gain of one does not hide the loss of another.
 MAX_ERROR_RATIO = 0.9
-#: Growth of an output's error on validation data that refuses even where few independent readings leave it unsure.
+#: Growth of an output's error on validation data that refuses even where few independent readings leave it unsure, if
+#: only noise is left; where structure is left, a term may not worsen an output by what it has to improve: a tenth.
 MAX_GROWTH_RATIO = 2.0
 #: Largest error of a prediction of validation data, in standard deviations of the prediction.
 MAX_PREDICTION_DEVIATIONS = 4.0
@@ -29,8 +30,8 @@ def rejection_reason(
 
     They are rejected if with them the last fit leaves about as much of every output, and structure; if the prediction
     of an output gets significantly worse (two standard errors, with correlated readings) and by more than 5 %, or if
-    its error doubles; or if the residual is structured and the product over outputs of the ratios of errors, by which
-    structures are compared, does not fall by at least 10 %.
+    its error doubles; or if the residual is structured and the error of an output rises by 10 %, or the product over
+    outputs of the ratios of errors, by which structures are compared, does not fall by at least 10 %.
 
     Parameters
     ----------
@@ -48,7 +49,8 @@ def rejection_reason(
         return None
     first, last = before.pooled("test"), after.pooled("test")
     surely = surely_worse(after, before, recordings)
-    worse = [o for o in last if last[o] > (MIN_GROWTH_RATIO if o in surely else MAX_GROWTH_RATIO) * first[o]]
+    unsure = 1.0 / MAX_ERROR_RATIO if structured else MAX_GROWTH_RATIO
+    worse = [o for o in last if last[o] > (MIN_GROWTH_RATIO if o in surely else unsure) * first[o]]
     if worse:
         return f"the prediction of unseen data gets worse ({', '.join(worse)})."
     if structured and not math.prod(last.values()) < MAX_ERROR_RATIO * math.prod(first[o] for o in last):

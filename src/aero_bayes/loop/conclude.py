@@ -15,7 +15,6 @@ from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.choice import Choice
-from aero_bayes.judge.comparison import Share
 from aero_bayes.judge.disturbance import find_disturbance
 from aero_bayes.judge.prediction import Prediction, describe_error_change
 from aero_bayes.judge.validation import large_unseen_errors, rejection_reason
@@ -27,6 +26,7 @@ from aero_bayes.loop.found_effect import FoundEffect
 from aero_bayes.loop.ranking import Step, steps_of
 from aero_bayes.loop.result import LoopOutcome
 from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.search.comparison import Share
 from aero_bayes.search.models import FittedModel
 
 #: Largest number of equivalent alternatives that are listed by name.

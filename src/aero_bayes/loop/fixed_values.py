@@ -14,6 +14,7 @@ from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_f
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel, ModelCache
+from aero_bayes.search.process_noise import EQUIVALENT
 from aero_bayes.simulation.model import Model
 
 #: Share of a term's gain that freeing a fixed parameter must predict for a refit, and the largest number of refits.
@@ -86,7 +87,7 @@ def _alternatives_to(
         with suppress(CannotFinishError):
             end = _freed(without_term, name, fit)
             evidence_loss = chosen.log_evidence - end.log_evidence
-            if evidence_loss < settings.structures.equivalence:
+            if evidence_loss < EQUIVALENT:
                 p = fixed[name]
                 found.append(FixedValueAlternative(name, p.unit, p.start, end.values[name], id_, evidence_loss))
     return found

@@ -162,10 +162,10 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     announce_duration(context, root, len(library.terms))
     context.statistics.end_stage("models")
     context.statistics.set_time_limit(60.0 * settings.max_minutes)
-    parts = settings.search_parts
+    parts, structures = settings.search_parts, replace(settings.structures, min_share=settings.min_share)
 
     def search_on(models: ModelCache) -> StructureSearch:
-        return StructureSearch(models, library, settings.structures, fit, base.floors, parts, work)
+        return StructureSearch(models, library, structures, fit, base.floors, parts, work)
 
     searching, share = search_on(cache), informative_share(root)
     if share < 1.0:

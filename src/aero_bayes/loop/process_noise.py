@@ -16,7 +16,7 @@ from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.search.explored import SearchControl
 from aero_bayes.search.models import CandidateModel
-from aero_bayes.search.process_noise import MAX_FILTER_READINGS, ProcessNoiseFit, fit_process_noise
+from aero_bayes.search.process_noise import EQUIVALENT, MAX_FILTER_READINGS, ProcessNoiseFit, fit_process_noise
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import Model
 
@@ -59,7 +59,7 @@ def find_process_noise(context: LoopContext, conclusion: Conclusion, states: Seq
     with suppress(CannotFinishError):
         found = fit_process_noise(
             model_of, dict(zip(parameters.names, at.tolist(), strict=True)), conclusion.base.floors, states, edits,
-            context.settings.structures, control,
+            control,
         )  # fmt: skip
     result = _result(context, found) if found and found[0].score > 0.0 else None
     for model in made.values():
@@ -87,7 +87,7 @@ def _model(context: LoopContext, conclusion: Conclusion, states: Sequence[str]) 
 
 
 def _result(context: LoopContext, found: tuple[ProcessNoiseFit, ...]) -> FoundProcessNoise:
-    best, within = found[0], context.settings.structures.equivalence
+    best, within = found[0], EQUIVALENT
     objective, fit = best.fitted.model.objective, best.fitted.optimum
     calibration, parameters = objective.calibration, objective.parameters
     rivals = [f for f in found[1:] if f.score > best.score - within and f.explains == best.explains]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from aero_bayes.judge.choice import Choice
-from aero_bayes.judge.comparison import Share
+from aero_bayes.search.comparison import Share
 from aero_bayes.search.structure import Structure
 
 

@@ -1,12 +1,12 @@
-"""The search over model structures: structures, edits, start rules, one score, a beam."""
+"""The search over model structures: structures, edits, start rules, left-out errors, a beam."""
 
 from aero_bayes.search.beam import StructureSearch
+from aero_bayes.search.common_noise import common_noise
 from aero_bayes.search.edits import EDITS, Edit, EditContext, likely_pairs, term_directions
 from aero_bayes.search.explored import Library, SearchControl, SearchResult
 from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.parts import PARTS, Parts
 from aero_bayes.search.restarts import Restart
-from aero_bayes.search.score import Penalty, common_noise
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import START_RULES, Start, StartRule, starting_points
 from aero_bayes.search.structure import Structure
@@ -24,7 +24,6 @@ __all__ = [
     "ModelCache",
     "ModelSource",
     "Parts",
-    "Penalty",
     "Restart",
     "SearchControl",
     "SearchResult",

@@ -1,8 +1,8 @@
-"""The search over structures: a beam over sizes, all structures scored under one noise.
+"""The search over structures: a beam over sizes, all structures compared by their error on left-out readings.
 
-Keep the best structures of each size that lie within a margin of tempered log-evidence of the best of that size. Expand
-them by edits, fit their neighbours from the starts of the start rules, take the noise from the best, and score all
-structures again. The search ends when a level brings no better structure and the best one leaves only noise.
+Keep the best structures of each size, by the closed form of one Newton step. Expand them by edits, fit their neighbours
+from the starts of the start rules, take the noise from the best, and compare all structures again. The search ends when
+a level brings no better structure.
 """
 
 from __future__ import annotations
@@ -13,22 +13,29 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+import numpy as np
+from numpy.typing import NDArray
+
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum
 from aero_bayes.parallel import Task, doubling_batches
+from aero_bayes.search.common_noise import common_noise
+from aero_bayes.search.comparison import Comparison
 from aero_bayes.search.edits import Direction, EditContext, term_directions
-from aero_bayes.search.explored import Library, SearchControl, SearchResult, ranked
+from aero_bayes.search.explored import Library, SearchControl, SearchResult
+from aero_bayes.search.left_out import CommonBlocks, newton_errors
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.refit import fit_from, refit, refit_from_here
-from aero_bayes.search.score import CommonNoise, Penalty, common_noise
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import KnownTerms, Start, starting_points
 from aero_bayes.search.structure import Structure, by_size
 
+FloatArray = NDArray[np.float64]
+
 #: Number of the best structures whose terms are tried in place of others.
 MAX_RIVALS = 10
-#: Log-evidence that a fit may lose when it moves to another model of the same structure: that of the solver's steps.
+#: Log-posterior that a fit may lose when it moves to another model of the same structure: that of the solver's steps.
 MAX_LOSS = 0.5
 #: Largest number of noise updates in a row.
 MAX_NOISE_UPDATES = 3
@@ -71,10 +78,8 @@ class StructureSearch:
         self._proposed_values: Mapping[str, Mapping[str, float]] = {}
         self._ended = ""
         self._completed: set[Structure] = set()
-        special = frozenset((*self.library.refines, *self.library.curves))
-        listed = sum(1 for t in self.library.terms if t not in special)
-        free_later = len(self.cache.free_later)
-        self._penalty = Penalty(listed, self.settings.margin, special, free_later)
+        self._errors: dict[Structure, tuple[Optimum, FloatArray]] = {}
+        self._comparison: Comparison | None = None
 
     def run(self, root: FittedModel) -> SearchResult:
         """Search from the fit of the first model.
@@ -125,6 +130,7 @@ class StructureSearch:
         self._root = root.structure.plus(*self.settings.require)
         self._noise = common_noise(root, self.floors)
         self._fits[root.structure] = root.refitted(self._noise.noise, self._settings)
+        self._blocks = CommonBlocks.of([*self._fits.values()])
         if self.settings.require:
             self._fit_required(root.structure)
         self._update_noise()
@@ -132,12 +138,10 @@ class StructureSearch:
     def offer(self, starts: Mapping[str, Mapping[str, float]]) -> SearchResult:
         """Try further terms, built into one model, beside the first model and the best structure of listed laws.
 
-        They count as refinements do: each has to gain more than a listed law. Each comes with SI values by name from
-        which a fit begins, its own and those of the first model.
+        Each comes with SI values by name from which a fit begins, its own and those of the first model.
         """
         group, self._proposed_values = tuple(starts), starts
         self.library = replace(self.library, groups=(*self.library.groups, group), proposed=group)
-        self._penalty = replace(self._penalty, extra=self._penalty.extra | set(group))
         best = next((f for f in self._result().ranked if not set(f.terms) & set(self.library.curves)), self._best())
         targets = {s.plus(id_): s for s in dict.fromkeys((self._root, best.structure)) for id_ in group}
         tried = self._fit_larger({s: o for s, o in targets.items() if len(s) <= self.settings.max_effects}, "formulas")
@@ -162,7 +166,7 @@ class StructureSearch:
         with suppress(CannotFinishError):
             if self.cache.of(fitted.structure) is not fitted.model:
                 found = self._fit_alone(fitted.structure, fitted.values)
-                if found.log_evidence >= fitted.with_noise(self._noise.noise).log_evidence - MAX_LOSS:
+                if found.log_posterior >= fitted.with_noise(self._noise.noise).log_posterior - MAX_LOSS:
                     return found
         return fitted
 
@@ -182,7 +186,7 @@ class StructureSearch:
 
     def _result(self) -> SearchResult:
         return SearchResult(
-            dict(self._fits), self._noise, self._penalty, self.floors,
+            dict(self._fits), self._best(), self._order(), self._noise, self.floors,
             self.cache.ports, self.library.refines, self.library.curves, tuple(self._skipped),
             self._ended, self.library.proposed,
         )  # fmt: skip
@@ -194,12 +198,23 @@ class StructureSearch:
 
     # which structures to expand
 
+    def _order(self) -> Comparison:
+        """Left-out errors of all fits, by one Newton step; those that are not finite are left out."""
+        if self._comparison is None:
+            for s, f in self._fits.items():
+                if s not in self._errors or self._errors[s][0] is not f.optimum:
+                    self._errors[s] = f.optimum, newton_errors(f, self._blocks)
+            squares = {s: e for s, (_, e) in self._errors.items() if np.all(np.isfinite(e))}
+            self._comparison = Comparison(squares, self._blocks.outputs, self._blocks.least)
+        return self._comparison
+
     def _best(self) -> FittedModel:
-        allowed = [f for s, f in self._fits.items() if s.contains_terms(self._root)]
-        return max(allowed, key=lambda f: (self._penalty.score(f), f.structure.terms))
+        order = self._order()
+        allowed = [s for s in order.squares if s.contains_terms(self._root)]
+        return self._fits[order.simplest(allowed, self.settings.min_share)]
 
     def _frontier(self) -> list[FittedModel]:
-        """The best structure; where its residual is structured, also those of its size within the margin."""
+        """The best structure; where its residual is structured, also the best of its size."""
         best = self._best()
         if best.structure not in self._expanded:
             if self._noise.adequate:
@@ -211,11 +226,11 @@ class StructureSearch:
         return self._beam(len(best.structure) + 1)
 
     def _beam(self, size: int) -> list[FittedModel]:
-        """Structures of a size that are not yet expanded and within the margin of the best, best first."""
-        sized = by_size(self._fits).get(size, [])
-        own = ranked((self._fits[s] for s in sized if s.contains_terms(self._root)), self._penalty)
-        near = [f for f in own if self._penalty.score(f) > self._penalty.score(own[0]) - self.settings.beam_margin]
-        return [f for f in near[: self.settings.beam_width] if f.structure not in self._expanded]
+        """The best structures of a size, of which none is materially worse than the best; without those expanded."""
+        order, least = self._order(), self.settings.min_share
+        own = [s for s in order.ranked if len(s) == size and s.contains_terms(self._root)]
+        near = [s for s in own if s == own[0] or order.share(own[0], s).value > least]
+        return [self._fits[s] for s in near[: self.settings.beam_width] if s not in self._expanded]
 
     # neighbours
 
@@ -260,14 +275,14 @@ class StructureSearch:
         points_of = self.control.map(searches, lambda done: self.control.report(what, 0.2 + 0.3 * done))
         starts = {s: points for s, points in zip(bases, points_of, strict=True) if points is not None}
         self._time_is_up(what)
-        order = sorted(starts, key=lambda s: (-self._predicted_evidence(bases[s], starts[s]), s.terms))
+        promised = {s: bases[s].optimum.log_likelihood + _max_gain(points) for s, points in starts.items()}
+        order = sorted(starts, key=lambda s: (-promised[s], s.terms))
         tried: list[Structure] = []
         for wave in doubling_batches(order, self.settings.beam_width):
-            fitted = [self._fits[s] for s in tried if s in self._fits]
-            least = {s: self._min_evidence(fitted, len(s)) for s in wave}
+            best = max((self._fits[s].optimum.log_likelihood for s in tried if s in self._fits), default=-math.inf)
             if tried and self._time_is_up(what):
                 break
-            likely = [s for s in wave if self._may_reach(bases[s], starts[s], least[s])]
+            likely = [s for s in wave if self._may_matter(bases[s], starts[s], best)]
             begin = {s: [start.point for start in starts[s][: self.settings.starts]] for s in likely}
             works = [partial(refit, bases[s], s, begin[s], self._settings) for s in likely]
             self._fit_all([replace(bases[s], structure=s) for s in likely], works)
@@ -279,7 +294,8 @@ class StructureSearch:
         """The largest explored structure within this one, on the model of the new terms; None if it cannot be
         simulated."""
         inside = [s for s in self._fits if structure.contains(s) and s != structure] or [origin]
-        base = max(inside, key=lambda s: (len(s), self._fits[s].log_evidence, s.terms))
+        scores = self._order().scores
+        base = max(inside, key=lambda s: (len(s), -scores.get(s, math.inf), s.terms))
         new = structure.new_terms(base)
         extra = tuple(dict.fromkeys(id_ for t in new for id_ in self.library.group_of(t)))
         return self._with_candidates(self._fits[base], extra)
@@ -311,76 +327,48 @@ class StructureSearch:
 
     def _rivals(self) -> tuple[str, ...]:
         """Terms of the best structures so far."""
-        best = ranked(self._fits.values(), self._penalty)[:MAX_RIVALS]
-        return tuple(dict.fromkeys(t for f in best for t in f.terms))
+        return tuple(dict.fromkeys(t for s in self._order().ranked[:MAX_RIVALS] for t in s.terms))
 
     def _best_values(self) -> dict[str, dict[str, float]]:
         """Values of each term in the best structure that has it."""
         found: dict[str, dict[str, float]] = {}
-        for fitted in ranked(self._fits.values(), self._penalty):
-            for id_ in fitted.terms:
-                found.setdefault(id_, fitted.term_values(id_))
+        for structure in self._order().ranked:
+            for id_ in structure.terms:
+                found.setdefault(id_, self._fits[structure].term_values(id_))
         return found
 
     # which structures are worth a fit
 
-    def _predicted_evidence(self, base: FittedModel, starts: Sequence[Start]) -> float:
-        return base.log_evidence + _max_gain(starts) / base.temperature
-
-    def _min_evidence(self, tried: Sequence[FittedModel], size: int) -> float:
-        """Log-evidence below which a structure of this level and size cannot matter.
-
-        The margin is scaled to the residual of the best structure of the level. A structure of the largest size matters
-        only if the data cannot distinguish it from the best.
-        """
-        if not tried:
-            return -math.inf
-        best = max(tried, key=lambda f: f.log_evidence)
-        white = best.optimum.whitened
-        left = min(float(white.residual @ white.residual) / white.readings, 1.0)
-        margin = self.settings.beam_margin if size < self.settings.max_effects else self.settings.equivalence
-        return best.log_evidence - margin * left
-
-    def _may_reach(self, base: FittedModel, starts: Sequence[Start], least: float) -> bool:
-        """Whether a start predicts enough gain; a small share of the needed gain is enough, since it is linearised."""
+    def _may_matter(self, base: FittedModel, starts: Sequence[Start], best: float) -> bool:
+        """Whether a start predicts enough of the gain that leads to the log-likelihood of the best of its level."""
         predicted = _max_gain(starts)
-        needed = max(least - base.log_evidence, 0.0)
+        needed = max(best - base.optimum.log_likelihood, 0.0)
         likely = base.response.gain_under_white_noise(predicted) >= self.settings.min_predicted_gain
-        return likely and predicted / base.temperature >= self.settings.min_predicted_share * needed
+        return likely and predicted >= self.settings.min_predicted_share * needed
 
     def _keep_better(self, found: FittedModel) -> None:
         """Keep the better fit of a structure; none where a term that is not required ends with a magnitude of zero."""
         known, off = self._fits.get(found.structure), set(found.off_terms) - set(self.settings.require)
-        if not off and (known is None or found.log_evidence > known.with_noise(self._noise.noise).log_evidence):
-            self._fits[found.structure] = found
+        if not off and (known is None or found.log_posterior > known.with_noise(self._noise.noise).log_posterior):
+            self._fits[found.structure], self._comparison = found, None
 
     # noise, restarts, time
 
     def _update_noise(self) -> None:
-        """Take the noise from the best structure under its own noise, and score all structures under it."""
+        """Take the noise from the best structure, and compare all structures under it."""
         for _ in range(MAX_NOISE_UPDATES):
-            last = self._noise
-            self._noise = self._consistent_noise()
+            last, self._noise = self._noise, common_noise(self._best(), self.floors)
             if self._noise.noise == last.noise:
                 break
-            self._rescore()
+            self._compare_again()
 
-    def _consistent_noise(self) -> CommonNoise:
-        """Noise under which the structure that it was taken from is the best: a fixed-point iteration."""
-        allowed = {s: f for s, f in self._fits.items() if s.contains_terms(self._root)}
-        best = min(allowed, key=lambda s: (sum(math.log(max(r, 1e-300)) for r in allowed[s].rms().values()), s.terms))
-        seen: dict[Structure, CommonNoise] = {}
-        while best not in seen:
-            noise = seen[best] = common_noise(allowed[best], self.floors)
-            best = max(allowed, key=lambda s: (self._penalty.score(allowed[s].with_noise(noise.noise)), s.terms))
-        return seen[best]
-
-    def _rescore(self) -> None:
-        """Score all structures under the present noise; fit the best of each size anew."""
-        self._fits = {s: f.with_noise(self._noise.noise) for s, f in self._fits.items()}
+    def _compare_again(self) -> None:
+        """Compare all structures under the present noise; fit the best of each size anew."""
+        self._fits, self._comparison = {s: f.with_noise(self._noise.noise) for s, f in self._fits.items()}, None
+        self._blocks = CommonBlocks.of([self._fits[self._root]])
+        self._errors.clear()
         again = {self._root, Structure()} | {self._best().structure.minus(t) for t in self._best().terms}
-        for own in by_size(self._fits).values():
-            own.sort(key=lambda s: (-self._penalty.score(self._fits[s]), s.terms))
+        for own in by_size(self._order().ranked).values():
             again |= set(own[: self.settings.beam_width])
         known = [s for s in self._fits if s in again]
         works = [partial(refit_from_here, self._fits[s], self._noise.noise, self._settings) for s in known]
@@ -396,7 +384,8 @@ class StructureSearch:
     def _restart(self, tried: Sequence[Structure], what: str) -> None:
         """Restart the fits of the best structures of a level while the residual is structured."""
         for restart, top in self.parts.restarts:
-            likely = sorted((s for s in tried if s in self._fits), key=lambda s: (-self._fits[s].log_evidence, s.terms))
+            scores = self._order().scores
+            likely = sorted((s for s in tried if s in scores), key=lambda s: (scores[s], s.terms))
             for structure in dict.fromkeys((self._best().structure, *likely[: top - 1])):
                 done = type(restart).__name__, structure
                 if self._noise.adequate or self._time_is_up(what) or done in self._restarted:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from aero_bayes.parallel import Task
+from aero_bayes.search.common_noise import CommonNoise
+from aero_bayes.search.comparison import Comparison
 from aero_bayes.search.models import FittedModel
-from aero_bayes.search.score import CommonNoise, Penalty
 from aero_bayes.search.structure import Structure
 
 R = TypeVar("R")
@@ -71,23 +72,19 @@ class SearchControl:
     report: Callable[[str, float], object] = lambda what, share: None
 
 
-def ranked(fits: Iterable[FittedModel], penalty: Penalty) -> list[FittedModel]:
-    """Fitted models by their score, best first; equal ones by their terms."""
-    return sorted(fits, key=lambda f: (-penalty.score(f), f.structure.terms))
-
-
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """All that a search found: every structure fitted, scored under one noise.
+    """All that a search found: every structure fitted under one noise, and the best of them.
 
-    ``ports`` is the port of each term, ``curves`` those that are learned. ``skipped`` are terms with which the model
-    cannot be simulated; ``ended`` is what was being done when the time limit passed, empty where the search was
-    completed. ``formulas`` are terms that no library lists.
+    ``order`` holds the left-out errors of all by one Newton step. ``ports`` is the port of each term, ``curves`` those
+    that are learned. ``skipped`` are terms with which the model cannot be simulated; ``ended`` is what was being done
+    when the time limit passed, empty where the search was completed. ``formulas`` are terms that no library lists.
     """
 
     fits: Mapping[Structure, FittedModel]
+    best: FittedModel
+    order: Comparison
     noise: CommonNoise
-    penalty: Penalty
     floors: Mapping[tuple[str, str], float]
     ports: Mapping[str, str]
     refines: Mapping[str, str]
@@ -108,12 +105,8 @@ class SearchResult:
 
     @property
     def ranked(self) -> list[FittedModel]:
-        """All fits, best first."""
-        return ranked(self.fits.values(), self.penalty)
-
-    @property
-    def best(self) -> FittedModel:
-        return self.ranked[0]
+        """All fits, the one with the least left-out error first."""
+        return [self.fits[s] for s in self.order.ranked]
 
     @property
     def first_model(self) -> FittedModel:

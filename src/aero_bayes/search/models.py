@@ -116,9 +116,14 @@ class FittedModel:
         """Under which it was fitted and is compared."""
         return FitNoise(self.optimum.noise, self.temperature)
 
+    @property
+    def log_posterior(self) -> float:
+        """Of its optimum, but for a constant."""
+        return self.optimum.log_likelihood + self.optimum.log_prior
+
     @cached_property
     def log_evidence(self) -> float:
-        """Tempered log-evidence in Laplace's approximation."""
+        """In Laplace's approximation, each reading counted as a share of an independent one."""
         return self.optimum.laplace(self.model.objective.parameters, self.temperature)[1]
 
     @cached_property
@@ -167,18 +172,13 @@ class FittedModel:
                     found.append(id_)
         return tuple(found)
 
-    @cached_property
-    def parameters_on_bound(self) -> int:
-        """Free parameters of the first model that ended on a bound."""
-        parameters = self.model.objective.parameters
-        ended = parameters.on_bound(self.optimum.coordinates)
-        return sum(bool(ended[j]) for j in self.model.free_base_columns if parameters.items[j].recording is None)
-
     def with_noise(self, noise: FitNoise) -> FittedModel:
         """The same fit under another noise, without a simulation."""
         optimum = self.optimum
         if any(optimum.noise[o] != n for o, n in noise.outputs.items()):
             optimum = optimum.with_noise(self.model.objective, noise.outputs)
+        elif noise.temperature == self.temperature:
+            return self
         return replace(self, optimum=optimum, temperature=noise.temperature)
 
     def refitted(self, noise: FitNoise, settings: LocalFitSettings) -> FittedModel:

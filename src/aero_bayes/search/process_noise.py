@@ -17,17 +17,23 @@ from aero_bayes.check.residual_tests import ResidualReport, check_residuals, str
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.parallel import Task
+from aero_bayes.search.common_noise import common_noise
 from aero_bayes.search.edits import Edit, EditContext
 from aero_bayes.search.explored import SearchControl
 from aero_bayes.search.models import CandidateModel, FittedModel
 from aero_bayes.search.refit import refit_from_here
-from aero_bayes.search.score import common_noise
-from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation.interface import DiffusionTarget, ReadingNoiseTarget
 
 #: Readings of an output in a recording that are filtered: a filter stops at each of them.
 MAX_FILTER_READINGS = 2000
+#: Log-likelihood, each reading counted as a share of an independent one, by which a state's process noise may be behind
+#: the best after a fit of the noise alone.
+MAX_BEHIND = 25.0
+#: Log-evidence that the process noise of each state has to gain beyond the logarithm of the number of states.
+MARGIN = 4.0
+#: Difference in log-evidence within which the data do not tell two models apart: a hundred to one.
+EQUIVALENT = 4.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +76,6 @@ def fit_process_noise(
     floors: Mapping[tuple[str, str], float],
     states: Sequence[str],
     edits: Sequence[Edit],
-    settings: StructureSettings,
     control: SearchControl,
 ) -> tuple[ProcessNoiseFit, ...]:
     """Fit a model with the process noise that edits offer; best first.
@@ -88,8 +93,6 @@ def fit_process_noise(
     states : sequence of str
         Those that process noise may drive.
     edits : sequence of Edit
-    settings : StructureSettings
-        Its beam margin, in tempered log-likelihood, says what is close.
     control : SearchControl
 
     Raises
@@ -107,11 +110,11 @@ def fit_process_noise(
     built = [(model_of(s), s) for s in wanted]
     works = [partial(_noise_fit, model, s, base.values, fit) for model, s in built]
     sized = _fits(built, works, base.temperature, control, 0.0)
-    least = max((f.optimum.log_likelihood for f in sized), default=0.0) - settings.beam_margin * base.temperature
+    least = max((f.optimum.log_likelihood for f in sized), default=0.0) - MAX_BEHIND * base.temperature
     near = [f for f in sized if f.optimum.log_likelihood >= least]
     again = [partial(refit_from_here, f, base.noise, fit) for f in near]
     fitted = _fits([(f.model, f.structure) for f in near], again, base.temperature, control, 0.5)
-    price = math.log(max(len(states), 1)) + settings.margin
+    price = math.log(max(len(states), 1)) + MARGIN
     found = [_judged(f, base, price, floors) for f in fitted]
     return tuple(sorted(found, key=lambda f: (-f.score, f.states)))
 

@@ -33,7 +33,7 @@ def refit(
     if all(end.log_likelihood < base.optimum.log_likelihood for end in ends):
         ends += own_noise_fits(base, structure, [base.optimum.coordinates], fit)
     found = [replace(base, structure=structure, optimum=end) for end in ends]
-    best = max(found, key=lambda f: f.log_evidence, default=None)
+    best = max(found, key=lambda f: f.log_posterior, default=None)
     return settle(best, fit) if best is not None else None
 
 

@@ -85,6 +85,11 @@ class Comparison:
         return {s: float(self._logs(e.sum(axis=0)).sum()) for s, e in self.squares.items()}
 
     @cached_property
+    def ranked(self) -> list[Structure]:
+        """All structures, the one with the least score first."""
+        return sorted(self.squares, key=lambda s: (self.scores[s], len(s), s.terms))
+
+    @cached_property
     def _resampled(self) -> dict[Structure, FloatArray]:
         """Scores (draws,) of each structure."""
         return {s: self._logs(self._draws @ e).sum(axis=-1) for s, e in self.squares.items()}
@@ -107,6 +112,25 @@ class Comparison:
     def clearly_better(self, one: Structure, other: Structure) -> bool:
         """Whether one structure predicts left-out readings better than another by two standard errors."""
         return self.blocks >= MIN_BLOCKS and self.ahead(one, other) > self._needed
+
+    def better(self, one: Structure, other: Structure, min_share: float) -> bool:
+        """Whether one structure predicts better, clearly or by so much that one standard error is enough.
+
+        The error of an output is then at most ``min_share`` of what it is with the other: by chance such a fall is
+        rare, unless it rests on few blocks.
+        """
+        much = self.share(one, other).value <= min_share
+        return self.likely_better(one, other) if much else self.clearly_better(one, other)
+
+    def simplest(self, among: Sequence[Structure], min_share: float) -> Structure:
+        """The structure with the fewest terms of those that the best one does not beat.
+
+        This is the rule of one standard error (Breiman, Friedman, Olshen and Stone, 1984, Classification and
+        Regression Trees, 3.4.3).
+        """
+        best = self.best(among)
+        near = [s for s in among if s == best or not self.better(best, s, min_share)]
+        return min(near, key=lambda s: (len(s), len(s.freed), self.scores[s], s.terms))
 
     def best(self, among: Iterable[Structure]) -> Structure:
         """The one with the least score; of equal ones the one with fewer terms."""

@@ -1,10 +1,9 @@
-"""The one score of all structures under comparison: log-evidence under one noise, less a penalty for each term.
+"""The noise under which all structures of a search are fitted and compared: that of the best so far, per output.
 
-The noise is that of the best structure so far, per output. Where a residual is what a sensor leaves, it is the sensor's
-noise as estimated. Where structure is left, structures are fitted by least squares, and a series of ``n`` readings
-counts for ``n / tau`` independent ones, where ``tau`` is the residual's integrated autocorrelation time: the likelihood
-counts to the power ``1 / tau`` (a coarsened posterior: Miller and Dunson, 2019, JASA 114, 1113; composite likelihood:
-Varin, Reid and Firth, 2011, Statistica Sinica 21, 5). So do the weights of several outputs among each other.
+Where a residual is what a sensor leaves, it is the sensor's noise as estimated. Where structure is left, structures are
+fitted by least squares, and a series of ``n`` readings counts for ``n / tau`` independent ones, where ``tau`` is the
+residual's integrated autocorrelation time (composite likelihood: Varin, Reid and Firth, 2011, Statistica Sinica 21, 5):
+so do the weights of several outputs among each other, the accuracy of a fit, and the width of an interval.
 """
 
 from __future__ import annotations
@@ -91,44 +90,3 @@ def _by_output(fitted: FittedModel) -> dict[str, list[tuple[int, FloatArray]]]:
 def _range(fitted: FittedModel, output: str) -> float:
     calibration = fitted.model.objective.calibration
     return float(calibration.scale[calibration.outputs.index(output)])
-
-
-@dataclass(frozen=True)
-class Penalty:
-    """Penalty on log-evidence for the number of candidates that were tried (multiple comparisons).
-
-    Parameters
-    ----------
-    candidates : int
-        Terms that were offered; each term costs the logarithm of their number.
-    margin : float
-        Further cost of each term.
-    extra : tuple of str
-        Terms with twice the margin: a refinement adds detail, and a curve fits almost anything.
-    parameters : int
-        Parameters that may be freed; each freed one costs the logarithm of their number and the margin.
-    """
-
-    candidates: int
-    margin: float
-    extra: frozenset[str]
-    parameters: int = 1
-
-    @property
-    def price_of_term(self) -> float:
-        """Penalty of one ordinary term."""
-        return math.log(max(self.candidates, 1)) + self.margin
-
-    def of_term(self, id_: str) -> float:
-        """Penalty of one term."""
-        return self.price_of_term + (self.margin if id_ in self.extra else 0.0)
-
-    def score(self, fitted: FittedModel) -> float:
-        """Log-evidence less the penalty.
-
-        A parameter of the first model that ends on a bound costs the margin, since the model
-        expects it to act.
-        """
-        freed = len(fitted.structure.freed) * (math.log(max(self.parameters, 1)) + self.margin)
-        off = self.margin * fitted.parameters_on_bound
-        return fitted.log_evidence - sum(self.of_term(t) for t in fitted.terms) - freed - off
