@@ -89,12 +89,10 @@ class Choice:
     def alike(self, term: str) -> tuple[str, ...]:
         """A chosen term and those that do as well in its place, best first.
 
-        As long as structure is left, these are those that are not materially worse, too.
         A curve at its port and a refinement hold it as a special case: they are not listed.
         """
         explored, rest = self.explored, set(self.structure.terms) - {term}
-        near = dict.fromkeys((*self.near, *self._as_good(), *self._approximated(term)))
-        others = [s for s in near if len(s) == len(self.structure) and rest < set(s.terms) and term not in s.terms]
+        others = [s for s in self._alternatives if rest < set(s.terms) and term not in s.terms]
         swapped = [next(iter(set(s.terms) - rest)) for s in sorted(others, key=lambda s: self.comparison.scores[s])]
         own = explored.ports.get(term)
         kept = [
@@ -104,19 +102,30 @@ class Choice:
         ]
         return tuple(dict.fromkeys((term, *kept)))
 
-    def _approximated(self, term: str) -> list[Structure]:
-        """Structures with a delay elsewhere in place of one that moves an input.
+    @cached_property
+    def _alternatives(self) -> tuple[Structure, ...]:
+        """Structures of the same size that the data do not tell from the chosen one, which comes first.
 
-        At other places a delay is solved by a rational approximation, which a step shows: a difference that is not
-        material does not tell the places apart.
+        They are those near it. As long as structure is left, they are those that are not materially worse, too: a
+        further missing effect may turn such a difference. So are those with a delay elsewhere in place of one that
+        moves an input: at other places a delay is solved by a rational approximation, which a step shows.
         """
-        model, law = self.fitted.model, law_of(term)
+        delays = {law_of(t) for t in self.structure.terms if self._moves_an_input(t)}
+        left = bool(structured_residuals(self.after))
+
+        def is_close(structure: Structure) -> bool:
+            new = structure.new_terms(self.structure)
+            return left or (len(new) == 1 and law_of(new[0]) in delays)
+
+        close = [s for s in self._judge.close_to(self.structure) if is_close(s)]
+        every = dict.fromkeys((self.structure, *self.near, *close))
+        return tuple(s for s in every if len(s) == len(self.structure))
+
+    def _moves_an_input(self, term: str) -> bool:
+        """Whether a law is a shift of a recorded input in time."""
+        model = self.fitted.model
         targets = [model.objective.parameters.items[j].target for j in model.candidates[term].columns]
-        if not law or not any(isinstance(target, DelayTarget) for target in targets):
-            return []
-        close = self._judge.close_to(self.structure)
-        swapped = {s: s.new_terms(self.structure) for s in close}
-        return [s for s, new in swapped.items() if len(new) == 1 and law_of(new[0]) == law]
+        return bool(law_of(term)) and any(isinstance(target, DelayTarget) for target in targets)
 
     @property
     def unsure(self) -> Structure | None:
@@ -215,19 +224,11 @@ class Choice:
         return shared
 
     def _as_good(self) -> list[Structure]:
-        """Structures of the same size that do about as well, none with more parameters unless it predicts better.
-
-        As long as structure is left, a further missing effect may turn a difference that is not material.
-        """
+        """Its alternatives with no more parameters, or that predict better."""
         scores, fits = self.comparison.scores, self.explored.fits
         most = len(fits[self.structure].optimum.free)
-        close = self._judge.close_to(self.structure)
-        return [
-            s
-            for s in dict.fromkeys((*self.near, *(close if structured_residuals(self.after) else ())))
-            if len(s) == len(self.structure)
-            and (len(fits[s].optimum.free) <= most or scores[s] < scores[self.structure])
-        ]
+        own = scores[self.structure]
+        return [s for s in self._alternatives if len(fits[s].optimum.free) <= most or scores[s] < own]
 
     def _claims_the_same(self, structure: Structure, term: str, other: str, rivals: Sequence[Structure]) -> bool:
         """Whether another term has the law of this one, if at another place, or may be told beside it at its place.
@@ -252,8 +253,7 @@ class Choice:
         """The chosen structure, and each that the data do not tell from it by a term in place of another."""
         swaps = [self.structure.minus(t).plus(o) for t in self.structure.terms for o in self.alike(t)[1:]]
         terms = {s.terms for s in swaps}
-        near = dict.fromkeys((*self.near, *(s for t in self.structure.terms for s in self._approximated(t))))
-        return (self.structure, *(s for s in near if s.terms in terms))
+        return (self.structure, *(s for s in self._alternatives if s.terms in terms))
 
     @property
     def wins(self) -> float:

@@ -25,7 +25,8 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     """The settings of a loop that begins at a fit: free parameters, their bounds and priors, and fixed values.
 
     Free ones keep their declared values, from which the search fits structures too. What the settings say themselves
-    of free and fixed parameters and of overrides counts.
+    of free and fixed parameters and of overrides counts. Inputs are read as the fit read them, unless the settings
+    leave that to the data.
     """
     calibration = fit.calibration
     free = {calibration.parameters.items[j].name for j in fit.free}
@@ -34,12 +35,16 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     overrides = {
         p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording) for p in searched
     }
-    held = {p.name: float(fit[p.name]) for p in shared if p not in searched}
+    later = settings.free_later
+    held = {p.name: float(fit[p.name]) for p in shared if p not in searched and p.name not in later}
+    own = settings.calibration.interpolation
     return replace(
         settings,
         free=settings.free or tuple(overrides),
         overrides={**overrides, **settings.overrides},
         fixed={**calibration.fixed, **held, **settings.fixed},
-        calibration=replace(settings.calibration, interpolation=calibration.interpolation or "hold"),
+        calibration=replace(
+            settings.calibration, interpolation=own if own == "auto" else calibration.interpolation or "hold"
+        ),
         global_search=replace(settings.global_search, swarm=None, staged=False),
     )

@@ -122,7 +122,8 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         with ProgressBar(options.quiet) as progress:
             base = fit_job(job, progress, checkpoint)
             job = with_chosen_values(job, base)
-            loop = run_loop(job, progress) if job.modelica else None
+            # With listed values the model of the job may be another class than that of the fit.
+            loop = run_loop(job, progress, None if base.trials else base) if job.modelica else None
             final = extended_job(job, loop) if loop is not None else job
             found = base if final is job else fit_job(final, progress, checkpoint, again=True)
             checks = _checks(final, found, progress)

@@ -29,20 +29,19 @@ if TYPE_CHECKING:  # the sampler takes a second to import
 Json = dict[str, Any]
 
 
-def run_loop(job: Job, progress: ProgressBar) -> LoopResult:
-    """Close the loop on a job.
+def run_loop(job: Job, progress: ProgressBar, base: Fit | None = None) -> LoopResult:
+    """Close the loop on a job; from the fit of its model where there is one.
 
     Raises
     ------
     InputError
         See :func:`loop_settings`.
     """
-    settings = loop_settings(job)
     return close_loop(
-        job.recordings,
+        job.recordings if base is None else base,
         job.tests,
         model=job.name if job.modelica else str(job.model.path),
-        settings=settings,
+        settings=loop_settings(job),
         workers=job.options.workers,
         out_dir=job.options.out,
         progress=lambda what, share: progress(f"loop: {what}", share),
