@@ -123,9 +123,9 @@ class Choice:
 
     def _moves_an_input(self, term: str) -> bool:
         """Whether a law is a shift of a recorded input in time."""
-        model = self.fitted.model
-        targets = [model.objective.parameters.items[j].target for j in model.candidates[term].columns]
-        return bool(law_of(term)) and any(isinstance(target, DelayTarget) for target in targets)
+        items, candidate = self.fitted.model.objective.parameters.items, self.fitted.model.candidates.get(term)
+        columns = candidate.columns if candidate is not None and law_of(term) else ()
+        return any(isinstance(items[j].target, DelayTarget) for j in columns)
 
     @property
     def unsure(self) -> Structure | None:
