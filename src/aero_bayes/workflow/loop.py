@@ -135,7 +135,7 @@ def _check(job: Job) -> None:
     if job.engine != "native":
         raise InputError(f"the loop needs the native engine, not {job.engine}")
     if fit_section.cost != "posterior":
-        raise InputError(f'the loop compares errors under a posterior: [fit] cost is "{fit_section.cost}", expected "posterior"')
+        raise InputError(f'the loop fits by the posterior: [fit] cost is "{fit_section.cost}", expected "posterior"')
     for state, diffusion in job.config.noise.process.items():
         if diffusion != "estimated":
             raise InputError(f'the loop estimates process noise: [noise.process] {state} is not "estimated"')
