@@ -18,7 +18,6 @@ from aero_bayes.errors import InputError
 from aero_bayes.simulation import (
     MAX_LOST_RUNS,
     Experiment,
-    InputSignal,
     NativeSimulator,
     Outcome,
     ParameterTarget,
@@ -100,9 +99,9 @@ def test_not_finite_values_are_not_run(test_fmu, here):
     assert list(found.outcomes[:, 0]) == [Outcome.NOT_FINITE, Outcome.NOT_FINITE, Outcome.OK]
 
 
-def test_results_do_not_depend_on_workers(test_fmu, pool, here):
+def test_results_do_not_depend_on_workers(test_fmu, pool, here, drive):
     rng = np.random.default_rng(5)
-    signals = (InputSignal("u", np.array([0.0, 1.0]), np.array([1.0, 0.0])),)
+    signals = drive(TIME)
     experiments = tuple(
         Experiment(TIME, ("x", "y"), signals, measured=rng.standard_normal((41, 2)), start={"x": x}) for x in (0.5, 2.0)
     )

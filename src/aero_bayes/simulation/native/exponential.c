@@ -98,6 +98,7 @@ int exponential_open(Run *r)
     k->change = take(&at, rows), k->end = take(&at, rows), k->first = take(&at, rows), k->second = take(&at, rows);
     k->middle = take(&at, rows), k->weight = take(&at, rows);
     r->exponential = k;
+    exponential_begin(r); /* the first run as every other */
     return 1;
 }
 
