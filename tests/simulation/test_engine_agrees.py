@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,16 +70,17 @@ def test_directional_derivatives_that_leave_parameters_out_are_not_used(test_fmu
     np.testing.assert_allclose(found[1], found[0], atol=1e-6 * np.abs(found[0]).max())
 
 
-def test_inputs_that_may_be_set_at_events_only(test_fmu, here):
-    held = InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, 3.0]))
+@pytest.mark.parametrize("drive", ["rare jumps", "held samples"], indirect=True)
+def test_inputs_that_may_be_set_at_events_only(test_fmu, here, drive):
+    time = np.linspace(0.0, 2.0, 57)
     for name, output in (("Feedthrough", "y"), ("Circuit", "power")):
         model = test_fmu(name, defines=("HELD_INPUTS",))
-        problem = Problem(model, (Experiment(np.linspace(0.0, 2.0, 57), (output,), (held,)),), ((),), settings=TIGHT)
+        problem = Problem(model, (Experiment(time, (output,), drive(time)),), ((),), settings=TIGHT)
         compare(problem, np.zeros((1, 0)), here)
 
 
-@pytest.fixture(scope="module")
-def aero_problem(aero: Model) -> tuple[Problem, np.ndarray]:
+@pytest.fixture(scope="module", params=["rare jumps", "held samples", "straight lines"])
+def aero_problem(aero: Model, request: pytest.FixtureRequest) -> tuple[Problem, np.ndarray]:
     rng = np.random.default_rng(1)
     time = np.linspace(0.0, 4.0, 201)
     outputs = ("i_m", "omega_m", "theta")
@@ -85,6 +88,10 @@ def aero_problem(aero: Model) -> tuple[Problem, np.ndarray]:
     measured[rng.uniform(size=measured.shape) < 0.1] = np.nan
     held = InputSignal("V_m", np.array([-1.0, 0.0, 2.0]), np.array([0.0, 24.0, 5.0]))
     ramp = InputSignal("V_m", np.array([0.0, 1.0, 2.5]), np.array([0.0, 24.0, 5.0]), "linear")
+    if request.param != "rare jumps":  # few samples, since the reference restarts at each
+        time, measured = time[:16], measured[:16]
+        level = 12.0 + 6.0 * rng.standard_normal(time.size)
+        held = InputSignal("V_m", time, level, "hold" if request.param == "held samples" else "linear")
     experiments = (
         Experiment(time, outputs, (held,), {"theta": 0.1}, measured),
         Experiment(np.sort(rng.uniform(0.0, 3.0, 100)), ("theta",), (ramp,), measured=rng.standard_normal((100, 1))),
@@ -117,16 +124,18 @@ def test_aero_likelihood_and_products(aero_problem, here):
     np.testing.assert_allclose(a.log_likelihood, b.log_likelihood, rtol=1e-6)
     np.testing.assert_allclose(a.log_likelihood, c.sum(axis=1), rtol=1e-6)
     scale = np.sqrt(np.diag(b.hessian[0]))
-    np.testing.assert_allclose(a.gradient[0] / scale, b.gradient[0] / scale, atol=1e-3 * np.sqrt(2 * b.cost[0]) ** 0.5)
+    # slopes within 1e-4 of their size, times the residuals
+    np.testing.assert_allclose(a.gradient[0] / scale, b.gradient[0] / scale, atol=1e-4 * np.sqrt(2.0 * b.cost[0]))
     np.testing.assert_allclose(a.hessian[0] / np.outer(scale, scale), b.hessian[0] / np.outer(scale, scale), atol=1e-4)
 
 
-def test_aero_within_a_hundred_thousandth_of_the_range(aero, here):
-    time = np.linspace(0.0, 40.0, 2001)
-    signal = InputSignal("V_m", np.array([0.0, 20.0]), np.array([24.0, 0.0]))
+def test_aero_within_a_hundred_thousandth_of_the_range(aero, here, drive):
+    time = np.linspace(0.0, 8.0, 401)
+    (signal,) = drive(time)
+    signal = replace(signal, name="V_m", values=6.0 * signal.values)
     experiment = Experiment(time, ("i_m", "omega_m", "theta"), (signal,))
     runs = []
-    for settings in (SolverSettings(), SolverSettings(1e-11, 1e-11)):
+    for settings in (SolverSettings(), SolverSettings(1e-10, 1e-10, max_steps=10_000_000)):
         with NativeSimulator(Problem(aero, (experiment,), ((),), settings=settings), pool=here) as simulator:
             runs.append(simulator.simulate(np.zeros((1, 0))).outputs[0][0])
     assert np.all(np.abs(runs[0] - runs[1]).max(axis=0) < 1e-5 * np.ptp(runs[1], axis=0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -50,47 +52,51 @@ def run(
     return found.outputs[0][0], found.sensitivities[0][0]
 
 
+def response(time: np.ndarray, signal: InputSignal, k: float, b: float, x0: float, delay: float = 0.0) -> np.ndarray:
+    """x' = -k x + b u from x0: the input is a sum of steps, or of ramps, and so is what it adds to x."""
+    x, t = x0 * np.exp(-k * time), np.maximum(time[:, None] - np.append(-np.inf, signal.time[1:] + delay), 0.0)
+    x += b / k * signal.values[0] * (1.0 - np.exp(-k * time))
+    if signal.interpolation == "hold":
+        return x + (b / k * (1.0 - np.exp(-k * t[:, 1:]))) @ np.diff(signal.values)
+    rate = np.diff(signal.values) / np.diff(signal.time)
+    t = np.maximum(time[:, None] - signal.time - delay, 0.0)
+    return x + (b / k * (t - (1.0 - np.exp(-k * t)) / k)) @ np.diff(rate, prepend=0.0, append=0.0)
+
+
 @pytest.mark.parametrize("size", [1.0, 1e-3, 1e-5])
-def test_a_state_without_a_nominal_value_is_as_exact_however_small(test_fmu, here, size):
-    time = np.linspace(0.0, 4.0, 9)
-    experiment = Experiment(time, ("x",), (InputSignal("u", np.array([0.0]), np.array([2.0 * size])),))
+def test_a_state_without_a_nominal_value_is_as_exact_however_small(test_fmu, here, drive, size):
+    time = np.linspace(0.0, 4.0, 41)
+    signal = replace(drive(time)[0], values=size * drive(time)[0].values)
+    experiment = Experiment(time, ("x",), (signal,))
     targets, (k, b) = (ParameterTarget("k"), ParameterTarget("b"), StartTarget("x")), (1.3, 0.7)
     with NativeSimulator(Problem(test_fmu("Dahlquist"), (experiment,), (targets,)), pool=here) as simulator:
         x = simulator.simulate(np.array([[k, b, size]])).outputs[0][0, :, 0]
-    exact = np.exp(-k * time) + 2.0 * b / k * (1.0 - np.exp(-k * time))
-    np.testing.assert_allclose(x / size, exact, atol=1e-5)
+    np.testing.assert_allclose(x / size, response(time, signal, k, b, size) / size, atol=1e-5)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_decay_with_a_driven_input(test_fmu, here, variant):
-    # x' = -k x + b u, u = 2 from 1 + d on: x = x0 e^(-k t) + 2 b / k (1 - e^(-k (t - 1 - d)))
+def test_decay_with_a_driven_input(test_fmu, here, drive, variant):
     time = np.linspace(0.0, 4.0, 81)
-    signal = InputSignal("u", np.array([0.0, 1.0]), np.array([0.0, 2.0]))
+    (signal,) = drive(time)
     experiment = Experiment(time, ("x", "y"), (signal,))
     targets = (ParameterTarget("k"), ParameterTarget("b"), ParameterTarget("c"), StartTarget("x"), DelayTarget(), None)
-    k, b, c, x0, d = 1.3, 0.7, 0.2, 1.5, 0.013
-    out, slopes = run(here, test_fmu("Dahlquist", **variant), experiment, targets, (k, b, c, x0, d, 9.0))
-    s = time - 1.0 - d
-    on = s >= 0.0
-    decay, driven = np.exp(-k * time), np.where(on, np.exp(-k * np.where(on, s, 0.0)), 1.0)
-    x = x0 * decay + 2.0 * b / k * (1.0 - driven)
-    np.testing.assert_allclose(out[:, 0], x, atol=2e-8)
-    np.testing.assert_allclose(out[:, 1], 2.0 * x + 6.0 * on + c, atol=4e-8)
-    expected = np.stack(
-        [
-            -time * x0 * decay - 2.0 * b / k**2 * (1.0 - driven) + 2.0 * b / k * np.where(on, s, 0.0) * driven,
-            2.0 / k * (1.0 - driven),
-            np.zeros_like(time),
-            decay,
-            np.where(on, -2.0 * b * driven, 0.0),
-            np.zeros_like(time),
-        ],
-        axis=1,
-    )
-    np.testing.assert_allclose(slopes[:, 0], expected, atol=2e-6)
-    direct = 2.0 * expected
-    direct[:, 2] = 1.0
-    np.testing.assert_allclose(slopes[:, 1], direct, atol=4e-6)
+    given = np.array([1.3, 0.7, 0.2, 1.5, 0.013])
+    out, slopes = run(here, test_fmu("Dahlquist", **variant), experiment, targets, (*given, 9.0))
+
+    def exact(values: np.ndarray) -> np.ndarray:
+        k, b, c, x0, delay = values
+        x = response(time, signal, k, b, x0, delay)
+        late = time - delay
+        u = np.interp(late, signal.time, signal.values)
+        if signal.interpolation == "hold":
+            u = signal.values[np.clip(np.searchsorted(signal.time, late, side="right") - 1, 0, None)]
+        return np.stack([x, 2.0 * x + 3.0 * u + c], axis=1)
+
+    np.testing.assert_allclose(out, exact(given), atol=4e-8)
+    step = 1e-6 * np.eye(5)
+    expected = np.stack([(exact(given + h) - exact(given - h)) / 2e-6 for h in step], axis=2)
+    np.testing.assert_allclose(slopes[..., :5], expected, atol=4e-6)
+    np.testing.assert_array_equal(slopes[..., 5], 0.0)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -164,8 +170,9 @@ def test_start_that_depends_on_a_parameter(test_fmu, here, directional):
     np.testing.assert_allclose(slopes[:, 0, 1], -3.0 * time * np.exp(-time), atol=1e-6)
 
 
+@pytest.mark.parametrize("moves", [False, True], ids=["one level", "held samples"])
 @pytest.mark.parametrize("directional", [True, False])
-def test_stiff_circuit(test_fmu, here, directional):
+def test_stiff_circuit(test_fmu, here, directional, moves):
     model = test_fmu("Circuit", directional=directional)
     r, inductance, c, g = 10.0, 1e-4, 1e-3, 1e-3
 
@@ -183,20 +190,24 @@ def test_stiff_circuit(test_fmu, here, directional):
 
     def exact(r: float, time: np.ndarray) -> np.ndarray:
         a, b = system(r)
-        steady = -np.linalg.solve(a, b) * 5.0
-        return np.stack([steady - expm(a * t) @ steady for t in time])
+        unit, x, found = -np.linalg.solve(a, b), np.zeros(6), []
+        for span, level in zip(np.diff(time, prepend=0.0), (u[0], *u[:-1]), strict=True):
+            x = level * unit + expm(a * span) @ (x - level * unit)
+            found.append(x)
+        return np.stack(found)
 
     time = np.concatenate([np.linspace(0.0, 1e-4, 6), np.linspace(2e-4, 0.5, 15)])
-    signal = InputSignal("u", np.array([0.0]), np.array([5.0]))
+    u = 5.0 + moves * np.random.default_rng(1).standard_normal(time.size)
+    signal = InputSignal("u", time, u) if moves else InputSignal("u", time[:1], u[:1])
     out, slopes = run(here, model, Experiment(time, ("i0", "v2", "power"), (signal,)), (ParameterTarget("R"),), (r,))
     x = exact(r, time)
     np.testing.assert_allclose(out[:, 0], x[:, 0], atol=3e-8)
     np.testing.assert_allclose(out[:, 1], x[:, 5], atol=1e-7)
-    np.testing.assert_allclose(out[:, 2], 5.0 * x[:, 0], atol=2e-7)
+    np.testing.assert_allclose(out[:, 2], u * x[:, 0], atol=2e-7)
     dx = (exact(r + 1e-4, time) - exact(r - 1e-4, time)) / 2e-4
     np.testing.assert_allclose(slopes[:, 0, 0], dx[:, 0], atol=2e-6)
     np.testing.assert_allclose(slopes[:, 1, 0], dx[:, 5], atol=2e-6)
-    np.testing.assert_allclose(slopes[:, 2, 0], 5.0 * dx[:, 0], atol=1e-5)
+    np.testing.assert_allclose(slopes[:, 2, 0], u * dx[:, 0], atol=1e-5)
 
 
 def test_error_follows_the_tolerance(test_fmu, here):
@@ -228,13 +239,13 @@ def test_nonlinear_sensitivity_against_differences(test_fmu, here, directional):
         np.testing.assert_allclose(slopes[..., column], expected, atol=2e-4 * np.max(np.abs(expected)))
 
 
-def test_no_states_and_a_resource(test_fmu, here):
+def test_no_states_and_a_resource(test_fmu, here, drive):
     time = np.linspace(0.0, 1.0, 11)
-    signal = InputSignal("u", np.array([0.0, 0.5]), np.array([1.0, 3.0]))
+    (signal,) = drive(time)
     experiment = Experiment(time, ("y", "resource"), (signal,))
     targets = (ParameterTarget("gain"), ParameterTarget("offset"))
     out, slopes = run(here, test_fmu("Feedthrough"), experiment, targets, (2.0, 0.5))
-    u = np.where(time >= 0.5, 3.0, 1.0)
+    u = signal.values if signal.time.size == time.size else np.where(time >= 0.7, 3.0, 1.0)
     np.testing.assert_allclose(out, np.stack([2.0 * u + 0.5, np.full(11, 42.5)], axis=1))
     np.testing.assert_allclose(slopes[:, 0], np.stack([u, np.ones(11)], axis=1))
     np.testing.assert_allclose(slopes[:, 1], 0.0)

@@ -27,7 +27,6 @@ pytestmark = pytest.mark.fast
 
 TIGHT = SolverSettings(1e-8, 1e-8)
 Drive = Callable[[np.ndarray], tuple[InputSignal, ...]]
-JUMP = InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, 3.0]))
 CASES: list[tuple[str, tuple[str, ...], tuple[ProblemTarget, ...], list[float]]] = [
     ("VanDerPol", ("x0", "x1"), (ParameterTarget("mu"), StartTarget("x1")), [2.0, 0.3]),
     ("BouncingBall", ("h", "v"), (ParameterTarget("e"),), [0.6]),
@@ -62,8 +61,8 @@ def test_the_same_numbers_as_fmi_2(test_fmu, here, drive, name, outputs, targets
 
 
 @pytest.mark.parametrize(("name", "outputs", "targets", "values"), CASES, ids=[case[0] for case in CASES])
-def test_agrees_with_fmpy(test_fmu, here, name, outputs, targets, values):
-    case = problem(test_fmu(name, defines=("FMI3",)), outputs, targets, lambda _: (JUMP,))
+def test_agrees_with_fmpy(test_fmu, here, drive, name, outputs, targets, values):
+    case = problem(test_fmu(name, defines=("FMI3",)), outputs, targets, drive)
     with open_simulator(case, pool=here) as native, open_simulator(case, "fmpy") as reference:
         a, b = (s.simulate(np.array([values])).outputs[0][0] for s in (native, reference))
     assert np.all(np.abs(a - b).max(axis=0) <= 1e-5 * np.ptp(b, axis=0))

@@ -115,18 +115,21 @@ class Oscillator:
         )
 
 
-def oscillator_case(rng):
+def oscillator_case(rng, moves):
     time = np.concatenate(([0.0], np.sort(rng.uniform(0.0, 3.0, 60))))
     signal = InputSignal("F", np.array([0.0, 0.7, 1.1, 2.0]), np.array([1.0, -2.0, 0.5, 0.0]))
+    if moves:
+        signal = InputSignal("F", time, np.random.default_rng(8).standard_normal(time.size))
     measured = rng.normal(0.0, 0.5, (time.size, 2))
     measured[rng.random(measured.shape) < 0.25] = np.nan
     measured[10:14] = np.nan
     return time, signal, measured
 
 
+@pytest.mark.parametrize("moves", [False, True], ids=["rare jumps", "held samples"])
 @pytest.mark.parametrize("settings", [SolverSettings(), EXACT], ids=["as usual", "exact"])
-def test_linear_rig_has_the_likelihood_of_its_gaussian_process(built, here, rng, settings):
-    time, signal, measured = oscillator_case(rng)
+def test_linear_rig_has_the_likelihood_of_its_gaussian_process(built, here, rng, settings, moves):
+    time, signal, measured = oscillator_case(rng, moves)
     k, d, m, sigma, initial, sd = 4.0, 0.6, 0.5, (0.05, 0.7), (0.1, 0.2), (0.03, 0.4)
     start_sd = dict(zip("yv", initial, strict=True))
     experiment = Experiment(time, ("y", "a"), (signal,), measured=measured, start_sd=start_sd)
@@ -139,8 +142,9 @@ def test_linear_rig_has_the_likelihood_of_its_gaussian_process(built, here, rng,
     assert found == pytest.approx(exact, rel=1e-8 if settings is EXACT else 1e-5)
 
 
-def test_smoothed_states_are_those_of_the_gaussian_process(built, here, rng):
-    time, signal, measured = oscillator_case(rng)
+@pytest.mark.parametrize("moves", [False, True], ids=["rare jumps", "held samples"])
+def test_smoothed_states_are_those_of_the_gaussian_process(built, here, rng, moves):
+    time, signal, measured = oscillator_case(rng, moves)
     sigma, initial, sd = (0.0, 0.7), (0.1, 0.0), (0.03, 0.4)
     experiment = Experiment(time, ("y", "a"), (signal,), measured=measured, start_sd={"y": initial[0]})
     process = ProcessNoise({"v": sigma[1]}, dict(zip("ya", sd, strict=True)))

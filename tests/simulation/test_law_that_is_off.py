@@ -10,7 +10,6 @@ import pytest
 from aero_bayes.laws import FmuBoundary, Law, LawModels, couple, law_models, place_law, shipped_laws
 from aero_bayes.simulation import (
     Experiment,
-    InputSignal,
     Model,
     Outcome,
     ParameterTarget,
@@ -23,7 +22,6 @@ from aero_bayes.simulation import (
 pytestmark = pytest.mark.fast
 
 TIME = np.linspace(0.0, 2.0, 81)
-DRIVE = InputSignal("u", np.array([0.0, 0.7]), np.array([0.5, -1.0]))
 #: Model, what it does as other tools' do, output, targets with their values.
 CASES = [
     ("Dahlquist", True, (), "y", {"k": 1.3, "c": 0.5, "x": 0.8}),
@@ -46,7 +44,7 @@ def gain() -> tuple[Law, LawModels]:
 
 @pytest.mark.parametrize(("name", "directional", "defines", "output", "values"), CASES)
 def test_a_law_that_is_off_changes_nothing(
-    test_fmu, here, gain, tmp_path: Path, name, directional, defines, output, values
+    test_fmu, here, drive, gain, tmp_path: Path, name, directional, defines, output, values
 ) -> None:
     inner = test_fmu(name, directional=directional, defines=defines)
     boundary, (law, models) = FmuBoundary(inner), gain
@@ -54,7 +52,7 @@ def test_a_law_that_is_off_changes_nothing(
     taken = {*boundary.names.values(), *(v.name for v in inner.parameters)}
     coupling = boundary.coupling([place_law(law, port, taken)], models)
     couple(inner, coupling, tmp_path / "coupled.fmu", tmp_path / "laws.fmu")
-    drive = (DRIVE,) if any(v.name == "u" for v in inner.inputs) else ()
+    inputs = drive(TIME) if any(v.name == "u" for v in inner.inputs) else ()
     states = {s.name for s in inner.states}
     found = []
     for model in (inner, Model.load(tmp_path / "coupled.fmu")):
@@ -62,7 +60,7 @@ def test_a_law_that_is_off_changes_nothing(
         targets = tuple(
             ParameterTarget(n) if n not in states else StartTarget(n if n in there else f"{n}_unread") for n in values
         )
-        experiment = Experiment(TIME, (output,), drive)
+        experiment = Experiment(TIME, (output,), inputs)
         problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9))
         with open_simulator(problem, pool=here) as simulator:
             found.append(simulator.simulate(np.array([list(values.values())]), active=range(len(values))))

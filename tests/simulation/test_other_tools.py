@@ -13,7 +13,6 @@ from test_engine_events import bounce
 from aero_bayes.errors import InputError
 from aero_bayes.simulation import (
     Experiment,
-    InputSignal,
     Model,
     NativeSimulator,
     Outcome,
@@ -125,9 +124,10 @@ def test_algebraic_loops_solved_only_by_the_derivatives(test_fmu, here, engine):
 
 @pytest.mark.parametrize("define", ["FIXED", "NOISY", "ONCE", "NO_RESET", "HELD_INPUTS"])
 @pytest.mark.parametrize("directional", [True, False])
-def test_restrictions_change_no_number(test_fmu, here, pool, define, directional):
+@pytest.mark.parametrize("drive", ["rare jumps", "held samples"], indirect=True)
+def test_restrictions_change_no_number(test_fmu, here, pool, drive, define, directional):
     targets = (ParameterTarget("w"), StartTarget("h"))
-    held = (InputSignal("u", np.array([0.0, 1.0]), np.array([0.0, 2.0])),)
+    held = drive(TIME)
     plain, strict = (
         run(
             test_fmu("Copies", directional=directional, defines=d),
@@ -205,9 +205,10 @@ def test_a_declared_pattern_that_leaves_out_a_dependency_is_not_used(test_fmu, h
     np.testing.assert_array_equal(found[0][1], found[1][1])
 
 
-def test_a_model_that_factors_nothing_agrees_with_fmpy(test_fmu, here):
+def test_a_model_that_factors_nothing_agrees_with_fmpy(test_fmu, here, drive):
     time = np.linspace(0.0, 4.0, 101)
-    signal = InputSignal("u", np.array([0.0, 2.0]), np.array([24.0, 0.0]))
+    (signal,) = drive(time)
+    signal = dataclasses.replace(signal, values=8.0 * signal.values)  # V; a few of them hardly lift the body
     experiment = Experiment(time, ("i", "w", "theta"), (signal,))
     model = test_fmu("Wide")
     assert model.jacobian_pattern is not None

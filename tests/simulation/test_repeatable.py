@@ -29,9 +29,17 @@ VALUES = np.array([[1.3, 0.7], [1.3, 0.7], [0.9, 0.5], [1.1, 2.0], [1.3, 0.7]])
 STEPS = ("STEPS",)
 
 
-def simulated(model: Model, pool: WorkerPool, define: str, active: tuple[int, ...] | None = None):
-    signal = InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, -1.0]))
-    experiments = tuple(Experiment(TIME[:n], ("x", "y"), (signal,)) for n in (41, 21))
+JUMP = (InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, -1.0])),)
+
+
+def simulated(
+    model: Model,
+    pool: WorkerPool,
+    define: str,
+    active: tuple[int, ...] | None = None,
+    inputs: tuple[InputSignal, ...] = JUMP,
+):
+    experiments = tuple(Experiment(TIME[:n], ("x", "y"), inputs) for n in (41, 21))
     problem = Problem(model, experiments, (TARGETS.get(define, OTHERS),) * 2)
     with open_simulator(problem, pool=pool) as simulator:
         return simulator.simulate(VALUES, active=active)
@@ -52,9 +60,11 @@ def test_co_simulation_that_a_reset_does_not_bring_back(test_fmu, pool, define, 
 @pytest.mark.parametrize("define", ["IDLE_RESET", "KEPT_START"])
 @pytest.mark.parametrize("version", [(), ("FMI3",)])
 @pytest.mark.parametrize(("directional", "active"), [(True, None), (True, (0, 1)), (False, (0, 1))])
-def test_model_exchange_that_a_reset_does_not_bring_back(test_fmu, here, define, version, directional, active):
+def test_model_exchange_that_a_reset_does_not_bring_back(test_fmu, here, drive, define, version, directional, active):
     plain, odd = (
-        simulated(test_fmu("Dahlquist", directional=directional, defines=(*version, *d)), here, define, active)
+        simulated(
+            test_fmu("Dahlquist", directional=directional, defines=(*version, *d)), here, define, active, drive(TIME)
+        )
         for d in ((), (define,))
     )
     assert np.all(odd.outcomes == Outcome.OK)
