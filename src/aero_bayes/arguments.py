@@ -20,7 +20,18 @@ Paths = str | Path | Sequence[str | Path]
 
 
 def require_all(given: Item | Sequence[Item], kind: type[Item], what: str) -> tuple[Item, ...]:
-    """One object or a sequence of them as a tuple.
+    """Check the type of one object or of each of a sequence.
+
+    Parameters
+    ----------
+    given : object or sequence of objects
+    kind : type
+    what : str
+        Name of the argument.
+
+    Returns
+    -------
+    tuple of objects
 
     Raises
     ------

@@ -129,7 +129,23 @@ def leave_one_recording_out(
     The other recordings do not predict the nuisance parameters of a recording (its delay, its initial state). For every
     draw, these are fitted within their priors and integrated out by Laplace's approximation.
 
-    The next recording is not started if it is expected to end after ``time_limit`` s.
+    Parameters
+    ----------
+    fit : Fit
+        To all recordings.
+    open_simulator : callable
+        Makes a simulator of a problem.
+    rng : numpy.random.Generator
+    draws : int
+        Draws of the parameters that predict a recording.
+    time_limit : float
+        The next recording is not started if it is expected to end after so many s.
+    progress : callable, optional
+
+    Returns
+    -------
+    tuple of LeftOutPrediction
+        One a recording.
 
     Raises
     ------

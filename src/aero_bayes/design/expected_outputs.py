@@ -40,6 +40,22 @@ def expected_outputs(
 ) -> ExpectedOutputs:
     """Return the outputs that a fitted model expects of a proposed experiment.
 
+    Parameters
+    ----------
+    proposal : Design or Separation
+    fit : Fit
+    draws : int
+        Draws of the parameters that are simulated.
+    seed : int
+        Of the draws.
+    engine : {"native", "fmpy"}
+    workers : int, optional
+        Worker processes; all cores by default.
+
+    Returns
+    -------
+    ExpectedOutputs
+
     Raises
     ------
     CannotFinishError

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from aero_bayes.checkpoint import digest
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibration_settings import CalibrationSettings, DelayPolicy
+from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.initial_states import start_parameters
+from aero_bayes.estimate.nuisances import check_inputs, largest_delay, nuisance_parameters, recording_suffix
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.plausible import check_plausible
-from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.process_noise import process_parameters, uncertain_start
 from aero_bayes.estimate.recording_parameters import for_recordings, with_started_states
 from aero_bayes.estimate.thinning import rows_of_first_readings, thin
@@ -24,7 +24,6 @@ from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
 from aero_bayes.sensors.reading_spread import SpreadModel
 from aero_bayes.simulation.interface import (
-    DelayTarget,
     Experiment,
     Interpolation,
     Problem,
@@ -213,39 +212,46 @@ def calibrate(
 ) -> Calibration:
     """Combine recordings and a model, with a nuisance delay and initial values for each recording that needs them.
 
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    model : Model
+    parameters : ParameterSet
+        What is searched.
+    fixed : mapping of str to float, optional
+        Model parameters held at other values than the model's own, in SI units.
+    noise : NoiseModel, optional
+    settings : CalibrationSettings, optional
+
+    Returns
+    -------
+    Calibration
+
     Raises
     ------
     InputError
-        If nothing was recorded that the model can predict, if the model lacks an input that was recorded, or the
-        recording lacks one that the model has.
+        If nothing was recorded that the model can predict, or the inputs recorded are not those of the model.
     """
     settings, noise = settings or CalibrationSettings(), noise or NoiseModel()
     if not recordings:
         raise InputError("no recording was given")
     check_plausible(recordings, model)
-    limit = _delay_limit(recordings, model, settings)
+    limit = largest_delay(recordings, model, settings)
     outputs = _outputs(recordings, model, settings)
     if isinstance(settings.interpolation, Mapping):
-        _check_inputs(recordings, settings.interpolation, "interpolation")
+        check_inputs(recordings, settings.interpolation, "interpolation")
     parameters = for_recordings(with_started_states(parameters, model), model, recordings)
     floors: dict[str, float] = {}
     at_rest = model.declared.recording.zero_at_rest
     whole = [_experiment(recording, outputs, floors, settings, at_rest) for recording in recordings]
     started = _with_starts(whole, recordings, model, settings, parameters)
-    experiments = [e if settings.most_readings is None else thin(e, settings.most_readings) for e in whole]
-    nuisances: list[Parameter] = []
-    for index, (experiment, (_, starts)) in enumerate(zip(whole, started, strict=True)):
-        nuisances += starts
-        if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], settings.delay, limit):
-            nuisances.append(_delay(limit, index, _suffix(recordings, index)))
-    if isinstance(limit, Mapping):
-        nuisances += _delays(whole, limit, settings.delay)
+    nuisances = nuisance_parameters(whole, [starts for _, starts in started], recordings, limit, settings.delay)
     # What the caller searches as a parameter of his own is no nuisance beside it.
     taken = {(p.target, p.recording) for p in parameters}
     new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
     found = Calibration(
         model,
-        tuple(replace(e, start=start) for e, (start, _) in zip(experiments, started, strict=True)),
+        tuple(replace(_thinned(e, settings), start=start) for e, (start, _) in zip(whole, started, strict=True)),
         tuple(recording.name for recording in recordings),
         parameters.extended(new),
         dict(fixed or {}),
@@ -255,29 +261,6 @@ def calibrate(
         floors,
     )
     return found.with_process_noise(noise) if noise.process else found
-
-
-def _suffix(recordings: Sequence[Recording], index: int) -> str:
-    """End of the names of a recording's own parameters."""
-    return "" if len(recordings) == 1 else f"[{recordings[index].name}]"
-
-
-def _delay_limit(
-    recordings: Sequence[Recording], model: Model, settings: CalibrationSettings
-) -> float | Mapping[str, float]:
-    """Largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs."""
-    declared = model.declared.recording.max_input_delay
-    limit = declared if settings.delay_limit is None else settings.delay_limit
-    if settings.delay == "free" and not limit:
-        raise InputError(f"model {model.name} declares no input delay: give its delay_limit")
-    driven = {variable.name for variable in model.inputs}
-    for recording in recordings:
-        missing = [name for name in recording.inputs if name not in driven]
-        if missing:
-            raise InputError(f"{recording.name}: model {model.name} has no input {missing[0]}")
-    if isinstance(limit, Mapping):
-        _check_inputs(recordings, limit, "delay")
-    return limit
 
 
 def _with_starts(
@@ -293,7 +276,14 @@ def _with_starts(
     given = {state for p in parameters for state in p.starts}
     return [
         start_parameters(
-            recording, experiment, model, settings.start, may_start_at_rest, index, _suffix(recordings, index), given
+            recording,
+            experiment,
+            model,
+            settings.start,
+            may_start_at_rest,
+            index,
+            recording_suffix(recordings, index),
+            given,
         )
         for index, (recording, experiment) in enumerate(zip(recordings, experiments, strict=True))
     ]
@@ -338,47 +328,5 @@ def _experiment(
     return replace(base, outputs=outputs, measured=measured)
 
 
-def _delay(limit: float, index: int, suffix: str) -> Parameter:
-    return Parameter(
-        f"input_delay{suffix}", "s", 0.3 * limit, 0.0, limit, Uniform(0.0, limit), "linear", "delay of the input",
-        DelayTarget(), index,
-    )  # fmt: skip
-
-
-def input_delay(name: str, limit: float) -> Parameter:
-    """The delay of one input by up to ``limit`` s, the same in every recording: a dead time of the rig."""
-    prior, about = Uniform(0.0, limit), f"delay of {name}"
-    return Parameter(f"{name}_delay", "s", 0.3 * limit, 0.0, limit, prior, "linear", about, DelayTarget(name))
-
-
-def _delays(experiments: Sequence[Experiment], limits: Mapping[str, float], policy: DelayPolicy) -> list[Parameter]:
-    """Those of single inputs."""
-    wanted = {
-        name: limit for name, limit in limits.items() if limit and _delay_wanted(experiments, policy, limit, name)
-    }
-    return [input_delay(name, limit) for name, limit in wanted.items()]
-
-
-def _check_inputs(recordings: Sequence[Recording], names: Iterable[str], of_what: str) -> None:
-    for name in names:
-        for recording in recordings:
-            if name not in recording.inputs:
-                has = ", ".join(recording.inputs) or "none"
-                raise InputError(f"{of_what} of {name}: {recording.name} has no such input; it has {has}")
-
-
-def _delay_wanted(
-    experiments: Sequence[Experiment], policy: DelayPolicy, limit: float, name: str | None = None
-) -> bool:
-    """Whether a delay of an input (of any by default) is searched: asked for, or seen in one of the experiments.
-
-    An input may change before the first reading: an experiment that begins at rest has zero there.
-    """
-    if policy != "auto":
-        return policy == "free"
-    return any(
-        len(e.time) > 1
-        and np.median(np.diff(e.time)) <= 5.0 * limit
-        and any(np.any(np.diff(signal.values)) for signal in e.inputs if name in (None, signal.name))
-        for e in experiments
-    )
+def _thinned(experiment: Experiment, settings: CalibrationSettings) -> Experiment:
+    return experiment if settings.most_readings is None else thin(experiment, settings.most_readings)

@@ -30,7 +30,22 @@ FloatArray = NDArray[np.float64]
 
 
 def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
-    """Identifiability of some columns at an optimum, and the optimum with the slopes by all of them."""
+    """Assess which of some columns the data determine at an optimum.
+
+    Parameters
+    ----------
+    objective : Objective
+    here : Optimum
+    columns : tuple of int
+        Free or fixed columns of the objective's parameters.
+
+    Returns
+    -------
+    Identifiability
+        Of the columns.
+    Optimum
+        With the slopes by all of them.
+    """
     part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
     found = _evaluated(objective, here, columns)
     white = objective.whiten(found, here.noise)
@@ -89,6 +104,17 @@ def _laplace(objective: Objective, here: Optimum, fitted: Sequence[FloatArray]) 
     return Laplace(names + layout.names, mean, covariance, count)
 
 
+def with_identified(objective: Objective, here: Optimum) -> tuple[int, ...]:
+    """The free columns and each optional parameter that the data identify."""
+    parameters = objective.parameters
+    optional = [j for j, p in enumerate(parameters) if p.free_if_identified]
+    if not optional:
+        return here.free
+    verdict = verdict_on(objective, here, optional)
+    shown = [j for j in optional if verdict.status.get(parameters.names[j]) is Status.IDENTIFIED]
+    return tuple(sorted({*here.free, *shown}))
+
+
 def at_optimum(fit: Fit, objective: Objective, end: Optimum) -> Fit:
     """The fit with another optimum of its objective over the same columns in place of its own."""
     values = fit.values.copy()
@@ -103,7 +129,20 @@ def at_optimum(fit: Fit, objective: Objective, end: Optimum) -> Fit:
 
 
 def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
-    """The fit at an optimum, with identifiability and covariance under the noise of the data for any cost minimised."""
+    """Make the fit of an optimum, with identifiability and covariance under the data's noise for any cost minimised.
+
+    Parameters
+    ----------
+    search : GlobalSearch
+    result : GlobalSearchResult
+    settings : FitSettings
+    seconds : float
+        That the search took.
+
+    Returns
+    -------
+    Fit
+    """
     objective, here = search.objective, result.optimum
     calibration = objective.calibration
     if settings.cost != "posterior":

@@ -24,16 +24,14 @@ from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
-from aero_bayes.estimate.finished_fit import finished_fit, verdict_on
+from aero_bayes.estimate.finished_fit import finished_fit, with_identified
 from aero_bayes.estimate.global_search import (
     GlobalSearch,
     GlobalSearchResult,
 )
-from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.listed_values import ListedValue, ValueCombination, combinations, split_values
-from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.modes import Mode, find_modes
 from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
 from aero_bayes.estimate.objective import Objective
@@ -342,8 +340,24 @@ def fit_calibration(
 ) -> Fit:
     """Fit a calibration through any simulator.
 
-    ``simulator``, if given, is of the calibration's own problem and stays open; others are opened and closed here.
-    ``checkpoint`` keeps what its searches find.
+    Parameters
+    ----------
+    calibration : Calibration
+    open_simulator : callable
+        Makes a simulator of a problem.
+    settings : FitSettings, optional
+    rng : numpy.random.Generator, optional
+        Draws the swarm.
+    progress : callable, optional
+        As for :func:`fit`.
+    simulator : Simulator, optional
+        Of the calibration's own problem; it stays open. Others are opened and closed here.
+    checkpoint : Checkpoint, optional
+        Keeps what its searches find.
+
+    Returns
+    -------
+    Fit
     """
     settings, rng = settings or FitSettings(), rng if rng is not None else np.random.default_rng(1)
     began = time.perf_counter()
@@ -363,7 +377,7 @@ def fit_calibration(
             simulator = stack.enter_context(open_simulator(linear[0].problem()))
             search = GlobalSearch(search.objective.with_calibration(linear[0], simulator), settings.global_search)
             result = replace(result, optimum=search.refit(linear[1].coordinates, free, linear[1].noise))
-        wider = _with_identified(search, result.optimum)
+        wider = with_identified(search.objective, result.optimum)
         if wider != free:
             optimum = search.refit(result.optimum.coordinates, wider, result.optimum.noise)
             result = replace(result, optimum=optimum, iterations=search.iterations)
@@ -377,14 +391,3 @@ def _modes(search: GlobalSearch, found: Fit, result: GlobalSearchResult) -> tupl
         return ()
     swarm = result.swarm if found.free == result.optimum.free else None
     return find_modes(search, found.optimum, swarm)
-
-
-def _with_identified(search: GlobalSearch, here: Optimum) -> tuple[int, ...]:
-    """The free columns and each optional parameter that the data identify."""
-    parameters = search.objective.parameters
-    optional = [j for j, p in enumerate(parameters) if p.free_if_identified]
-    if not optional:
-        return here.free
-    verdict = verdict_on(search.objective, here, optional)
-    shown = [j for j in optional if verdict.status.get(parameters.names[j]) is Status.IDENTIFIED]
-    return tuple(sorted({*here.free, *shown}))

@@ -95,6 +95,16 @@ def with_free_starts(parameters: ParameterSet, experiments: Sequence[Experiment]
     """Widen the priors of initial values that were taken from a reading to a tenth of the output's range.
 
     A first fit trusts its readings; later checks of it must allow for a sensor with an offset.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+    experiments : sequence of Experiment
+    model : Model
+
+    Returns
+    -------
+    ParameterSet
     """
     return ParameterSet(
         tuple(p if p.recording is None else _with_free_start(p, experiments[p.recording], model) for p in parameters)

@@ -73,6 +73,23 @@ def choose_interpolation(
     With inputs that hold, a fit can have a wrong optimum, such as a resonance above the Nyquist frequency that appears
     at the samples as an alias below it. So a fit that leaves far more than the noise is searched anew with linear
     inputs. Then the interpolation of each input is changed alone.
+
+    Parameters
+    ----------
+    search : GlobalSearch
+        With inputs that hold.
+    result : GlobalSearchResult
+        Of that search.
+    open_simulator : callable
+        Makes a simulator of a problem.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    calibration : Calibration
+        With the interpolation that was chosen.
+    optimum : Optimum
+        Of it. Or None in the place of both.
     """
     before, here = search.objective.calibration, result.optimum
     if (linear := with_linear_inputs(before)) is None:

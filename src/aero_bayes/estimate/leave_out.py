@@ -103,10 +103,25 @@ class LinearisedFit:
 
 
 def blocks_of_time(series: Sequence[Series], leverage: FloatArray, count: int, least: int) -> list[list[Readings]]:
-    """Readings (columns of the whitened slopes) by recording, and in each by block of time, all outputs together.
+    """Cut the readings of each recording into blocks of time, all outputs together.
 
     Blocks have equal shares of readings and of leverage (N,), so that the fit without one of them is close to the full
-    fit and its linearisation holds. There are at most ``count`` in a recording, of ``least`` readings on average.
+    fit and its linearisation holds.
+
+    Parameters
+    ----------
+    series : sequence of Series
+    leverage : ndarray, shape (N,)
+        Of each reading, in the columns of the whitened slopes.
+    count : int
+        Most blocks of a recording.
+    least : int
+        Readings that a block has on average at least.
+
+    Returns
+    -------
+    list of list of Readings
+        By recording, its blocks: columns of the whitened slopes.
     """
     found = []
     for e in sorted({s.experiment for s in series}):

@@ -131,11 +131,24 @@ class LocalResult(Generic[Quadratic]):
 
 
 def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Minimise ``g'd + d'Hd/2`` over ``low <= d <= high`` for a positive definite H; shape (p,).
+    """Minimise ``g'd + d'Hd/2`` over ``low <= d <= high``.
 
     By a primal active-set method (Nocedal and Wright, 2006, Numerical Optimization, section 16.5): a Newton step over
     the free coordinates ends at the first bound that it meets, which becomes active. If it meets none, the active
     coordinate with the largest gradient into the box is released.
+
+    Parameters
+    ----------
+    hessian : ndarray, shape (p, p)
+        Positive definite.
+    gradient : ndarray, shape (p,)
+    low, high : ndarray, shape (p,)
+        Bounds, around zero.
+
+    Returns
+    -------
+    ndarray, shape (p,)
+        The step ``d``.
     """
     p = gradient.size
     step = np.zeros(p)

@@ -154,7 +154,22 @@ def fit_noise(
     settings: LocalFitSettings,
     start: Mapping[str, OutputNoise] | None = None,
 ) -> dict[str, OutputNoise]:
-    """Maximum-likelihood noise of each output, pooled over its recordings."""
+    """Estimate the noise of each output by maximum likelihood, pooled over its recordings.
+
+    Parameters
+    ----------
+    objective : Objective
+    residual : sequence of ndarray, shape (n,)
+        Measured minus fitted readings of each series of the objective.
+    settings : LocalFitSettings
+    start : mapping of str to OutputNoise, optional
+        Noise to start from, by output.
+
+    Returns
+    -------
+    dict of str to OutputNoise
+        By output.
+    """
     noise = {}
     for output in objective.outputs:
         own = [k for k, series in enumerate(objective.series) if series.output == output]
@@ -287,6 +302,12 @@ def _laplace(hessian: FloatArray, parameters: ParameterSet, free: Sequence[int])
     return parameter_covariance(hessian, parameters.prior_sd()[columns]), volume
 
 
+_NO_START = (
+    "the model cannot be simulated at the values where a fit starts: {}; a plant that is unstable without its "
+    "controller needs the controller in the model"
+)
+
+
 def local_fit(
     objective: Objective,
     start: FloatArray,
@@ -297,10 +318,25 @@ def local_fit(
     known: Sequence[Optimum] = (),
     on_iteration: Callable[[int, float], object] | None = None,
 ) -> Optimum:
-    """Maximise the log-posterior over the ``free`` columns from ``start`` (search coordinates of all columns).
+    """Maximise the log-posterior over some columns by :func:`levenberg_marquardt`.
 
-    The search is :func:`levenberg_marquardt`. It stops if it is about to converge to one of the ``known`` optima, which
-    are of the same objective and columns, and where ``on_iteration`` returns True.
+    Parameters
+    ----------
+    objective : Objective
+    start : ndarray, shape (p,)
+        Search coordinates.
+    free : sequence of int
+        Columns that are fitted.
+    noise : mapping of str to OutputNoise, optional
+    settings : LocalFitSettings, optional
+    known : sequence of Optimum
+        Of the same objective and columns: where it is about to converge to one, the search stops.
+    on_iteration : callable, optional
+        Told the iteration and the cost; the search stops where it returns True.
+
+    Returns
+    -------
+    Optimum
 
     Raises
     ------
@@ -311,29 +347,24 @@ def local_fit(
     cost_function = _NegativeLogPosterior(objective, start, free, noise, settings, known)
     low, high = (bound[list(free)] for bound in objective.parameters.box)
     results: list[LocalResult[_PosteriorModel]] = []
+    shape = cost_shape(objective.parameters, free, objective.calibration.intervals)
 
     def search() -> Arrays:
-        shape = cost_shape(objective.parameters, free, objective.calibration.intervals)
-        result = levenberg_marquardt(
-            cost_function, cost_function.base[list(free)], low, high, settings.local, on_iteration,
-            shape=shape, leads_to_known=cost_function.leads_to_known,
-        )  # fmt: skip
-        results.append(result)
+        results.append(levenberg_marquardt(
+            cost_function, cost_function.base[list(free)], low, high, settings.local, on_iteration, shape=shape,
+            leads_to_known=cost_function.leads_to_known,
+        ))  # fmt: skip
         return _pack(results[0])
 
     key = cost_function.base, tuple(free), noise, settings, [end.coordinates for end in known]
     kept = objective.cached("local_fit", key, search, lambda: results[0].reason is not Stop.INTERRUPTED)
     found = results[0] if results else cost_function.restore(kept)
     if found.quadratic is None:
-        raise CannotFinishError(
-            f"the model cannot be simulated at the values where a fit starts: {objective.commonest_failure}; a plant "
-            "that is unstable without its controller needs the controller in the model"
-        )
+        raise CannotFinishError(_NO_START.format(objective.commonest_failure))
     here = found.quadratic
     covariance, occam = _laplace(here.hessian, objective.parameters, free)
-    likelihood = here.whitened.log_likelihood
+    level = here.whitened.log_likelihood
     return Optimum(
-        tuple(free), cost_function.full(found.point), dict(here.noise), likelihood, here.log_prior,
-        likelihood + here.log_prior + occam, covariance, here.evaluation, here.whitened,
-        found.reason, found.iterations,
+        tuple(free), cost_function.full(found.point), dict(here.noise), level, here.log_prior,
+        level + here.log_prior + occam, covariance, here.evaluation, here.whitened, found.reason, found.iterations,
     )  # fmt: skip

@@ -53,7 +53,19 @@ def _beyond_noise(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
 
 
 def first_reading(recording: Recording, target: ProblemTarget, calibration: Calibration) -> InitialLevel | None:
-    """Return what a state was read as at the beginning of a recording; None for what is no start, or was not read."""
+    """Return what a state was read as at the beginning of a recording; None for what is no start, or was not read.
+
+    Parameters
+    ----------
+    recording : Recording
+    target : ProblemTarget
+    calibration : Calibration
+
+    Returns
+    -------
+    InitialLevel or None
+        In the state's unit.
+    """
     started = _started(target, calibration)
     if not started:
         return None

@@ -39,10 +39,27 @@ def fit_progressive_horizon(
     open_simulator: OpenSimulator,
     known: FloatArray | None = None,
 ) -> tuple[FloatArray, int]:
-    """Fit ever longer horizons by least squares; the coordinates (p,) at the end and the number of steps.
+    """Fit ever longer horizons by least squares.
 
-    ``known`` are coordinates of a fit to the whole recordings: the fit stops if it is not clearly better on the
-    beginning.
+    Parameters
+    ----------
+    whole : Objective
+        On the whole recordings.
+    start : ndarray, shape (p,)
+        Search coordinates.
+    free : sequence of int
+        Columns that are fitted.
+    settings : LocalFitSettings
+    open_simulator : callable
+        Makes a simulator of a problem.
+    known : ndarray, shape (p,), optional
+        Coordinates of a fit to the whole recordings: the fit stops if it is not clearly better on the beginning.
+
+    Returns
+    -------
+    point : ndarray, shape (p,)
+        Search coordinates at the end.
+    steps : int
     """
     by_squares = settings.least_squares(whole.outputs)
 

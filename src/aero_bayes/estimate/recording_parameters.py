@@ -23,10 +23,20 @@ def with_started_states(parameters: ParameterSet, model: Model) -> ParameterSet:
 
 
 def for_recordings(parameters: ParameterSet, model: Model, recordings: Sequence[Recording]) -> ParameterSet:
-    """One parameter a recording, ``C@recording``, in the place of each that has a value of its own in each.
+    """Put one parameter a recording, ``C@recording``, in the place of each that has a value of its own in each.
 
     The parts of a recording that was cut at a gap share one, unless it is an initial value. An initial value keeps its
     own name where there is one recording, and is searched from the first reading.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+    model : Model
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    ParameterSet
     """
     found: list[Parameter] = []
     for p in parameters:

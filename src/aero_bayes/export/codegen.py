@@ -6,7 +6,8 @@ code over local variables. The FMI functions around it are in ``native/fmi2.c``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from aero_bayes.export.algebraic_loops import AlgebraicLoop
 from aero_bayes.export.c_functions import (
@@ -25,6 +26,7 @@ from aero_bayes.export.expression import Builder, Node, evaluate_nodes
 from aero_bayes.export.lane_functions import LaneEquations, lane_functions
 from aero_bayes.export.layout import VariableLayout
 from aero_bayes.export.parameter_stage import ParameterStage
+from aero_bayes.export.prepared_model import PreparedModel
 from aero_bayes.export.switching_surfaces import SwitchingModel
 
 
@@ -42,201 +44,67 @@ class _Memory:
     def place(self, group: str, k: int) -> str:
         return f"m->data[{self.at[group] + k}]"
 
+    def targets(self, group: str, nodes: Iterable[Node], first: int = 0) -> list[StoredValue]:
+        """Store expressions in a group, from its place ``first`` on."""
+        return [StoredValue(self.place(group, first + i), n) for i, n in enumerate(nodes)]
+
+
+@dataclass(frozen=True)
+class _Code:
+    """Values that the functions compute: by function of model.h, of each algebraic loop, and at events.
+
+    ``columns`` has the derivatives by each parameter, which the group ``jp`` has together.
+    """
+
+    groups: dict[str, list[StoredValue]]
+    columns: list[list[StoredValue]]
+    loops: list[list[StoredValue]]
+    reinits: list[Node]
+    assertions: list[Node]
+
+    @property
+    def late(self) -> list[Node]:
+        """Every expression that is computed at a time step."""
+        return [t.node for g in (*self.groups.values(), *self.loops) for t in g]
+
 
 def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, candidates: bool = False) -> str:
-    """The complete C source of one model; native/fmi2.c is linked to it.
+    """Write the complete C source of one model; native/fmi2.c is linked to it.
 
-    It has the equations for several parameter vectors at a time too, where the model has neither algebraic loops nor
-    events. With ``candidates`` not these: most of its laws are switched off, so that slow functions which count times
-    zero are not called, and derivatives by each parameter are a function of their own.
+    Parameters
+    ----------
+    switching : SwitchingModel
+        The explicit model, and the surfaces at which it switches.
+    layout : VariableLayout
+        Value references of its variables.
+    guid : str
+        Identifier that the model description has, too.
+    candidates : bool
+        Whether most laws of the model are switched off: slow functions that count times zero are not called, and
+        derivatives by each parameter are a function of their own. Otherwise the source also has the equations for
+        several parameter vectors at a time, where the model has neither algebraic loops nor events.
+
+    Returns
+    -------
+    str
+        The C source.
     """
-    model, surfaces = switching.model, switching.surfaces
-    b = model.system.builder
-    events = model.discrete
-    nx, nu, np_ = len(layout.states), len(layout.inputs), len(layout.parameters)
-    nq, ny = len(layout.dependent), len(layout.outputs)
-    states = [b.symbol(p) for p in layout.state_paths]
-    inputs = [b.symbol(v.name) for v in layout.inputs]
-    parameters = [b.symbol(v.name) for v in layout.parameters]
-    unknowns = [u for loop in model.loops for u in loop.unknowns]
-    steps = sorted(events.updates, key=lambda s: s.name.startswith("when#"))
-    stage = ParameterStage(b, frozenset(parameters))
-    defaults = {
-        p: evaluate_nodes([v.binding], {})[0] for p, v in zip(parameters, layout.parameters, strict=True) if v.binding
-    }
-    # parameters of inner components that nothing shows keep their value
-    hidden: dict[Node, Node] = {
-        b.symbol(v.name): v.binding
-        for v in model.system.parameters
-        if v.binding is not None and v.binding.op == "const" and b.symbol(v.name) not in defaults
-    }
-    memo = dict(hidden)
-
-    def prepare(nodes: Iterable[Node]) -> list[Node]:
-        return [stage.reciprocal(b.substitute(n, memo)) for n in nodes]
-
-    rates = prepare(model.rates)
-    outputs = prepare(model.solved[v.name] for v in layout.outputs)
-    dependent = prepare(v.binding for v in layout.dependent if v.binding is not None)
-    starts = prepare(model.starts)
-    loops = [prepare(loop.residuals) for loop in model.loops]
-    flat_loops = [r for loop in loops for r in loop]
-    rows = [*rates, *outputs, *dependent]
-    nw, nrow, moving = len(unknowns), len(rows), [*states, *inputs]
-
-    memory = _Memory()
-    memory.add("R", layout.first_output + ny)
-    memory.add("K", 0)  # the size is known once all expressions are
-    leaves = {model.system.time: "m->time"}
-    sizes = {
-        "W": nw, "D": len(steps), "PRE": len(steps), "REL": len(events.relations), "ROUND": len(events.roundings),
-        "SAMPLE": len(events.samplings), "LAST": len(events.samplings), "INITIAL": 1, "STARTED": nx,
-        "JX": nrow * (nx + nu), "JP": nrow * np_, "WANTED": np_,
-        "JW": nrow * nw, "FW": nw * nw, "FX": nw * (nx + nu), "FP": nw * np_,
-        "DIFF": len(events.relations) + len(events.roundings), "TICK": 2 * len(events.samplings),
-        "DUE": len(events.relations), "SLOPE": len(events.relations),
-        "START": len(model.initial.unknowns) if model.initial is not None else 0,
-        **_surface_sizes(len(surfaces), nrow, nx, nu, np_),
-    }  # fmt: skip
-    for name, size in sizes.items():
-        memory.add(name, size)
-    memory.at["K"] = memory.size
-    values = [
-        ("R", 0, states), ("R", 2 * nx, inputs), ("R", layout.first_parameter, parameters), ("W", 0, unknowns),
-        ("D", 0, steps), ("PRE", 0, [b.symbol(f"pre({s.name})") for s in steps]),
-        ("REL", 0, [r.symbol for r in events.relations]), ("ROUND", 0, [r.symbol for r in events.roundings]),
-        ("SAMPLE", 0, [s.symbol for s in events.samplings]), ("INITIAL", 0, [b.symbol("initial()")]),
-    ]  # fmt: skip
-    for group, first, symbols in values:
-        leaves |= {s: memory.place(group, first + i) for i, s in enumerate(symbols)}
-
-    def targets(group: str, nodes: Sequence[Node], first: int = 0) -> list[StoredValue]:
-        return [StoredValue(memory.place(group, first + i), n) for i, n in enumerate(nodes)]
-
-    def jacobian(group: str, of: Sequence[Node], by: Sequence[Node]) -> list[StoredValue]:
-        return _jacobian(b, of, by, stage, memory.at[group])
-
-    leaves |= {s: memory.place("R", nx + i) for i, s in enumerate(switching.rates)}
-    rises = prepare(s.rise for s in surfaces)
-    differences = prepare(r.difference for r in events.relations)
-    instants = {i: t for i, r in enumerate(events.relations) if (t := model.time_of_change(r.difference)) is not None}
-    columns = [_jacobian(b, rows, [p], stage, memory.at["JP"] + j * nrow) for j, p in enumerate(parameters)]
-    groups = {
-        "dx": targets("R", rates, nx),
-        "y": targets("R", outputs, layout.first_output),
-        "jx": jacobian("JX", rows, moving),
-        "jp": [t for column in columns for t in column],
-        "jw": [
-            *jacobian("JW", rows, unknowns),
-            *jacobian("FW", flat_loops, unknowns),
-            *jacobian("FX", flat_loops, moving),
-        ],
-        "fp": jacobian("FP", flat_loops, parameters),
-        "discrete": targets("D", prepare(events.updates[s] for s in steps)),
-        "watch": targets("DIFF", [*differences, *prepare(r.argument for r in events.roundings)]),
-        "times": [
-            *targets("TICK", prepare(x for s in events.samplings for x in (s.start, s.interval))),
-            *(StoredValue(memory.place("DUE", i), prepare([t[0]])[0]) for i, t in instants.items()),
-            *(StoredValue(memory.place("SLOPE", i), prepare([t[1]])[0]) for i, t in instants.items()),
-        ],
-        "rise": targets("RISE", rises),
-        "rise_slopes": [
-            *jacobian("RISE_RATE", rises, switching.rates),
-            *jacobian("RISE_X", rises, moving),
-            *jacobian("RISE_P", rises, parameters),
-        ],
-    }
-    reinits = prepare(x for r in events.reinits for x in (r.active, r.value))
-    assertions = prepare(c for c, _ in events.assertions)
-    loop_rows = _loop_targets(b, model.loops, loops, stage)
-    saved = stage.to_store([t.node for g in (*groups.values(), *loop_rows) for t in g] + reinits + assertions)
+    m = PreparedModel(switching, layout)
+    memory, sizes = _memory_of(m)
+    leaves = _leaves(m, memory)
+    code = _code_of(m, memory)
+    saved = m.stage.to_store(code.late + code.reinits + code.assertions)
     kept = {n: memory.place("K", i) for i, n in enumerate(saved)}
     memory.size += len(kept)
-    early = [StoredValue(place, n) for n, place in kept.items()]
-    early += targets("R", dependent, layout.first_dependent)
-    functions = [store_function("k", early, leaves, {})]
-    factors = frozenset(parameters) if candidates else frozenset()
-    one_by_one = [("jp", k, column) for k, column in enumerate(columns) if column] if candidates else []
-    functions += [store_function(f"{name}{k}", column, leaves, kept) for name, k, column in one_by_one]
-    functions += [
-        store_function(name, found, leaves, kept, factors)
-        for name, found in groups.items()
-        if not (candidates and name == "jp")
-    ]
-    if candidates:
-        functions.append(
-            columns_function("jp", {memory.place("WANTED", k): f"eval_{name}{k}" for name, k, _ in one_by_one})
-        )
-    functions.append(reinit_function(model, reinits, {**leaves, **kept}, states))
-    if model.initial is not None:
-        rows_there = prepare(model.initial.residuals)
-        there = {**leaves, **{u: f"m->data[{memory.at['START'] + i}]" for i, u in enumerate(model.initial.unknowns)}}
-        found_there = _loop_targets(b, [model.initial], [rows_there], stage)[0]
-        functions.append(loop_function("initial", found_there, there))
-    functions.append(assertion_function(assertions, {**leaves, **kept}))
-    functions += [loop_function(i, found, {**leaves, **kept}) for i, found in enumerate(loop_rows)]
-    before = _step_starts(model, steps, prepare)
-    functions.append(
-        start_function(
-            [(memory.place("R", i), memory.place("STARTED", i), n) for i, n in enumerate(starts) if n.op != "const"],
-            [(memory.place("PRE", i), memory.place("D", i), n) for i, n in enumerate(before)],
-            frozenset(states),
-            b,
-            leaves,
-        )
-    )
-    given = [(memory.at["R"] + i, n.value) for i, n in enumerate(starts) if n.op == "const"]
-    known = {**{s: n.value for s, n in hidden.items()}, **defaults}
-    guesses = _guesses(model, unknowns, known)
-    for group, at, numbers in (
-        ("R", 2 * nx, [_attribute(v, "start", known, 0.0) for v in layout.inputs]),
-        ("R", layout.first_parameter, list(defaults.values())),
-        ("W", 0, guesses),
-    ):
-        given += [(memory.at[group] + at + i, x) for i, x in enumerate(numbers)]
-    late = [t.node for g in (*groups.values(), *loop_rows) for t in g]
-    counts = {
-        "nx": nx, "nu": nu, "np": np_, "nq": nq, "ny": ny, "nw": nw, "nd": len(steps),
-        "conditions": sum(s.name.startswith("when#") for s in steps), "relations": len(events.relations),
-        "roundings": len(events.roundings), "samples": len(events.samplings), "blocks": len(loops),
-        "surfaces": len(surfaces),
-        "assertions": len(assertions), "time_varying": int(any(model.system.time in b.symbols(n) for n in late)),
-        "size": max(memory.size, 1),
-    }  # fmt: skip
-    nominals = [_attribute(v, "nominal", known, 1.0) for v in layout.states]
-    tables = {
-        "double nominal": [repr(x) for x in nominals],
-        "unsigned char below": [str(int(r.below)) for r in events.relations],
-        "unsigned char timed": [str(int(i in instants)) for i in range(len(events.relations))],
-        **_surface_tables(switching, steps),
-        "Block block": _blocks(b, model.loops),
-        "int initial_at": [
-            leaves[u].removeprefix("m->data[").removesuffix("]")
-            for u in (model.initial.unknowns if model.initial is not None else ())
-        ],
-        "char *const message": [c_string(message) for _, message in events.assertions],
-    }
-    in_lanes = None
-    between_events = events.relations or events.roundings or events.samplings or steps or assertions
-    known_there = {model.system.time, *states, *inputs, *parameters}
-    plain = all(b.symbols(n) <= known_there for n in (*rates, *outputs))
-    if not candidates and plain and states and not (loops or between_events):
-        constants = {**{p: leaves[p] for p in parameters}, **kept}
-        slopes = _jacobian(b, rates, states, stage, 0, by_rows=True)
-        equations = LaneEquations(states, inputs, model.system.time, constants, rates, outputs, slopes)
-        in_lanes = lane_functions(
-            equations,
-            {
-                "first_input": 2 * nx,
-                "first_output": layout.first_output,
-                "time_varying": counts["time_varying"],
-            },
-        )
-    if in_lanes is not None:
-        functions.append(in_lanes[0])
-        counts["lane_constants"] = len(in_lanes[1])
-        tables["int lane_constant_at"] = [str(place) for place in in_lanes[1]]
-    names = ("set_defaults", "start", *(f"{n}" for n in ("k", *groups)), "reinit", "violated")
+    functions = _functions(m, memory, code, leaves, kept, candidates=candidates)
+    given = _given_values(m, memory)
+    counts, tables = _counts(m, memory, code), _tables(m, leaves)
+    found = None if candidates else _in_lanes(m, leaves, kept, counts["time_varying"])
+    if found is not None:
+        functions.append(found[0])
+        counts["lane_constants"] = len(found[1])
+        tables["int lane_constant_at"] = [str(place) for place in found[1]]
+    names = ("set_defaults", "start", "k", *code.groups, "reinit", "violated")
     lines = [
         '#include "model.h"',
         "static const struct { int at; double value; } given[] = {",
@@ -257,6 +125,194 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, ca
         "};",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _memory_of(m: PreparedModel) -> tuple[_Memory, dict[str, int]]:
+    """Lay out all values of a model; the group ``K`` of kept expressions is last, and still empty."""
+    events, nx, nu, np_ = m.model.discrete, len(m.states), len(m.inputs), len(m.parameters)
+    nw, nrow = len(m.unknowns), len(m.rows)
+    memory = _Memory()
+    memory.add("R", m.layout.first_output + len(m.layout.outputs))
+    memory.add("K", 0)  # the size is known once all expressions are
+    sizes = {
+        "W": nw, "D": len(m.steps), "PRE": len(m.steps), "REL": len(events.relations), "ROUND": len(events.roundings),
+        "SAMPLE": len(events.samplings), "LAST": len(events.samplings), "INITIAL": 1, "STARTED": nx,
+        "JX": nrow * (nx + nu), "JP": nrow * np_, "WANTED": np_,
+        "JW": nrow * nw, "FW": nw * nw, "FX": nw * (nx + nu), "FP": nw * np_,
+        "DIFF": len(events.relations) + len(events.roundings), "TICK": 2 * len(events.samplings),
+        "DUE": len(events.relations), "SLOPE": len(events.relations),
+        "START": len(m.model.initial.unknowns) if m.model.initial is not None else 0,
+        **_surface_sizes(len(m.switching.surfaces), nrow, nx, nu, np_),
+    }  # fmt: skip
+    for name, size in sizes.items():
+        memory.add(name, size)
+    memory.at["K"] = memory.size
+    return memory, sizes
+
+
+def _leaves(m: PreparedModel, memory: _Memory) -> dict[Node, str]:
+    """Where the value of each symbol stands."""
+    b, events, nx = m.builder, m.model.discrete, len(m.states)
+    leaves = {m.model.system.time: "m->time"}
+    values = [
+        ("R", 0, m.states), ("R", 2 * nx, m.inputs), ("R", m.layout.first_parameter, m.parameters),
+        ("W", 0, m.unknowns), ("D", 0, m.steps), ("PRE", 0, [b.symbol(f"pre({s.name})") for s in m.steps]),
+        ("REL", 0, [r.symbol for r in events.relations]), ("ROUND", 0, [r.symbol for r in events.roundings]),
+        ("SAMPLE", 0, [s.symbol for s in events.samplings]), ("INITIAL", 0, [b.symbol("initial()")]),
+    ]  # fmt: skip
+    for group, first, symbols in values:
+        leaves |= {s: memory.place(group, first + i) for i, s in enumerate(symbols)}
+    return leaves | {s: memory.place("R", nx + i) for i, s in enumerate(m.switching.rates)}
+
+
+def _code_of(m: PreparedModel, memory: _Memory) -> _Code:
+    """What each function of model.h computes."""
+    events, moving, targets = m.model.discrete, [*m.states, *m.inputs], memory.targets
+
+    def jacobian(group: str, of: Sequence[Node], by: Sequence[Node]) -> list[StoredValue]:
+        return _jacobian(m.builder, of, by, m.stage, memory.at[group])
+
+    rises = m.prepare(s.rise for s in m.switching.surfaces)
+    differences = m.prepare(r.difference for r in events.relations)
+    instants, first = m.instants, memory.at["JP"]
+    columns = [_jacobian(m.builder, m.rows, [p], m.stage, first + j * len(m.rows)) for j, p in enumerate(m.parameters)]
+    flat_loops = [r for loop in m.loops for r in loop]
+    groups = {
+        "dx": targets("R", m.rates, len(m.states)),
+        "y": targets("R", m.outputs, m.layout.first_output),
+        "jx": jacobian("JX", m.rows, moving),
+        "jp": [t for column in columns for t in column],
+        "jw": [
+            *jacobian("JW", m.rows, m.unknowns),
+            *jacobian("FW", flat_loops, m.unknowns),
+            *jacobian("FX", flat_loops, moving),
+        ],
+        "fp": jacobian("FP", flat_loops, m.parameters),
+        "discrete": targets("D", m.prepare(events.updates[s] for s in m.steps)),
+        "watch": targets("DIFF", [*differences, *m.prepare(r.argument for r in events.roundings)]),
+        "times": [
+            *targets("TICK", m.prepare(x for s in events.samplings for x in (s.start, s.interval))),
+            *(StoredValue(memory.place("DUE", i), m.prepare([t[0]])[0]) for i, t in instants.items()),
+            *(StoredValue(memory.place("SLOPE", i), m.prepare([t[1]])[0]) for i, t in instants.items()),
+        ],
+        "rise": targets("RISE", rises),
+        "rise_slopes": [
+            *jacobian("RISE_RATE", rises, m.switching.rates),
+            *jacobian("RISE_X", rises, moving),
+            *jacobian("RISE_P", rises, m.parameters),
+        ],
+    }
+    reinits = m.prepare(x for r in events.reinits for x in (r.active, r.value))
+    assertions = m.prepare(c for c, _ in events.assertions)
+    return _Code(groups, columns, _loop_targets(m.builder, m.model.loops, m.loops, m.stage), reinits, assertions)
+
+
+def _functions(
+    m: PreparedModel,
+    memory: _Memory,
+    code: _Code,
+    leaves: dict[Node, str],
+    kept: dict[Node, str],
+    *,
+    candidates: bool,
+) -> list[str]:
+    """Write the C functions of the model's equations."""
+    model, b = m.model, m.builder
+    early = [StoredValue(place, n) for n, place in kept.items()]
+    early += memory.targets("R", m.dependent, m.layout.first_dependent)
+    everything = {**leaves, **kept}
+    functions = [store_function("k", early, leaves, {})]
+    factors = frozenset(m.parameters) if candidates else frozenset()
+    one_by_one = [(k, column) for k, column in enumerate(code.columns) if column] if candidates else []
+    functions += [store_function(f"jp{k}", column, leaves, kept) for k, column in one_by_one]
+    functions += [
+        store_function(name, values, leaves, kept, factors)
+        for name, values in code.groups.items()
+        if not (candidates and name == "jp")
+    ]
+    if candidates:
+        functions.append(columns_function("jp", {memory.place("WANTED", k): f"eval_jp{k}" for k, _ in one_by_one}))
+    functions.append(reinit_function(model, code.reinits, everything, m.states))
+    if model.initial is not None:
+        rows = m.prepare(model.initial.residuals)
+        there = {**leaves, **{u: f"m->data[{memory.at['START'] + i}]" for i, u in enumerate(model.initial.unknowns)}}
+        functions.append(loop_function("initial", _loop_targets(b, [model.initial], [rows], m.stage)[0], there))
+    functions.append(assertion_function(code.assertions, everything))
+    functions += [loop_function(i, values, everything) for i, values in enumerate(code.loops)]
+    before = m.prepare(m.step_starts())
+    functions.append(
+        start_function(
+            [(memory.place("R", i), memory.place("STARTED", i), n) for i, n in enumerate(m.starts) if n.op != "const"],
+            [(memory.place("PRE", i), memory.place("D", i), n) for i, n in enumerate(before)],
+            frozenset(m.states),
+            b,
+            leaves,
+        )
+    )
+    return functions
+
+
+def _given_values(m: PreparedModel, memory: _Memory) -> list[tuple[int, float]]:
+    """Places and numbers that a model begins with."""
+    given = [(memory.at["R"] + i, n.value) for i, n in enumerate(m.starts) if n.op == "const"]
+    for group, at, numbers in (
+        ("R", 2 * len(m.states), [_attribute(v, "start", m.constants, 0.0) for v in m.layout.inputs]),
+        ("R", m.layout.first_parameter, list(m.defaults.values())),
+        ("W", 0, _guesses(m.model, m.unknowns, m.constants)),
+    ):
+        given += [(memory.at[group] + at + i, x) for i, x in enumerate(numbers)]
+    return given
+
+
+def _counts(m: PreparedModel, memory: _Memory, code: _Code) -> dict[str, int]:
+    """Numbers of ``Info`` of model.h."""
+    b, events, layout = m.builder, m.model.discrete, m.layout
+    return {
+        "nx": len(m.states), "nu": len(m.inputs), "np": len(m.parameters), "nq": len(layout.dependent),
+        "ny": len(layout.outputs), "nw": len(m.unknowns), "nd": len(m.steps),
+        "conditions": sum(s.name.startswith("when#") for s in m.steps), "relations": len(events.relations),
+        "roundings": len(events.roundings), "samples": len(events.samplings), "blocks": len(m.loops),
+        "surfaces": len(m.switching.surfaces), "assertions": len(code.assertions),
+        "time_varying": int(any(m.model.system.time in b.symbols(n) for n in code.late)), "size": max(memory.size, 1),
+    }  # fmt: skip
+
+
+def _tables(m: PreparedModel, leaves: dict[Node, str]) -> dict[str, list[str]]:
+    """Arrays of ``Info`` of model.h, by their declaration."""
+    events, initial = m.model.discrete, m.model.initial
+    return {
+        "double nominal": [repr(_attribute(v, "nominal", m.constants, 1.0)) for v in m.layout.states],
+        "unsigned char below": [str(int(r.below)) for r in events.relations],
+        "unsigned char timed": [str(int(i in m.instants)) for i in range(len(events.relations))],
+        **_surface_tables(m.switching, m.steps),
+        "Block block": _blocks(m.builder, m.model.loops),
+        "int initial_at": [
+            leaves[u].removeprefix("m->data[").removesuffix("]")
+            for u in (initial.unknowns if initial is not None else ())
+        ],
+        "char *const message": [c_string(message) for _, message in events.assertions],
+    }
+
+
+def _in_lanes(
+    m: PreparedModel, leaves: dict[Node, str], kept: dict[Node, str], time_varying: int
+) -> tuple[str, list[int]] | None:
+    """The equations for several parameter vectors at a time; None with loops or events, or without states."""
+    b, events, time = m.builder, m.model.discrete, m.model.system.time
+    between_events = events.relations or events.roundings or events.samplings or m.steps or events.assertions
+    known = {time, *m.states, *m.inputs, *m.parameters}
+    if not m.states or m.loops or between_events or not all(b.symbols(n) <= known for n in (*m.rates, *m.outputs)):
+        return None
+    constants = {**{p: leaves[p] for p in m.parameters}, **kept}
+    slopes = _jacobian(b, m.rates, m.states, m.stage, 0, by_rows=True)
+    return lane_functions(
+        LaneEquations(m.states, m.inputs, time, constants, m.rates, m.outputs, slopes),
+        {
+            "first_input": 2 * len(m.states),
+            "first_output": m.layout.first_output,
+            "time_varying": time_varying,
+        },
+    )
 
 
 def _surface_sizes(surfaces: int, rows: int, nx: int, nu: int, np_: int) -> dict[str, int]:
@@ -295,19 +351,6 @@ def _guesses(model: ExplicitModel, unknowns: Sequence[Node], values: dict[Node, 
     """Where Newton's method starts: the start attributes."""
     by_name = {v.name: v for v in model.system.variables}
     return [_attribute(by_name[u.name], "start", values, 0.0) if u.name in by_name else 0.0 for u in unknowns]
-
-
-def _step_starts(
-    model: ExplicitModel, steps: Sequence[Node], prepare: Callable[[Iterable[Node]], list[Node]]
-) -> list[Node]:
-    """Values of the discrete variables before the first event."""
-    b = model.system.builder
-    by_name = {v.name: v for v in model.system.discrete_variables}
-    given = model.discrete.before
-    return prepare(
-        given[s] if s in given else by_name[s.name].attributes.get("start", b.zero) if s.name in by_name else b.zero
-        for s in steps
-    )
 
 
 def _loop_targets(

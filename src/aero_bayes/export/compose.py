@@ -50,7 +50,7 @@ def rename_model(flat: FlatModel, name: str) -> FlatModel:
 
 
 def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
-    """Add all variables and equations of ``law`` under the prefix ``instance.``.
+    """Add all variables and equations of a law under the prefix ``instance.``.
 
     The law's inputs become plain variables, which equations have to bind (:func:`equate`); its outputs are not those
     of the whole.
@@ -137,7 +137,15 @@ def add_parameter(
     description: str = "",
     **attributes: float | Expression,
 ) -> FlatModel:
-    """Add a parameter; ``attributes`` are ``min``, ``max``, ``nominal``, numbers or expressions over parameters."""
+    """Add a parameter.
+
+    Parameters
+    ----------
+    flat : FlatModel
+    name, unit, description : str
+    value, attributes : float or Expression
+        Over parameters; attributes are ``min``, ``max`` and ``nominal``.
+    """
     v = FlatVariable(
         name,
         variability="parameter",
@@ -187,10 +195,24 @@ def add_term(flat: FlatModel, equation_index: int, expression: Expression) -> Fl
 
 
 def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Collection[int] = ()) -> FlatModel:
-    """Use ``by`` wherever equations, algorithms and events use the variable ``name``, also under ``der``.
+    """Use an expression wherever equations, algorithms and events use a variable, also under ``der``.
 
-    ``keep_equations`` are indices of equations that stay as they are, such as the one that determines ``name``. What
+    What
     an algorithm or a when clause assigns stays too. An element ``x[1]`` is one where it is named so.
+
+    Parameters
+    ----------
+    flat : FlatModel
+    name : str
+        The variable.
+    by : Expression
+        What is used in its place.
+    keep_equations : collection of int
+        Indices of equations that stay as they are, such as the one that determines the variable.
+
+    Returns
+    -------
+    FlatModel
     """
     old = parse_reference(name)
 

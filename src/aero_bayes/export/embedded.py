@@ -101,6 +101,25 @@ def export_flat(
         For a construct that the exporter cannot translate.
     """
     out, name = Path(out), identifier(flat.name)
+    source, description = _with_guid(*_source_and_description(flat, quick=quick, fmi=fmi, stop=stop))
+    files = {} if quick else source_files(source, name, fmi)
+    if files and fmi == 3:
+        files["buildDescription.xml"] = build_description(name)
+    write_archive(
+        out,
+        {
+            "modelDescription.xml": description,
+            **compile_binaries(source, name, platforms or (this_machine(),), quick=quick, fmi=fmi),
+            **{f"sources/{file}": text for file, text in files.items()},
+            **(members or {}),
+        },
+        packed=not quick,
+    )
+    return out
+
+
+def _source_and_description(flat: FlatModel, *, quick: bool, fmi: int, stop: float | None) -> tuple[str, bytes]:
+    """Write the C source and the model description, with no identifier yet."""
     with _placed(flat):
         switching = find_surfaces(causalise(translate(flat)))
         solved = switching.model
@@ -109,24 +128,14 @@ def export_flat(
             raise InputError(f"{flat.name}: the model has neither states nor outputs")
         source = generate(switching, layout, _NO_GUID, candidates=quick)
         description = write_fmi2_description(
-            solved, layout, model_name=flat.name, identifier=name, guid=_NO_GUID, stop=stop, sources=not quick
-        )
-    if fmi == 3:
-        description = convert_to_fmi3(description, solved.indicators)
+            solved, layout, model_name=flat.name, identifier=identifier(flat.name), guid=_NO_GUID, stop=stop,
+            sources=not quick,
+        )  # fmt: skip
+    return source, convert_to_fmi3(description, solved.indicators) if fmi == 3 else description
+
+
+def _with_guid(source: str, description: bytes) -> tuple[str, bytes]:
+    """Give source and description the identifier that follows from both."""
     digest = hashlib.sha256(source.encode() + description).hexdigest()
     guid = "{" + "-".join((digest[:8], digest[8:12], digest[12:16], digest[16:20], digest[20:32])) + "}"
-    source = source.replace(_NO_GUID, guid)
-    files = {} if quick else source_files(source, name, fmi)
-    if files and fmi == 3:
-        files["buildDescription.xml"] = build_description(name)
-    write_archive(
-        out,
-        {
-            "modelDescription.xml": description.replace(_NO_GUID.encode(), guid.encode()),
-            **compile_binaries(source, name, platforms or (this_machine(),), quick=quick, fmi=fmi),
-            **{f"sources/{file}": text for file, text in files.items()},
-            **(members or {}),
-        },
-        packed=not quick,
-    )
-    return out
+    return source.replace(_NO_GUID, guid), description.replace(_NO_GUID.encode(), guid.encode())

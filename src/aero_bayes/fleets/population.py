@@ -93,6 +93,12 @@ def fit_population(centres: FloatArray, widths: FloatArray) -> Population:
 def stand_out(centres: FloatArray, widths: FloatArray, population: Population) -> tuple[FloatArray, FloatArray]:
     """Tell how unlikely each rig is to come from the fleet that all the others form.
 
+    Parameters
+    ----------
+    centres, widths : ndarray, shape (n,)
+        Estimate and standard deviation of each rig.
+    population : Population
+
     Returns
     -------
     p_values : ndarray, shape (n,)

@@ -94,10 +94,22 @@ def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[TextE
 def insert_before_connector(
     text: str, connects: Sequence[SourceStatement], connector: str, chain: Sequence[tuple[str, str]]
 ) -> list[TextEdit]:
-    """``connect(a, connector)`` -> ``connect(a, near)`` wherever it is, and once ``connect(far, connector)``.
+    """Put components between a connector and what it is connected with.
 
-    ``chain`` are the near and the far ends of what comes between, each connected to the next. None where the connector
-    is connected nowhere, or under a condition or in a loop.
+    Parameters
+    ----------
+    text : str
+        Modelica source.
+    connects : sequence of SourceStatement
+        Its connect clauses.
+    connector : str
+    chain : sequence of (str, str)
+        Near and far end of each component that comes between, each connected to the next.
+
+    Returns
+    -------
+    list of TextEdit
+        Empty where the connector is connected nowhere, under a condition or in a loop.
     """
     found = [(s, end) for s in connects for end in s.ends if "".join(words_of(end)) == connector]
     if not found or any(s.inside for s, _ in found):
@@ -122,8 +134,17 @@ def replace_names(
 ) -> list[TextEdit]:
     """Replace the first part of references; names of modifiers and what follows a dot stay.
 
-    ``new`` gives the text for a name, or None where it stays. Without ``functions`` it gives none for a function, so
-    that a name before parentheses in a list is a modifier: ``i(start = 0)``.
+    Parameters
+    ----------
+    tokens : sequence of Token
+    new : callable
+        Gives the text for a name, or None where it stays.
+    functions : bool
+        Replace also names before parentheses; without, such a name in a list is a modifier: ``i(start = 0)``.
+
+    Returns
+    -------
+    list of TextEdit
     """
     edits = []
     for k, token in enumerate(tokens):

@@ -50,7 +50,17 @@ def states_by_base_name(
 def state_names(base_model: Model, structure: AliasStructure, states: Mapping[str, str]) -> dict[str, str]:
     """Return the name in a model with laws of each state of the base model.
 
-    ``states`` comes from :func:`states_by_base_name`. A state that is not found there keeps its name.
+    Parameters
+    ----------
+    base_model : Model
+    structure : AliasStructure
+        Of the base model.
+    states : mapping of str to str
+        From :func:`states_by_base_name`; a state that is not found there keeps its name.
+
+    Returns
+    -------
+    dict of str to str
     """
     known = {s.name: structure.of(s.name) for s in base_model.states if s.name in structure.variables}
     return {s: states.get(s, states.get(same, s)) for s, same in known.items()}

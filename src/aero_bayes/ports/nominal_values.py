@@ -48,10 +48,15 @@ NEGLIGIBLE_TERM = Call("*", (Number(1e-300), Name("time")))
 def port_nominals(
     flat: FlatModel, ports: Sequence[Port], calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, dict[str, float]]:
-    """Nominal values by the id of the port, under the names of the partial models of laws (``f_n``, ``v_n``, ...).
+    """Compute nominal values by the id of the port, under the names of partial models of laws (``f_n``, ``v_n``, ...).
 
     The nominal value of a law's output in a balance is that of the largest term of the balance. Beside them stands the
     range of each signal, ``v_low`` and ``v_high`` for ``v``, and the share of it that is visited twice, ``v_twice``.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        By port, then by name; SI units.
     """
     ports = [p for p in ports if p.replaceable is None]
     structure, outputs = alias_structure(flat), _AddedOutputs(flat)
@@ -198,12 +203,12 @@ class _AddedOutputs:
 def simulated_signals(
     calibration: Calibration, names: Sequence[str], fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, list[FloatArray]]:
-    """Simulated outputs of a model at a fit, by name, one array a recording.
+    """Simulate outputs of a model, by their names, at a fit.
 
-    Raises
-    ------
-    InputError
-        If the simulation fails.
+    Returns
+    -------
+    dict of str to list of ndarray, shape (n,)
+        One array a recording.
     """
     experiments = tuple(replace(e, outputs=tuple(names), measured=None) for e in calibration.experiments)
     values = calibration.parameters.from_search(fit.coordinates)

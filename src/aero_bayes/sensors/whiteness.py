@@ -51,12 +51,25 @@ def autocorrelation(values: FloatArray, lags: int | None = None) -> FloatArray:
 
 
 def correlation_statistic(a: FloatArray, b: FloatArray, lags: int = 20) -> tuple[float, int]:
-    """Statistic of no correlation of two series (n,) at up to ``lags`` lags, and its degrees of freedom.
+    """Compute a statistic of no correlation of two series.
 
     A series is compared with itself at positive lags, with another one at lags of both signs and at zero. Each lag's
     sum of products is standardised by its own sum of squared products, so that the chi-square law also holds where the
     variance changes over time (Lobato, Nankervis & Savin, 2001, International Economic Review 42, 667). Short series
     have fewer lags, where that law holds.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (n,)
+        Series; the same one twice for its own correlation.
+    lags : int
+        Largest lag in samples.
+
+    Returns
+    -------
+    statistic : float
+        Chi-square distributed where there is no correlation.
+    degrees_of_freedom : int
     """
     x, y = a - a.mean(), b - b.mean()
     used = min(lags, max(x.size // READINGS_A_LAG, 1))
@@ -73,15 +86,37 @@ def correlation_statistic(a: FloatArray, b: FloatArray, lags: int = 20) -> tuple
 
 
 def correlation_p_value(a: FloatArray, b: FloatArray, lags: int = 20) -> float:
-    """Probability that independent noise gives so large a :func:`correlation_statistic`."""
+    """Compute the probability that independent noise gives so large a :func:`correlation_statistic`.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (n,)
+    lags : int
+        Largest lag in samples.
+
+    Returns
+    -------
+    float
+    """
     statistic, freedom = correlation_statistic(a, b, lags)
     return float(chdtrc(freedom, statistic))
 
 
 def ripple_means(innovations: FloatArray, interval: float, length: float = 0.2) -> FloatArray:
-    """Means of innovations (n,) over stretches of ``length`` s: a rotor's ripple is faster, missing physics slower.
+    """Average innovations over stretches of time: a rotor's ripple is faster, missing physics slower.
 
-    Where there are fewer than 20 stretches, the innovations themselves.
+    Parameters
+    ----------
+    innovations : ndarray, shape (n,)
+    interval : float
+        Between samples, in s.
+    length : float
+        Of a stretch, in s.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        One mean a stretch; the innovations themselves where there are fewer than 20 stretches.
     """
     width = max(round(length / interval), 1)
     count = innovations.size // width

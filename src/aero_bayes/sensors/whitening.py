@@ -115,7 +115,20 @@ def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> F
 
 
 def log_density(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> float:
-    """Gaussian log-density of a residual (n,) with gaps (NaN) at times (n,) in s."""
+    """Compute the Gaussian log-density of a residual.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        In s.
+    residual : ndarray, shape (n,)
+        NaN for gaps.
+    noise : OutputNoise
+
+    Returns
+    -------
+    float
+    """
     sampling = SampleTimes.of(time, residual)
     return log_density_at(residual[sampling.index], sampling, noise)
 
