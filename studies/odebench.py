@@ -180,9 +180,17 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     """Return the rates of all rows, with standard errors; a run that failed counts as not right."""
     kinds = {kind: [row for row in rows if row["kind"] == kind] for kind in COUNTS}
     right = {kind: [row["verdict"] in ("right", "in class") for row in own] for kind, own in kinds.items()}
-    false = {kind: [row["verdict"] == "false" for row in own] for kind, own in kinds.items()}
+    false, place = (
+        {kind: [row["verdict"] == verdict_ for row in own] for kind, own in kinds.items()}
+        for verdict_ in ("false", "place")
+    )
     found: dict[str, Any] = {
-        kind: {"tasks": len(kinds[kind]), **_rate("right", right[kind]), **_rate("false", false[kind])}
+        kind: {
+            "tasks": len(kinds[kind]),
+            **_rate("right", right[kind]),
+            **_rate("false", false[kind]),
+            **_rate("place", place[kind]),
+        }
         for kind in ("all_states", "one_hidden")
     }
     nothing = false["nothing_deleted"]

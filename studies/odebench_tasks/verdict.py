@@ -20,7 +20,9 @@ MAX_DIFFERENCE = 0.05
 
 
 def verdict(task: Task, loop: Mapping[str, Any], modelica: str) -> str:
-    """Return ``right``, ``in class``, ``false`` or ``silent`` for what a loop names.
+    """Return ``right``, ``in class``, ``place``, ``false`` or ``silent`` for what a loop names.
+
+    A curve names no term. It tells a place, and is false at another one.
 
     Parameters
     ----------
@@ -40,7 +42,10 @@ def verdict(task: Task, loop: Mapping[str, Any], modelica: str) -> str:
     if added is not None and is_term(task, added, states):
         return "right"
     if len(loop["effects"]) == 1:
-        for text in loop["effects"][0].get("alternatives", []):
+        (effect,) = loop["effects"]
+        if effect["kind"] == "free_form" and effect["port"] == task.system.states[task.term.state]:
+            return "place"
+        for text in effect.get("alternatives", []):
             product, _, port = text.rpartition(" at ")
             alone = {port: over(product, task.system.states, states)}
             if all(v is not None for v in alone.values()) and is_term(task, alone, states):  # type: ignore[arg-type]

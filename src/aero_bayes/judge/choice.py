@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -334,7 +335,8 @@ class Judge:
         """Structures that the best one does not clearly beat, the chosen one first.
 
         They are material; without any that is, they are those without a term beside the required ones. The chosen one
-        has the fewest terms, listed laws before formulas and these before curves, then the fewest parameters.
+        has the fewest terms, listed laws before formulas and these before curves, then the fewest parameters. A formula
+        gives way to listed laws that do as well with no more terms.
         """
         required = set(self.settings.require)
         allowed = [s for s in self.comparison.squares if required <= set(s.terms)]
@@ -342,8 +344,8 @@ class Judge:
         among = among or [s for s in allowed if set(s.terms) == required]
         best = self.comparison.best(among)
         near = [s for s in among if s == best or not self.comparison.clearly_better(best, s)]
-        if any(self._unlisted(s) == 0 for s in near):
-            near = [s for s in near if not set(s.terms) & set(self.explored.formulas)]
+        listed = min((len(s) for s in near if self._unlisted(s) == 0), default=math.inf)
+        near = [s for s in near if len(s) < listed or not set(s.terms) & set(self.explored.formulas)]
         order = {s: (len(s), self._unlisted(s), len(self.explored.fits[s].optimum.free)) for s in near}
         return sorted(near, key=lambda s: (*order[s], self.comparison.scores[s]))
 

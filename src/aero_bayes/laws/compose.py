@@ -111,20 +111,18 @@ def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatMo
         flat = replace_uses(flat, port.signals["u"], acts, defining_equations(flat, port))
     flat = instantiate(flat, law, at)
     known = {v.name for v in law.variables}
+    given = dict(port.signals)
     if port.attachment == "output":
         flat = equate(_with_start_moved(flat, port.signals["u"], f"{at}.u"), port.signals["u"], acts)
-    else:
-        given = dict(port.signals)
-        if placed.law.kind == "exchange" and placed.neighbour is not None:
-            given = {"h_1": port.signals["h"], "h_2": placed.neighbour.signals["h"]}
-        for signal in placed.law.interface.inputs:
-            if signal in known:
-                value = (
-                    signal_expression(given[signal])
-                    if signal in given
-                    else Number(placed.signal_defaults.get(signal, 0.0))
-                )
-                flat = equate(flat, f"{at}.{signal}", value)
+        known = known - {"u"}
+    elif placed.law.kind == "exchange" and placed.neighbour is not None:
+        given = {"h_1": port.signals["h"], "h_2": placed.neighbour.signals["h"]}
+    for signal in placed.law.interface.inputs:
+        if signal in known:
+            value = (
+                signal_expression(given[signal]) if signal in given else Number(placed.signal_defaults.get(signal, 0.0))
+            )
+            flat = equate(flat, f"{at}.{signal}", value)
     flat = _with_nominals(flat, at, placed.all_nominals)
     for p in placed.parameters():
         about = f"{p.description} at {port.id}"

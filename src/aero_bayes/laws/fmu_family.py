@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,10 +16,11 @@ from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
 from aero_bayes.laws.candidates import Candidate, find_candidates
 from aero_bayes.laws.fmu_coupling import couple, state_name
-from aero_bayes.laws.fmu_ports import FmuBoundary, LawCoupling
+from aero_bayes.laws.fmu_ports import INSIDE, FmuBoundary, LawCoupling
 from aero_bayes.laws.fmu_wrapper import wrapper_text, write_ssp
+from aero_bayes.laws.formula_places import FormulaPort
 from aero_bayes.laws.law import Law
-from aero_bayes.laws.model_family import FormulaPlace, OpenSimulator, calibration_on
+from aero_bayes.laws.model_family import OpenSimulator
 from aero_bayes.laws.modelica_family import ModelicaFamily, PortNominals
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.laws.write_model import WrittenModel
@@ -52,6 +53,7 @@ class FmuFamily(ModelicaFamily):
     """
 
     fmu: Path = Path()
+    _state_sizes: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
     _fixed_values: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
@@ -110,9 +112,11 @@ class FmuFamily(ModelicaFamily):
         """Nominal values from the fit. Those of a force are from its recording, or its nominal attribute."""
         inner = self.inner
         names = {v.name for v in inner.outputs if v.kind == "real"}
-        names |= {s for p in self.ports if p.kind == "motion" for s in p.states}
-        found = simulated_signals(calibration, sorted(names), fit, open_simulator)
+        states = [s.name for s in inner.states]
+        found = simulated_signals(calibration, sorted({*names, *states}), fit, open_simulator)
         seen = {name: signal_nominal(parts) or 1.0 for name, parts in found.items()}
+        self._state_sizes.clear()
+        self._state_sizes.update({name: seen[name] for name in states})
         given = {
             v.name: signal_nominal([s.values for s in recorded_inputs(calibration, v.name)]) or v.nominal or 1.0
             for v in inner.inputs
@@ -154,11 +158,40 @@ class FmuFamily(ModelicaFamily):
         return Model.load(out)
 
     def _coupling(self, placed_laws: Sequence[PlacedLaw]) -> LawCoupling:
-        return self.boundary.coupling(placed_laws, self.law_models)
+        return self.boundary.coupling(placed_laws, {**self.law_models, **self._formula_models})
 
-    def formula_places(self) -> tuple[FormulaPlace, ...]:
-        """Return none: the balances are inside of the FMU."""
-        return ()
+    def _parameter_ports(self, free: Collection[str]) -> Iterator[FormulaPort]:
+        """Yield none: what uses a parameter is inside of the FMU."""
+        return iter(())
+
+    def _own_signal(self, place: FormulaPort) -> str:
+        """The signal at an input or output, or the speed that a force drives."""
+        return place.port.signals.get("u", place.port.signals.get("v", ""))
+
+    def _read_at(self, place: FormulaPort) -> list[str]:
+        return [*place.port.signals.values()]
+
+    def formula_signals(self) -> Mapping[str, tuple[str, str]]:
+        """For each state, input and output that formulas around the FMU read: the variable, and its unit.
+
+        An output that equals a state is read at its port only.
+        """
+        names, inner = self.boundary.names, self.inner
+        every = (*(v for v in inner.outputs if v.kind == "real"), *inner.inputs)
+        found = {v.name: (names[v.name], v.unit) for v in every}
+        return found | {s.name: (self.boundary.state_signal(s), s.unit) for s in inner.states}
+
+    def state_sizes(self) -> Mapping[str, float]:
+        """Return typical sizes of all states, from the fit of the FMU alone."""
+        return dict(self._state_sizes)
+
+    def formula_text(self, id_: str, values: Mapping[str, float]) -> str:
+        """Return a formula with the names of the FMU's states, its sign and numbers; empty for a listed law."""
+        return super().formula_text(id_, values).replace(INSIDE, "")
+
+    def formula_ranges(self, id_: str) -> Mapping[str, tuple[float, float]]:
+        """Return the range over which each signal of a formula was seen; empty for a listed law."""
+        return {name.removesuffix(INSIDE): seen for name, seen in super().formula_ranges(id_).items()}
 
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
@@ -181,8 +214,7 @@ class FmuFamily(ModelicaFamily):
             folder / f"{name}.fmu"
         )
 
-    def transfer(self, calibration: Calibration, model: Model) -> Calibration:
-        """Return the calibration with a coupled model, where states that are outputs may have other names."""
+    def _states_there(self, calibration: Calibration, model: Model) -> Mapping[str, str]:
+        """Names in a coupled model of states that are outputs, which may have others there."""
         there = {s.name for s in model.states}
-        names = {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}
-        return calibration_on(calibration, model, names)
+        return {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}

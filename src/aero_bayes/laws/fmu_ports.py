@@ -20,6 +20,8 @@ from aero_bayes.simulation import Model, Variable
 _MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "N": ("m/s", ("m",)), "N.m": ("rad/s", ("rad", "1", "")),
 }  # fmt: skip
+#: Suffix of the name under which laws read a state.
+INSIDE = "_inside"
 
 
 @dataclass(frozen=True)
@@ -101,9 +103,9 @@ class FmuBoundary:
             positions = [s for s in self.fmu_model.states if s.unit in position_units]
             alone = sum(v.unit == force.unit for _, v in driving) == 1
             for speed in speeds:
-                signals, units = {"v": self._state(speed)}, {"f": force.unit, "v": speed_unit}
+                signals, units = {"v": self.state_signal(speed)}, {"f": force.unit, "v": speed_unit}
                 if len(speeds) == len(positions) == 1:
-                    signals["x"], units["x"] = self._state(positions[0]), positions[0].unit
+                    signals["x"], units["x"] = self.state_signal(positions[0]), positions[0].unit
                 own = self._outside(speed)
                 yield Port(
                     own if alone else f"{force.name}.{own}", "motion", "equation", force.unit, units, None,
@@ -111,8 +113,9 @@ class FmuBoundary:
                     Balance(k, Number(1.0), force.unit),
                 )  # fmt: skip
 
-    def _state(self, state: Variable) -> str:
-        return f"{self.names[state.name]}_inside"
+    def state_signal(self, state: Variable) -> str:
+        """Return the name under which laws read a state."""
+        return f"{self.names[state.name]}{INSIDE}"
 
     def _outside(self, state: Variable) -> str:
         """Return name of the output that equals a state, else the name of the state."""
@@ -138,9 +141,9 @@ class FmuBoundary:
                 flat = _input(flat, f"{name}_unread", v, v.start or 0.0)
                 flat = add_output(flat, name, Name(f"{name}_unread"), v.unit)
         for v in self.fmu_model.states:
-            if self._state(v) in read:
-                states.append((v, self._state(v)))
-                flat = _input(flat, self._state(v), v, v.start or 0.0)
+            if self.state_signal(v) in read:
+                states.append((v, self.state_signal(v)))
+                flat = _input(flat, self.state_signal(v), v, v.start or 0.0)
         return LawCoupling(compose_laws(flat, placed_laws, models), tuple(inputs), tuple(outputs), tuple(states))
 
 

@@ -74,26 +74,33 @@ def wrapper_text(
 def _equations(
     inner: Model, coupling: LawCoupling, placed_laws: Sequence[PlacedLaw], outside_of: Mapping[str, str]
 ) -> list[str]:
-    found = []
+    found: list[str] = []
     inside = {name: f"{PLANT}.{_reference(v.name)}" for v, name in coupling.states}
+
+    def read(placed: PlacedLaw, signal: str = "") -> None:
+        """Equations for the inputs of a law; ``signal`` is what it acts on."""
+        for s in placed.law.interface.inputs:
+            if s in placed.law.used_inputs:
+                given = placed.port.signals[s]
+                found.append(f"{placed.instance}.{s} = {signal if s == 'u' and signal else inside.get(given, given)}")
+
     for k, (v, outside, _) in enumerate(coupling.inputs):
         signal, terms = outside, ""
         for placed in reversed(placed_laws):
             if placed.port.attachment == "input" and placed.port.signals["u"] == outside:
-                found.append(f"{placed.instance}.u = {signal}")
+                read(placed, signal)
                 signal = f"{placed.instance}.y"
         for placed in placed_laws:
             if placed.port.balance is not None and placed.port.balance.equation == k:
-                given = [s for s in placed.law.interface.inputs if s in placed.law.used_inputs]
-                found += [f"{placed.instance}.{s} = {inside[placed.port.signals[s]]}" for s in given]
-                terms += f" - {placed.instance}.{placed.law.interface.output}"
+                read(placed)
+                terms += f" {'-' if placed.law.sign > 0 else '+'} {placed.instance}.{placed.law.interface.output}"
         found.append(f"{PLANT}.{_reference(v.name)} = {signal}{terms}")
     for v in inner.outputs:
         if v.kind == "real":
             signal, outside = f"{PLANT}.{_reference(v.name)}", outside_of.get(v.name, identifier(v.name))
             for placed in placed_laws:
                 if placed.port.attachment == "output" and placed.port.signals["u"] == outside:
-                    found.append(f"{placed.instance}.u = {signal}")
+                    read(placed, signal)
                     signal = f"{placed.instance}.y"
             found.append(f"{outside} = {signal}")
     return found

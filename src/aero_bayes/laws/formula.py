@@ -1,14 +1,17 @@
 """Formulas: terms that the library does not list, as products of functions of the signals that a port knows.
 
-A formula becomes a law like any other, written in Modelica, with a fitted coefficient and at most one fitted constant
-inside. So it is composed, simulated, fitted and written into a model by the ways that listed laws go.
+A formula is added to a balance, an input or an output, or makes a function of a parameter. It becomes a law like any
+other, written in Modelica, with a fitted coefficient and at most one fitted constant inside. So it is composed,
+simulated, fitted and written into a model by the ways that listed laws go.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations, permutations
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +25,17 @@ from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.ports import Port
 
 FloatArray = NDArray[np.float64]
+#: What a formula does: it is added; it is the share by which a parameter grows; or a parameter goes with a power of a
+#: signal, whose exponent is fitted.
+Way = Literal["added", "share", "power"]
 
 #: What the law of every formula is called; a number follows where several are tried at one port.
 FORMULA = "formula"
 #: Largest magnitude of a coefficient, and the one that a search starts from, in the largest term of the balance over
 #: the largest value of the product: a missing term is seldom much larger than those that are there.
 MAX_COEFFICIENT, START_COEFFICIENTS = 100.0, (0.3, 1.0)
+#: Name of the state of an unknown signal.
+DISTURBANCE = "d"
 #: A signal counts as never passing zero where its smallest magnitude is at least this share of its largest one.
 MIN_AWAY_FROM_ZERO = 0.02
 
@@ -105,6 +113,8 @@ ALONE: tuple[Shape, ...] = (
     Shape("tanh({s} / {a})", lambda s, a, n: np.tanh(s / a), 0.0, "", _SCALES),
     Shape("({s} / {n}) ^ {a}", lambda s, a, n: (s / n) ** a, 0.0, "positive", (0.5, 0.66, 1.5)),
 )  # fmt: skip
+#: Of a parameter that goes with a power of a signal: its change is linear in the exponent, to first order.
+LOGARITHM_OF_RATIO = Shape("log({s} / {n})", lambda s, a, n: np.log(s / n), 0.0, "positive nonzero")
 #: Pairs of functions of one and the same signal.
 SAME_SIGNAL: tuple[tuple[Shape, Shape], ...] = (
     (SINE, COSINE), (SIGNAL, LOGARITHM), (SIGNAL, DECAY), (SIGNAL, SINE), (SIGNAL, COSINE),
@@ -127,9 +137,10 @@ class Signal:
 
 @dataclass(frozen=True)
 class Formula:
-    """A product of functions of signals, each with its constant (0 where it has none)."""
+    """A product of functions of signals, each with its constant (0 where it has none), and what it does."""
 
     factors: tuple[tuple[Shape, Signal, float], ...]
+    way: Way = "added"
 
     def values(self, signals: Mapping[str, FloatArray]) -> FloatArray:
         """Return the product over signals (n,) by name."""
@@ -151,7 +162,7 @@ class Formula:
     @property
     def form(self) -> tuple[tuple[str, str], ...]:
         """What is the same for formulas that differ by their constants."""
-        return tuple((shape.text, signal.name) for shape, signal, _ in self.factors)
+        return ((self.way, ""), *((shape.text, signal.name) for shape, signal, _ in self.factors))
 
     @property
     def complexity(self) -> int:
@@ -204,55 +215,106 @@ def formulas(signals: Sequence[Signal]) -> Iterator[Formula]:
         yield from with_constants(*((SIGNAL, s) for s in three))
 
 
-def formula_law(formula: Formula, port: Port, id_: str, largest: float) -> tuple[Law, Port]:
+def parameter_formulas(signals: Sequence[Signal]) -> Iterator[Formula]:
+    """Yield functions that a parameter may be: powers of a signal, and ``1 + k`` times a function of a signal."""
+    for s in signals:
+        if LOGARITHM_OF_RATIO.fits(s.low, s.high, s.unit):
+            yield Formula(((LOGARITHM_OF_RATIO, s, 0.0),), "power")
+    yield from (replace(one, way="share") for s in signals for one in formulas((s,)))
+
+
+def formula_law(formula: Formula, port: Port, id_: str, largest: float, own: str = "") -> tuple[Law, Port]:
     """Return a formula as a law, and the port with the signals that it reads.
 
     Parameters
     ----------
     formula : Formula
     port : Port
-        At a balance.
+        At a balance, an input or an output, or of a parameter, which counts as an input of the equations.
     id_ : str
         Of the law.
     largest : float
         Largest magnitude of the product over what was visited.
+    own : str, optional
+        The signal that is the input or output itself.
     """
-    signals = formula.signals
-    local = {signal.name: f"s_{k + 1}" for k, signal in enumerate(signals)}
+    signals, at_signal = formula.signals, "u" in port.signals
+    local = {s.name: "u" if at_signal and s.name == own else f"s_{k + 1}" for k, s in enumerate(signals)}
     powers = [f"{local[s.name]}_n ^ ({shape.power:g})" for shape, s, _ in formula.factors if shape.power]
     sized = float(np.prod([signal.size**shape.power for shape, signal, _ in formula.factors]))
-    scale = f"{sized / (largest or 1.0):.6g} * q_n" + "".join(f" / {p}" for p in powers)
-    constant = next((one for one in formula.factors if one[0].constants), None)
+    size = "q_n" if formula.way == "added" else "1"
+    scale = f"{sized / (largest or 1.0):.6g} * {size}" + "".join(f" / {p}" for p in powers)
+    read = {name: signal for signal, name in local.items()} | ({"u": port.signals["u"]} if at_signal else {})
+    output = "y" if at_signal else "q"
+    name = f"{id_[:1].upper()}{id_[1:]}"
     lines = [
-        f'model {id_[:1].upper()}{id_[1:]} "Term {described(formula)}"',
+        f'model {name} "{_TITLES[formula.way]} {described(formula)}"',
         '  parameter Real q_n = 1 "Typical size of the term";',
         *(f'  parameter Real {local[s.name]}_n = 1 "Typical size of {s.name}";' for s in signals),
         f"  parameter Real k(min = -{MAX_COEFFICIENT:g} * ({scale}), max = {MAX_COEFFICIENT:g} * ({scale}), "
-        f'nominal = {scale}) = 0 "Coefficient";',
-    ]
-    if constant is not None:
-        shape, signal, start = constant
-        size = f"{local[signal.name]}_n" if "{n}" not in shape.text else "1"
-        share = start / (signal.size if size != "1" else 1.0)
-        lines.append(
-            f"  parameter Real a(min = {0.05 * share:.6g} * {size}, max = {20.0 * share:.6g} * {size}, "
-            f'nominal = {share:.6g} * {size}) = {share:.6g} * {size} "Constant";'
-        )
-    product = formula.text(local, "a", lambda s: f"{s.size:.6g}")
-    lines += [
-        *(f'  input Real {name} "{signal}";' for signal, name in local.items()),
-        '  output Real q "Term";',
+        f'nominal = {scale}) = 0 "{"Exponent" if formula.way == "power" else "Coefficient"}";',
+        *_constant(formula, local),
+        *(f'  input Real {local_name} "{signal}";' for local_name, signal in read.items()),
+        f'  output Real {output} "{"Quantity with the term" if at_signal else "Term"}";',
         "equation",
-        f"  q = k{product};",
-        f"end {id_[:1].upper()}{id_[1:]};",
+        f"  {_equation(formula, local, at_signal)};",
+        f"end {name};",
     ]
     text = "\n".join(lines) + "\n"
     (cls,) = read_classes(text)
     sizes = {f"{local[s.name]}_n": local[s.name] for s in signals}
-    interface = LawInterface("formula", "q", tuple(local.values()), {"q_n": "q", **sizes})
-    units = {"q": port.unit, **{local[s.name]: s.unit for s in signals}}
-    there = replace(port, signals={name: signal for signal, name in local.items()}, units=units)
-    return _law(id_, cls, text, interface), there
+    interface = LawInterface("formula", output, tuple(read), {"q_n": output, **sizes})
+    units = {"u": port.unit, output: port.unit, **{local[s.name]: s.unit for s in signals}}
+    return _law(id_, cls, text, interface), replace(port, signals=read, units=units)
+
+
+_TITLES: Mapping[Way, str] = {"added": "Term", "share": "Parameter that grows with", "power": "Exponent beside"}
+
+
+def _constant(formula: Formula, local: Mapping[str, str]) -> list[str]:
+    """The declaration of the constant inside of a formula, if it has one."""
+    for shape, signal, start in formula.factors:
+        if shape.constants:
+            size = f"{local[signal.name]}_n" if "{n}" not in shape.text else "1"
+            share = start / (signal.size if size != "1" else 1.0)
+            return [
+                f"  parameter Real a(min = {0.05 * share:.6g} * {size}, max = {20.0 * share:.6g} * {size}, "
+                f'nominal = {share:.6g} * {size}) = {share:.6g} * {size} "Constant";'
+            ]
+    return []
+
+
+def _equation(formula: Formula, local: Mapping[str, str], at_signal: bool) -> str:
+    """The equation of a formula: off where ``k`` is zero."""
+    if formula.way == "power":
+        (signal,) = formula.signals
+        return f"y = u * ({local[signal.name]} / {signal.size:.6g}) ^ k"
+    product = formula.text(local, "a", lambda s: f"{s.size:.6g}")
+    if formula.way == "share":
+        return f"y = u * (1 + k{product})"
+    return f"y = u + k{product}" if at_signal else f"q = k{product}"
+
+
+@cache
+def disturbances() -> Mapping[bool, Law]:
+    """Unknown signals as laws, by whether they act at an input or an output: each is a state that stands still."""
+    found = {}
+    for at_signal in (False, True):
+        id_, output, inputs = ("unknown_change", "y", ("u",)) if at_signal else ("unknown_term", "q", ())
+        lines = [
+            f'model {id_.capitalize()} "Unknown signal"',
+            *(f"  input Real {name};" for name in inputs),
+            f"  output Real {output};",
+            f"  Real {DISTURBANCE}(start = 0, fixed = true);",
+            "equation",
+            f"  der({DISTURBANCE}) = 0;",
+            f"  {output} = {'u + ' if at_signal else ''}{DISTURBANCE};",
+            f"end {id_.capitalize()};",
+        ]
+        text = "\n".join(lines) + "\n"
+        (cls,) = read_classes(text)
+        found[at_signal] = _law(id_, cls, text, LawInterface("formula", output, inputs, {}))
+    return found
 
 
 def _law(id_: str, cls: ClassText, text: str, interface: LawInterface) -> Law:
@@ -282,11 +344,19 @@ def described(formula: Formula) -> str:
     return _readable(formula, "a")
 
 
-def told(formula: Formula, coefficient: float, constant: float = 0.0) -> str:
-    """Return a formula with its sign and numbers: ``+ 0.31*x*y``."""
+def told(formula: Formula, coefficient: float, constant: float = 0.0, *, parameter: str = "") -> str:
+    """Return a formula with its sign and numbers: ``+ 0.31*x*y``, ``G*(1 + 0.2*q)`` or ``G*(q/2.5)^0.66``."""
+    if formula.way == "power":
+        (signal,) = formula.signals
+        return f"{parameter}*({signal.name}/{signal.size:.3g})^{_number(coefficient)}"
     product, size = _readable(formula, f"{constant:.3g}"), f"{abs(coefficient):.3g}"
     sign = "-" if coefficient < 0.0 else "+"
-    return f"{sign} {size}{product.removeprefix('1') if product.startswith('1/') else f'*{product}'}"
+    text = f"{sign} {size}{product.removeprefix('1') if product.startswith('1/') else f'*{product}'}"
+    return f"{parameter}*(1 {text})" if formula.way == "share" else text
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if value >= 0.0 else f"({value:.3g})"
 
 
 def _readable(formula: Formula, constant: str) -> str:

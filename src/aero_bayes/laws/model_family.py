@@ -91,23 +91,54 @@ class ExtendedModel:
 
 @dataclass(frozen=True)
 class FormulaPlace:
-    """A balance at which a formula may be added.
+    """A place at which a formula may act.
 
-    It has the id of its port, its state in the base model with the state's size, and signals by nearness.
+    Parameters
+    ----------
+    port : str
+        Id of its port, or name of a parameter.
+    signals : tuple of str
+        Signals that a formula there may read, by nearness.
+    own : str
+        Of these, the state, input or output of the place itself. Empty for a parameter.
+    parameter : str
+        The parameter that may be a function. Empty at a port.
+    order : int
+        What is the same at several places is told at the one with the least order.
     """
 
     port: str
-    state: str
-    size: float
     signals: tuple[str, ...]
+    own: str = ""
+    parameter: str = ""
+    order: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class DisturbedModel:
+    """The first model with an unknown signal at each place.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of that model.
+    states : mapping of str to str
+        For each state of the first model, its name there.
+    signals : mapping of str to str
+        For each place, by its port, the state that is the unknown signal. It stands still at zero.
+    """
+
+    calibration: Calibration
+    states: Mapping[str, str]
+    signals: Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class ProposedFormula:
     """A formula at a port.
 
-    ``largest`` is the largest magnitude of its product over what was visited, ``coefficient`` what the filter found in
-    the rate of the state, and ``values`` are those of the first model's parameters beside it.
+    ``largest`` is the largest magnitude of its product over what was visited, ``coefficient`` what the filter found,
+    and ``values`` are those of the first model's parameters beside it.
     """
 
     port: str
@@ -180,12 +211,20 @@ class ModelFamily(Protocol):
         """Return the basis functions of a learned curve."""
         ...
 
-    def formula_places(self) -> tuple[FormulaPlace, ...]:
-        """Return the balances at which formulas may be added."""
+    def formula_places(self, free: Collection[str]) -> tuple[FormulaPlace, ...]:
+        """Return places at which formulas may act: ports, and those of some free parameters that may be functions."""
         ...
 
     def formula_signals(self) -> Mapping[str, tuple[str, str]]:
-        """For each state and input of the base model, the variable that formulas read, and its unit."""
+        """For each state, input and output of the base model that formulas read: the variable, and its unit."""
+        ...
+
+    def state_sizes(self) -> Mapping[str, float]:
+        """Return typical sizes of states of the base model, as far as they are known."""
+        ...
+
+    def with_unknown_signals(self, calibration: Calibration, places: Sequence[FormulaPlace]) -> DisturbedModel:
+        """Return the base model with an unknown signal at each place."""
         ...
 
     def add_formulas(self, proposed: Sequence[ProposedFormula]) -> Mapping[str, Mapping[str, float]]:

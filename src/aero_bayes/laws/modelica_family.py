@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -33,12 +33,14 @@ from aero_bayes.laws.candidates import (
     with_applicable_laws,
 )
 from aero_bayes.laws.compose import LawModels, compose_laws, law_models
-from aero_bayes.laws.formula import FORMULA, Formula, formula_law, formula_starts, told
+from aero_bayes.laws.formula import DISTURBANCE, FORMULA, Formula, disturbances, formula_law, formula_starts, told
+from aero_bayes.laws.formula_places import STATE_AND_TERM, FormulaPort, formula_ports, near_signals, parameter_ports
 from aero_bayes.laws.law import Law, read_laws, shipped_laws
 from aero_bayes.laws.learned_curve import curve_basis, curve_variable, isolated_curve, with_curve_inputs
 from aero_bayes.laws.model_family import (
     CandidateTerm,
     CurveBasis,
+    DisturbedModel,
     ExtendedModel,
     FormulaPlace,
     ModelWithCandidates,
@@ -74,8 +76,6 @@ from aero_bayes.ports import (
 )
 from aero_bayes.simulation.model import Model, ModelicaSource
 
-#: Nominal values of the state and of the largest term of a balance, by the kind of its port.
-_STATE_AND_TERM = {"storage": ("h_n", "q_n"), "motion": ("v_n", "f_n"), "electrical": ("i_n", "v_n")}
 #: Models that are fitted a few times and dropped: compiling them quickly saves more than their slower runs cost.
 _TRIED = ("candidates", "curves")
 #: Nominal values of the signals at ports, by the ids of the ports.
@@ -109,6 +109,7 @@ class ModelicaFamily:
     _read: dict[str, str] = field(default_factory=dict, compare=False, repr=False)
     _starts: dict[str, tuple[tuple[float, ...], ...]] = field(default_factory=dict, compare=False, repr=False)
     _formulas: dict[str, Formula] = field(default_factory=dict, compare=False, repr=False)
+    _formula_ports: dict[str, FormulaPort] = field(default_factory=dict, compare=False, repr=False)
     _formula_models: dict[tuple[str, str], FlatModel] = field(default_factory=dict, compare=False, repr=False)
     _curve_nominals_pending: list[Callable[[], Mapping[str, float]]] = field(
         default_factory=list, compare=False, repr=False
@@ -242,49 +243,99 @@ class ModelicaFamily:
         """Return names that the model uses already."""
         return reserved_names(self.flat, self.sources)
 
-    def formula_places(self) -> tuple[FormulaPlace, ...]:
-        """Return the balances where a candidate law is a term of an equation."""
-        placed = {p.port.id: p for p in self._placed.values() if p.port.attachment == "equation"}
-        there = {self._structure.of(s.name): s.name for s in self.base_model().states if s.name in self._known}
-        inputs = [v.name for v in self.base_model().inputs]
-        found = []
-        for law in placed.values():
-            port, name = law.port, self.port_name(law.port)
-            wanted = self.candidate_filter.accepts(f"{FORMULA}@{port.id}", FORMULA, name)
-            if wanted and port.kind in _STATE_AND_TERM and port.balance is not None and port.balance.state in there:
-                own = [s for s in port.signals.values() if s in there]
-                near = dict.fromkeys((port.balance.state, *own, *port.states, *inputs, *there))
-                size = law.nominals.get(_STATE_AND_TERM[port.kind][0], 1.0)
-                found.append(FormulaPlace(port.id, there[port.balance.state], size, tuple(near)))
-        return tuple(found)
+    def formula_places(self, free: Collection[str]) -> tuple[FormulaPlace, ...]:
+        """Return places at which formulas may act: ports, and those of some free parameters that may be functions."""
+        found = [p for p in (*formula_ports(self._placed.values()), *self._parameter_ports(free)) if self._wanted(p)]
+        self._formula_ports.clear()
+        self._formula_ports.update({p.port.id: p for p in found})
+        known = self.formula_signals()
+        states = [known[s.name][0] for s in self.base_model().states if s.name in known]
+        inputs = [known[v.name][0] for v in self.base_model().inputs if v.name in known]
+        places = []
+        for p in found:
+            own = self._own_signal(p)
+            near = near_signals(p, [s for s in (own, *self._read_at(p)) if s], states, inputs)
+            places.append(FormulaPlace(p.port.id, near, own, p.port.id if p.parameter else "", p.order))
+        return tuple(places)
+
+    def _wanted(self, place: FormulaPort) -> bool:
+        id_ = place.port.id
+        return self.candidate_filter.accepts(f"{FORMULA}@{id_}", FORMULA, self.port_name(place.port))
+
+    def _parameter_ports(self, free: Collection[str]) -> Iterator[FormulaPort]:
+        """Yield parameters that may be functions, and whose uses can be written."""
+        for place in parameter_ports(self.flat, free):
+            placed = place_law(disturbances()[True], place.port, self._taken())
+            if can_be_written(self.sources, self.base, self.flat, placed):
+                yield place
+
+    def _own_signal(self, place: FormulaPort) -> str:
+        """The state of a balance, or the signal at an input or output; empty for a parameter."""
+        port = place.port
+        if place.at_signal:
+            return "" if place.parameter else self._named(port.signals["u"])
+        return port.balance.state if port.balance is not None else ""
+
+    def _named(self, variable: str) -> str:
+        """The variable as others call it that are equal to it."""
+        same, sign = self._structure.same.get(variable, (variable, 1))
+        return same if sign > 0 else variable
+
+    def _read_at(self, place: FormulaPort) -> list[str]:
+        """Further signals that a law at the port reads."""
+        return [self._structure.of(s) for s in place.port.signals.values() if s in self._structure.same]
 
     def formula_signals(self) -> Mapping[str, tuple[str, str]]:
-        """For each state and input of the base model, the variable that formulas read, and its unit."""
+        """For each state, input and output of the base model that formulas read: the variable, and its unit."""
         model, structure = self.base_model(), self._structure
-        names = {s.name: structure.of(s.name) for s in model.states if s.name in self._known}
+        every = (*(v for v in model.outputs if v.kind == "real"), *model.states)
+        names = {v.name: self._named(v.name) for v in every if v.name in structure.same}
         names |= {v.name: v.name for v in model.inputs}
-        units = {v.name: v.unit for v in (*model.states, *model.inputs)}
+        units = {v.name: v.unit for v in (*every, *model.inputs)}
         return {own: (there, units[own] or structure.units.get(there, "")) for own, there in names.items()}
+
+    def state_sizes(self) -> Mapping[str, float]:
+        """Return typical sizes of states of the base model that have a balance."""
+        there = {self._structure.of(s.name): s.name for s in self.base_model().states if s.name in self._structure.same}
+        found = dict[str, float]()
+        for p in self._placed.values():
+            state = p.port.balance.state if p.port.balance is not None else ""
+            if p.port.kind in STATE_AND_TERM and state in there:
+                found.setdefault(there[state], p.nominals.get(STATE_AND_TERM[p.port.kind][0], 1.0))
+        return found
+
+    def with_unknown_signals(self, calibration: Calibration, places: Sequence[FormulaPlace]) -> DisturbedModel:
+        """Return the base model with an unknown signal at each place."""
+        taken, placed_laws = self._taken(), list[PlacedLaw]()
+        for place in places:
+            p = self._formula_ports[place.port]
+            placed_laws.append(place_law(disturbances()[p.at_signal], p.port, taken, neighbour=p.neighbour))
+            taken = {*taken, placed_laws[-1].instance}
+            self._read.update(_read_by(placed_laws[-1]))
+        self._formula_models.update(law_models([*disturbances().values()]))
+        model = self._with(placed_laws)
+        signals = {p.port.id: f"{p.instance}.{DISTURBANCE}" for p in placed_laws}
+        states = {**{s.name: s.name for s in self.base_model().states}, **self._states_there(calibration, model)}
+        return DisturbedModel(self.transfer(calibration, model), states, signals)
 
     def add_formulas(self, proposed: Sequence[ProposedFormula]) -> Mapping[str, Mapping[str, float]]:
         """Place formulas as further candidates. Returns their ids, with values of all parameters to start from."""
-        ports = {p.port.id: p for p in self._placed.values() if p.port.attachment == "equation"}
         taken = self._taken() | {n for p in self._placed.values() for n in (p.instance, *p.names.values())}
         added: list[PlacedLaw] = []
-        for one in proposed:
-            here, number = ports[one.port], 1 + sum(p.port.id == one.port for p in added)
-            law, port = formula_law(
-                one.formula, here.port, FORMULA if number == 1 else f"{FORMULA}_{number}", one.largest
-            )
-            sizes = {f"{name}_n": s.size for name, s in zip(port.signals, one.formula.signals, strict=True)}
-            largest = {"q_n": here.nominals.get(_STATE_AND_TERM[port.kind][1], 1.0)}
-            added.append(place_law(law, port, taken, nominals=largest | sizes))
+        for number, one in enumerate(proposed, 1):
+            here, id_ = self._formula_ports[one.port], FORMULA if number == 1 else f"{FORMULA}_{number}"
+            law, port = formula_law(one.formula, here.port, id_, one.largest, self._own_signal(here))
+            local = {given: name for name, given in port.signals.items() if name != "u"}
+            sizes = {f"{local.get(s.name, 'u')}_n": s.size for s in one.formula.signals}
+            nominals = {"q_n": here.size} | sizes
+            added.append(place_law(law, port, taken, nominals=nominals, neighbour=here.neighbour))
             taken |= {added[-1].instance, *added[-1].names.values()}
             self._formulas[added[-1].id] = one.formula
         self._formula_models.update(law_models([p.law for p in added]) if added else {})
         for placed in added:
             self._placed[placed.id] = placed
             self._starts[placed.id] = formula_starts(placed)
+            self._read.update(_read_by(placed))
         return {
             p.id: {**one.values, **dict(zip(p.names.values(), (one.coefficient, *one.formula.constants), strict=True))}
             for p, one in zip(added, proposed, strict=True)
@@ -295,8 +346,8 @@ class ModelicaFamily:
         if id_ not in self._formulas:
             return ""
         placed = self._placed[id_]
-        k, *rest = (values[name] for name in placed.names.values())
-        return told(self._formulas[id_], k, *rest)
+        k, *constant = (values[name] for name in placed.names.values())
+        return told(self._formulas[id_], k, *constant[:1], parameter=placed.port.id)
 
     def formula_ranges(self, id_: str) -> Mapping[str, tuple[float, float]]:
         """Return the range over which each signal of a formula was seen; empty for a listed law."""
@@ -305,10 +356,6 @@ class ModelicaFamily:
     @cached_property
     def _structure(self) -> AliasStructure:
         return alias_structure(self.flat)
-
-    @property
-    def _known(self) -> Mapping[str, object]:
-        return self._structure.variables
 
     def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
         """Return ids of candidates that are best tried on one model together."""
@@ -451,8 +498,12 @@ class ModelicaFamily:
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """Return the calibration of the base model, for a member of the family. States get their names there."""
+        return calibration_on(calibration, model, self._states_there(calibration, model))
+
+    def _states_there(self, calibration: Calibration, model: Model) -> Mapping[str, str]:
+        """Names in another model of states of a calibration's."""
         there = states_by_base_name(model, self._structure, self._aliases, self._read)
-        return calibration_on(calibration, model, state_names(calibration.model, self._structure, there))
+        return state_names(calibration.model, self._structure, there)
 
     @cached_property
     def _aliases(self) -> dict[str, str]:

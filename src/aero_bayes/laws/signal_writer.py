@@ -33,7 +33,7 @@ class SignalWriter:
     def write_at_input(self, placed: PlacedLaw) -> None:
         name = placed.port.signals["u"]
         c = self._declared(name)
-        self.target.declare(placed, {"u": name}, {})
+        self._declare(placed, name)
         given, inner = self.target.replacements, name
         if c.name != name:
             if c.name not in self.target.replacements:
@@ -60,9 +60,18 @@ class SignalWriter:
         ]
         # each is given what the next one gives, the last one what was connected
         given = dict(zip(mine, [*(f"{next_}.y" for next_ in mine[1:]), source], strict=True))
-        self.target.declare(placed, {"u": given[placed.instance]}, {})
+        self._declare(placed, given[placed.instance])
         if placed.instance == mine[0]:
             self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {placed.instance}.y;"))
+
+    def _declare(self, placed: PlacedLaw, acted_on: str) -> None:
+        """Declare a law that acts on a signal, and reads others; an output with a law of its own is read without it."""
+        outputs = {p.port.signals["u"] for p in self.target.placed_laws if p.port.attachment == "output"}
+        read = {
+            signal: self.target.replacements.get(name, name) if name in outputs else name
+            for signal, name in placed.port.signals.items()
+        }
+        self.target.declare(placed, {**read, "u": acted_on}, {})
 
     def _apart(self, c: ComponentDeclaration, suffix: str) -> str:
         """Return an array that stands, element by element, for an array of inputs or outputs in the class."""
@@ -96,17 +105,17 @@ class SignalWriter:
         inner = self.target.sources.get(name)
         self.target.sources[name] = f"{placed.instance}.y"
         if inner is not None:
-            self.target.declare(placed, {"u": inner}, {})
+            self._declare(placed, inner)
             return
         giving = [s for s in self.target.cls.equations if [t.word for t in s.core[:2]] == [name, "="] and not s.inside]
         if c.binding or (len(giving) == 1 and name not in self.target.cls.derived()):
             self.target.moved_equations[name] = c.binding or giving[0].core[2:]
-            self.target.declare(placed, {"u": ""}, {})
+            self._declare(placed, "")
             self.target.replacements[name] = f"{placed.instance}.u"
         else:
             # Other equations solve for it: what it was gets a name of its own.
             true = f"{name}{TRUE_SUFFIX}"
-            self.target.declare(placed, {"u": true}, {})
+            self._declare(placed, true)
             self._declare_like(c, true, "unread")
             self._without_start(c)
             self.target.replacements[name] = true

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import cast
@@ -17,7 +17,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform
-from aero_bayes.laws.formula import Formula, Signal, formulas
+from aero_bayes.laws.formula import Formula, Signal, formulas, parameter_formulas
 from aero_bayes.laws.model_family import FormulaPlace, ModelFamily, ProposedFormula
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.context import LoopContext
@@ -25,7 +25,7 @@ from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.formula_gains import coefficient_gains, whitened_slopes
 from aero_bayes.simulation.input_signals import signal_values
 from aero_bayes.simulation.interface import DiffusionTarget, Experiment, Filter, FilteredStates, ReadingNoiseTarget
-from aero_bayes.simulation.smoothing import smooth
+from aero_bayes.simulation.smoothing import smooth, smoothed_outputs
 
 FloatArray = NDArray[np.float64]
 #: Values (n,) of each signal, one mapping a recording.
@@ -44,23 +44,26 @@ MAX_NOISE_RATIO = 5.0
 MAX_OTHER_SIGNALS, MAX_PROPOSALS = 4, 8
 #: Cosine between the responses to two terms from which on they are alike, and how many that are alike are tried.
 ALIKE, MAX_ALIKE = 0.999, 3
+#: Cosine from which on terms at two places are one and the same written in two ways.
+SAME = 0.9999
 #: Gain in log-likelihood that each part of a formula has to earn: of two that do as well the simpler one comes first.
 COMPLEXITY_COST = 4.0
 #: Least gain for which a term is proposed.
 MIN_GAIN = 3.0
 #: A signal counts as never negative where it is so by less than this share of its largest value: states have errors.
 NEARLY_ZERO = 0.02
-#: Process noise of a place with which its terms are compared, over the fitted one.
+#: Process noise with which terms are compared, over the fitted one.
 LESS_DIFFUSION = (1.0, 0.3, 0.1, 0.03)
 
 
 @dataclass(frozen=True, eq=False)
 class _Scored:
-    """A formula at a place, its gain less what its parts cost, and its direction (N,)."""
+    """A formula at a place, its gain less what its parts cost, its direction (N,), and its order among equal ones."""
 
     proposal: ProposedFormula
     score: float
     direction: FloatArray
+    order: tuple[int, int]
 
 
 def wants_formulas(explored: SearchResult) -> bool:
@@ -72,7 +75,7 @@ def wants_formulas(explored: SearchResult) -> bool:
 def propose_formulas(
     context: LoopContext, plain: Calibration, base: BaseFit, values: Mapping[str, float]
 ) -> tuple[ProposedFormula, ...]:
-    """Propose formulas at the balances of the first model, by their gain beside its fit; the best first.
+    """Propose formulas at balances, inputs, outputs and parameters, by their gain beside the first fit; best first.
 
     Parameters
     ----------
@@ -89,26 +92,28 @@ def propose_formulas(
     tuple of ProposedFormula
         None where the model cannot be filtered.
     """
-    places = context.family.formula_places()
-    if not places:
-        return ()
-    states = tuple(dict.fromkeys(place.state for place in places))
     free = {plain.parameters.names[j] for j in base.fit.free}
+    places, sizes = context.family.formula_places(free), context.family.state_sizes()
+    if not places or not sizes:
+        return ()
     declared = {p.name: p.start for p in plain.parameters}
     noise: dict[str, float] = {}
     for (_, output), floor in base.floors.items():
         noise[output] = max(floor, noise.get(output, 0.0))
     found: list[_Scored] = []
     with suppress(CannotFinishError, InputError):
-        calibration = _with_process_noise(plain, states)
-        calibration = replace(calibration, parameters=ParameterSet(_bounded(calibration, places, noise)))
+        disturbed = context.family.with_unknown_signals(plain, places)
+        sizes = {disturbed.states[state]: size for state, size in sizes.items()}
+        calibration = _with_process_noise(disturbed.calibration, tuple(sizes))
+        calibration = replace(calibration, parameters=ParameterSet(_bounded(calibration, sizes, noise)))
         with context.open(calibration.problem()) as simulator:
             objective = context.objective(calibration, simulator)
             fit = _filter_fit(objective, (values, declared), free)
-            filtered = cast(Filter, simulator).filtered_states(objective.parameters.from_search(fit.coordinates))
-            signals, series = _signals(calibration, filtered, context.family)
+            tried = list(_with_less_diffusion(objective, fit))
+            signals, series = _signals(calibration, tried[0].filtered, context.family, disturbed.states)
             for place in places:
-                found += _at(objective, fit, place, signals, series)
+                state = calibration.model.state_index(disturbed.signals[place.port])
+                found += _at(objective, tried, place, state, (signals, series))
             context.statistics.add_simulations(objective)
     return _best(found)
 
@@ -135,16 +140,13 @@ def _with_samples_between(e: Experiment) -> Experiment:
     return replace(e, time=time, measured=measured, spread=spread)
 
 
-def _bounded(
-    calibration: Calibration, places: Sequence[FormulaPlace], noise: Mapping[str, float]
-) -> tuple[Parameter, ...]:
+def _bounded(calibration: Calibration, sizes: Mapping[str, float], noise: Mapping[str, float]) -> tuple[Parameter, ...]:
     """Parameters of the filter: diffusions by the sizes of the states, and the noise of readings near its floor."""
     duration = max(float(e.time[-1] - e.time[0]) for e in calibration.experiments)
-    sizes = {place.state: place.size / math.sqrt(duration) for place in places}
     found = []
     for p in calibration.parameters:
         if isinstance(p.target, DiffusionTarget):
-            least, start, most = (share * sizes[p.target.state] for share in DIFFUSIONS)
+            least, start, most = (share * sizes[p.target.state] / math.sqrt(duration) for share in DIFFUSIONS)
             p = replace(p, start=start, lower=least, upper=most, prior=LogUniform(least, most))
         elif isinstance(p.target, ReadingNoiseTarget) and noise.get(p.target.output, 0.0) > 0.0:
             least = noise[p.target.output]
@@ -179,14 +181,17 @@ def _filter_fit(objective: Objective, starts: Sequence[Mapping[str, float]], fre
 
 
 def _signals(
-    calibration: Calibration, filtered: Sequence[FilteredStates], family: ModelFamily
+    calibration: Calibration, filtered: Sequence[FilteredStates], family: ModelFamily, there: Mapping[str, str]
 ) -> tuple[dict[str, Signal], SignalValues]:
-    """Signals by name, with their ranges, and their values in each recording: states given all readings, inputs."""
+    """Signals by name, with their ranges, and their values in each recording: states given all readings, and inputs."""
     known = family.formula_signals()
+    states = {known[base][0]: calibration.model.state_index(own) for base, own in there.items() if base in known}
     series: list[dict[str, FloatArray]] = []
     for f, e, measured in zip(filtered, calibration.experiments, calibration.measured, strict=True):
         mean = smooth(f, measured).mean
-        own = {known[s.name][0]: mean[:, k] for k, s in enumerate(calibration.model.states) if s.name in known}
+        read = zip(e.outputs, smoothed_outputs(f, measured, mean).T, strict=True)
+        own = {known[name][0]: values for name, values in read if name in known}
+        own |= {name: mean[:, k] for name, k in states.items()}
         own |= {known[i.name][0]: signal_values(i, e.time) for i in e.inputs if i.name in known}
         series.append(own)
     units = dict(known.values())
@@ -198,55 +203,71 @@ def _signals(
     return found, series
 
 
+@dataclass(frozen=True, eq=False)
+class _Filtered:
+    """A fit of the filter, perhaps with less process noise, and its states."""
+
+    fit: Optimum
+    filtered: Sequence[FilteredStates]
+
+
 def _at(
-    objective: Objective, fit: Optimum, place: FormulaPlace, signals: Mapping[str, Signal], series: SignalValues
-) -> list[_Scored]:
-    """All formulas at one place, with their gains: the largest with as much process noise there, or less.
+    objective: Objective, tried: Sequence[_Filtered], place: FormulaPlace, state: int,
+    seen: tuple[Mapping[str, Signal], SignalValues],
+) -> list[_Scored]:  # fmt: skip
+    """All formulas at one place, with their gains: the largest with as much process noise as fitted, or less.
 
     With the right term less process noise is left, and the less there is the more a wrong term loses.
     """
+    signals, series = seen
     near = [signals[n] for n in place.signals if n in signals and signals[n].high > signals[n].low]
-    offered, terms = _terms(near[: 1 + MAX_OTHER_SIGNALS], series)
+    every = parameter_formulas if place.parameter else formulas
+    offered, terms = _terms(every(near[: 1 + MAX_OTHER_SIGNALS]), series)
     if not offered:
         return []
     largest = np.max([np.abs(own).max(axis=0) for own in terms], axis=0)
-    state = objective.calibration.model.state_index(place.state)
     best: list[tuple[float, FloatArray, float, FloatArray] | None] = [None] * len(offered)
-    for share in LESS_DIFFUSION:
-        there = _with_less_diffusion(objective, fit, place.state, share)
-        if there is None:
-            continue
-        si = objective.parameters.from_search(there.coordinates)
-        filtered = cast(Filter, objective.simulator).filtered_states(si)
-        slopes = whitened_slopes(objective, there, filtered, state, [own / largest for own in terms])
-        own_gains = coefficient_gains(objective, there, slopes)
-        gains = own_gains.gain + there.log_likelihood - fit.log_likelihood
+    for one in tried:
+        size = largest / _value(objective, one.fit, place.parameter)
+        slopes = whitened_slopes(objective, one.fit, one.filtered, state, [own / size for own in terms])
+        own_gains = coefficient_gains(objective, one.fit, slopes)
+        gains = own_gains.gain + one.fit.log_likelihood - tried[0].fit.log_likelihood
         for k, gain in enumerate(gains.tolist()):
             known = best[k]
             if gain > (MIN_GAIN if known is None else known[0]):
                 best[k] = gain, own_gains.direction[k], float(own_gains.value[k]), own_gains.readjusted[k]
     found: dict[tuple[tuple[str, str], ...], _Scored] = {}
     names = objective.parameters.names
-    for formula, size, one in zip(offered, largest.tolist(), best, strict=True):
-        if one is None:
+    for formula, most, known in zip(offered, largest.tolist(), best, strict=True):
+        if known is None:
             continue
-        gain, direction, value, readjusted = one
+        gain, direction, value, readjusted = known
         score = gain - COMPLEXITY_COST * formula.complexity
         if formula.form not in found or score > found[formula.form].score:
             values = dict(zip(names, readjusted.tolist(), strict=True))
+            far = sum(s.name != place.own for s in formula.signals)
             found[formula.form] = _Scored(
-                ProposedFormula(place.port, formula, size, value / size, values), score, direction
+                ProposedFormula(place.port, formula, most, value / most, values), score, direction, (place.order, far)
             )
     return [*found.values()]
 
 
-def _terms(near: Sequence[Signal], series: SignalValues) -> tuple[list[Formula], list[FloatArray]]:
-    """Formulas over some signals, and their values (n, k) in each recording; those without values are left out."""
+def _value(objective: Objective, fit: Optimum, parameter: str) -> float:
+    """The fitted value of a parameter, by whose share a formula changes it; one where there is none."""
+    if not parameter:
+        return 1.0
+    return float(objective.parameters.from_search(fit.coordinates)[objective.parameters.index(parameter)]) or 1.0
+
+
+def _terms(every: Iterable[Formula], series: SignalValues) -> tuple[list[Formula], list[FloatArray]]:
+    """Formulas, and their values (n, k) in each recording; those without values are left out."""
     offered: list[Formula] = []
     terms: list[list[FloatArray]] = [[] for _ in series]
     with np.errstate(all="ignore"):
-        for formula in formulas(near):
-            values = [formula.values({s.name: np.clip(one[s.name], s.low, s.high) for s in near}) for one in series]
+        for formula in every:
+            values = [
+                formula.values({s.name: np.clip(one[s.name], s.low, s.high) for s in formula.signals}) for one in series
+            ]
             if all(np.all(np.isfinite(v)) for v in values) and max(float(np.ptp(v)) for v in values) > 0.0:
                 offered.append(formula)
                 for own, v in zip(terms, values, strict=True):
@@ -254,26 +275,31 @@ def _terms(near: Sequence[Signal], series: SignalValues) -> tuple[list[Formula],
     return offered, [np.column_stack(own) for own in terms] if offered else []
 
 
-def _with_less_diffusion(objective: Objective, fit: Optimum, state: str, share: float) -> Optimum | None:
-    """The filter with less process noise of a state, all else as fitted; None where that fails."""
-    values = objective.parameters.from_search(fit.coordinates)
-    for j, p in enumerate(objective.parameters):
-        if isinstance(p.target, DiffusionTarget) and p.target.state == state:
-            values[j] = max(share * values[j], p.lower)
-    at = objective.parameters.to_search(values)
-    found = objective.evaluate(at, fit.free)
-    if found is None:
-        return None
-    whitened = objective.whiten(found, {})
-    return replace(fit, coordinates=at, evaluation=found, whitened=whitened, log_likelihood=whitened.log_likelihood)
+def _with_less_diffusion(objective: Objective, fit: Optimum) -> Iterator[_Filtered]:
+    """Yield the filter as fitted, then with less process noise, all else the same, where that can be filtered."""
+    diffusions = [j for j, p in enumerate(objective.parameters) if isinstance(p.target, DiffusionTarget)]
+    least = np.array([objective.parameters.items[j].lower for j in diffusions])
+    for share in LESS_DIFFUSION:
+        values = objective.parameters.from_search(fit.coordinates)
+        values[diffusions] = np.maximum(share * values[diffusions], least)
+        at = objective.parameters.to_search(values)
+        found = objective.evaluate(at, fit.free)
+        if found is None:
+            continue
+        whitened = objective.whiten(found, {})
+        there = replace(
+            fit, coordinates=at, evaluation=found, whitened=whitened, log_likelihood=whitened.log_likelihood
+        )
+        yield _Filtered(there, cast(Filter, objective.simulator).filtered_states(values))
 
 
 def _best(found: Sequence[_Scored]) -> tuple[ProposedFormula, ...]:
-    """The best proposals; of many that are alike only a few."""
+    """The best proposals; of many that are alike only a few, and of those that are the same at several places one."""
     chosen: list[_Scored] = []
-    for one in sorted(found, key=lambda f: -f.score):
-        alike = sum(abs(float(one.direction @ other.direction)) > ALIKE for other in chosen)
-        if alike < MAX_ALIKE:
+    for one in sorted(found, key=lambda f: (-round(f.score, 1), f.order)):
+        near = [(abs(float(one.direction @ other.direction)), other) for other in chosen]
+        elsewhere = any(near_by > SAME and other.proposal.port != one.proposal.port for near_by, other in near)
+        if not elsewhere and sum(near_by > ALIKE for near_by, _ in near) < MAX_ALIKE:
             chosen.append(one)
         if len(chosen) == MAX_PROPOSALS:
             break

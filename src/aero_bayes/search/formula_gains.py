@@ -1,9 +1,10 @@
 """Gains of many candidate terms from one pass of a filter: the response to a coefficient where it is zero.
 
 A filter of process noise knows how each state goes on to the next sample, what each reading says of the states, and
-its own gain. A term ``k phi`` in the rate of a state changes the filter's predictions by ``k`` times the solution of a
-linear time-varying system driven by ``phi`` along the smoothed states. So the gain of thousands of terms needs one pass
-over the samples, states that are not recorded are no exception, and nothing is differentiated numerically.
+its own gain. The model has an unknown signal at each place, a state that stands still at zero. A term ``k phi`` there
+moves that state, and with it the filter's predictions, by ``k`` times the response of a linear time-varying system to
+``phi`` along the smoothed states. So the gain of thousands of terms needs one pass over the samples, wherever they act;
+states that are not recorded are no exception, and nothing is differentiated numerically.
 """
 
 from __future__ import annotations
@@ -23,22 +24,18 @@ from aero_bayes.simulation.smoothing import reading_updates
 FloatArray = NDArray[np.float64]
 
 
-def prediction_slopes(
-    filtered: FilteredStates, time: FloatArray, measured: FloatArray, state: int, terms: FloatArray
-) -> FloatArray:
-    """Slopes of a filter's predictions by the coefficients of terms in the rate of one state.
+def prediction_slopes(filtered: FilteredStates, measured: FloatArray, signal: int, terms: FloatArray) -> FloatArray:
+    """Slopes of a filter's predictions by the coefficients of terms that an unknown signal is a sum of.
 
     Parameters
     ----------
     filtered : FilteredStates
-    time : ndarray, shape (n,)
-        Of the samples, in s.
     measured : ndarray, shape (n, m)
         NaN where there is no reading.
-    state : int
-        Index of the state.
+    signal : int
+        Index of the state that is the unknown signal.
     terms : ndarray, shape (n, k)
-        Values of the terms at the samples.
+        Values of the terms at the samples; between two samples their mean acts.
 
     Returns
     -------
@@ -49,10 +46,9 @@ def prediction_slopes(
     found = np.zeros((n, m, terms.shape[1]))
     for k in range(n):
         if k:
-            half = 0.5 * (time[k] - time[k - 1])
-            step = filtered.transition[k]
-            change = step @ change + np.outer(half * step[:, state], terms[k - 1])
-            change[state] += half * terms[k]
+            change[signal] = 0.5 * (terms[k - 1] + terms[k])
+            change = filtered.transition[k] @ change
+        change[signal] = terms[k]
         updates = reading_updates(filtered, measured, k)
         for o, (h, gain, *_) in zip(np.flatnonzero(np.isfinite(measured[k])), updates, strict=True):
             moved = h @ change
@@ -65,10 +61,10 @@ def whitened_slopes(
     objective: Objective,
     fit: Optimum,
     filtered: Sequence[FilteredStates],
-    state: int,
+    signal: int,
     terms: Sequence[FloatArray],
 ) -> FloatArray:
-    """Slopes (k, N) of the whitened predictions of all series, by the coefficients of terms in the rate of one state.
+    """Slopes (k, N) of the whitened predictions of all series, by the coefficients of terms of an unknown signal.
 
     Parameters
     ----------
@@ -77,14 +73,15 @@ def whitened_slopes(
     fit : Optimum
     filtered : sequence of FilteredStates
         One a recording, at the fit.
-    state : int
+    signal : int
+        Index of the state that is the unknown signal.
     terms : sequence of ndarray, shape (n, k)
         Values of the terms at the samples of each recording.
     """
     calibration = objective.calibration
     slopes = [
-        prediction_slopes(f, e.time, measured, state, values)
-        for f, e, measured, values in zip(filtered, calibration.experiments, calibration.measured, terms, strict=True)
+        prediction_slopes(f, measured, signal, values)
+        for f, measured, values in zip(filtered, calibration.measured, terms, strict=True)
     ]
     assert fit.evaluation.sd is not None
     return np.concatenate(
