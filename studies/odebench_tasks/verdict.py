@@ -38,6 +38,9 @@ def verdict(task: Task, loop: Mapping[str, Any], modelica: str) -> str:
     if task.term is None or states is None:
         return "false"
     values = {name: one["value"] for effect in loop["effects"] for name, one in effect["parameters"].items()}
+    texts = {effect["port"]: effect.get("text", "") for effect in loop["effects"]}
+    for instance, parameter in re.findall(r"(\w+)\([^()]*\bu = (c_\d+)[,)]", modelica):
+        modelica = modelica.replace(f"{instance}.y", f"({texts.get(parameter, '')})")
     added = _added(task, modelica, values, states)
     if added is not None and is_term(task, added, states):
         return "right"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.search.formula_gains import prediction_slopes
+from aero_bayes.search.formula_gains import SampledTerms, prediction_slopes
 from aero_bayes.simulation.interface import FilteredStates
 
 pytestmark = pytest.mark.fast
@@ -43,7 +43,7 @@ def test_slopes_of_predictions_are_those_of_a_filter_with_the_term(read: list[fl
     measured = np.where(rng.random((SAMPLES, 1)) < 0.6, rng.normal(0.0, 1.0, (SAMPLES, 1)), np.nan)
     terms = np.column_stack([np.sin(3.0 * time), time**2, np.ones(SAMPLES)])
     plain = filtered(measured, np.zeros(SAMPLES), h)
-    found = prediction_slopes(plain, measured, SIGNAL, terms)
+    found = prediction_slopes(plain, measured, SIGNAL, SampledTerms(terms, terms, terms))
     there = np.isfinite(measured[:, 0])
     for k in range(3):
         with_term = filtered(measured, terms[:, k], h)

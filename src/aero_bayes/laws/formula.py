@@ -166,8 +166,13 @@ class Formula:
 
     @property
     def complexity(self) -> int:
-        """Number of its factors, of its constants, and of what is more than a product of signals."""
-        return sum(1 + bool(shape.constants) + (shape is not SIGNAL) for shape, *_ in self.factors)
+        """Number of its factors, of its constants, and of what is more than a product of signals.
+
+        A parameter that grows with a function is one more factor.
+        """
+        return (self.way == "share") + sum(
+            1 + bool(shape.constants) + (shape is not SIGNAL) for shape, *_ in self.factors
+        )
 
     def text(self, names: Mapping[str, str], constant: str, sizes: Callable[[Signal], str]) -> str:
         """Write the product with other names of the signals, and of its constant."""
@@ -268,7 +273,7 @@ def formula_law(formula: Formula, port: Port, id_: str, largest: float, own: str
     return _law(id_, cls, text, interface), replace(port, signals=read, units=units)
 
 
-_TITLES: Mapping[Way, str] = {"added": "Term", "share": "Parameter that grows with", "power": "Exponent beside"}
+_TITLES: Mapping[Way, str] = {"added": "Term", "share": "Parameter that grows with", "power": "Parameter that goes as"}
 
 
 def _constant(formula: Formula, local: Mapping[str, str]) -> list[str]:
@@ -340,8 +345,8 @@ def formula_starts(placed: PlacedLaw) -> tuple[tuple[float, ...], ...]:
 
 
 def described(formula: Formula) -> str:
-    """Return the product for a reader, its constant as ``a``."""
-    return _readable(formula, "a")
+    """Return the product for a reader, its constant as ``a``; of a power its signal."""
+    return f"a power of {formula.signals[0].name}" if formula.way == "power" else _readable(formula, "a")
 
 
 def told(formula: Formula, coefficient: float, constant: float = 0.0, *, parameter: str = "") -> str:

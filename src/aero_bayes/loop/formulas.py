@@ -22,14 +22,14 @@ from aero_bayes.laws.model_family import FormulaPlace, ModelFamily, ProposedForm
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.search.explored import SearchResult
-from aero_bayes.search.formula_gains import coefficient_gains, whitened_slopes
+from aero_bayes.search.formula_gains import SampledTerms, coefficient_gains, whitened_slopes
 from aero_bayes.simulation.input_signals import signal_values
 from aero_bayes.simulation.interface import DiffusionTarget, Experiment, Filter, FilteredStates, ReadingNoiseTarget
-from aero_bayes.simulation.smoothing import smooth, smoothed_outputs
+from aero_bayes.simulation.smoothing import updated_means
 
 FloatArray = NDArray[np.float64]
-#: Values (n,) of each signal, one mapping a recording.
-SignalValues = Sequence[Mapping[str, FloatArray]]
+#: Values (n,) of each signal at the samples, one mapping a recording.
+SignalValues = Sequence[Mapping[str, SampledTerms]]
 
 #: Samples of a recording that are filtered, and how many it has at least: a term is taken along straight lines between.
 MAX_SAMPLES, MIN_SAMPLES = 600, 400
@@ -41,7 +41,9 @@ DIFFUSIONS, START_DIFFUSIONS = (1e-3, 0.3, 100.0), (0.1, 1.0, 10.0)
 #: Largest noise of an output over its floor, which is estimated from the readings alone.
 MAX_NOISE_RATIO = 5.0
 #: Signals at one place beside its own states, and terms that are tried by fits.
-MAX_OTHER_SIGNALS, MAX_PROPOSALS = 4, 8
+MAX_OTHER_SIGNALS, MAX_PROPOSALS = 4, 10
+#: Of the terms that are tried, those at one place: which place it is, only fits tell.
+MAX_AT_PLACE = 5
 #: Cosine between the responses to two terms from which on they are alike, and how many that are alike are tried.
 ALIKE, MAX_ALIKE = 0.999, 3
 #: Cosine from which on terms at two places are one and the same written in two ways.
@@ -110,10 +112,10 @@ def propose_formulas(
             objective = context.objective(calibration, simulator)
             fit = _filter_fit(objective, (values, declared), free)
             tried = list(_with_less_diffusion(objective, fit))
-            signals, series = _signals(calibration, tried[0].filtered, context.family, disturbed.states)
+            seen = _signals(calibration, tried[0].filtered, context.family, disturbed.states)
             for place in places:
                 state = calibration.model.state_index(disturbed.signals[place.port])
-                found += _at(objective, tried, place, state, (signals, series))
+                found += _at(objective, tried, place, state, seen)
             context.statistics.add_simulations(objective)
     return _best(found)
 
@@ -182,22 +184,28 @@ def _filter_fit(objective: Objective, starts: Sequence[Mapping[str, float]], fre
 
 def _signals(
     calibration: Calibration, filtered: Sequence[FilteredStates], family: ModelFamily, there: Mapping[str, str]
-) -> tuple[dict[str, Signal], SignalValues]:
-    """Signals by name, with their ranges, and their values in each recording: states given all readings, and inputs."""
+) -> tuple[Mapping[str, Signal], SignalValues]:
+    """Signals by name with their ranges, and their values along the filter's states in each recording.
+
+    ``there`` are the names of states of the first model.
+    """
     known = family.formula_signals()
     states = {known[base][0]: calibration.model.state_index(own) for base, own in there.items() if base in known}
-    series: list[dict[str, FloatArray]] = []
+    series = []
     for f, e, measured in zip(filtered, calibration.experiments, calibration.measured, strict=True):
-        mean = smooth(f, measured).mean
-        read = zip(e.outputs, smoothed_outputs(f, measured, mean).T, strict=True)
-        own = {known[name][0]: values for name, values in read if name in known}
-        own |= {name: mean[:, k] for name, k in states.items()}
-        own |= {known[i.name][0]: signal_values(i, e.time) for i in e.inputs if i.name in known}
-        series.append(own)
+        outputs = {known[name][0]: y for name, y in zip(e.outputs, f.predicted.T, strict=True) if name in known}
+        values = {name: SampledTerms(y, y, y) for name, y in outputs.items()}
+        updated = updated_means(f, measured)
+        values |= {name: SampledTerms(f.mean[:, k], f.mean[:, k], updated[:, k]) for name, k in states.items()}
+        for i in e.inputs:
+            if i.name in known:
+                at, before = signal_values(i, e.time), signal_values(i, np.nextafter(e.time, -np.inf))
+                values[known[i.name][0]] = SampledTerms(before, at, at)
+        series.append(values)
     units = dict(known.values())
     found = {}
     for name in series[0]:
-        whole = np.concatenate([one[name] for one in series])
+        whole = np.concatenate([one[name].after for one in series])
         low, high = float(whole.min()), float(whole.max())
         found[name] = Signal(name, units[name], 0.0 if -NEARLY_ZERO * high < low < 0.0 else low, high)
     return found, series
@@ -212,20 +220,23 @@ class _Filtered:
 
 
 def _at(
-    objective: Objective, tried: Sequence[_Filtered], place: FormulaPlace, state: int,
+    objective: Objective,
+    tried: Sequence[_Filtered],
+    place: FormulaPlace,
+    state: int,
     seen: tuple[Mapping[str, Signal], SignalValues],
-) -> list[_Scored]:  # fmt: skip
+) -> list[_Scored]:
     """All formulas at one place, with their gains: the largest with as much process noise as fitted, or less.
 
     With the right term less process noise is left, and the less there is the more a wrong term loses.
     """
     signals, series = seen
-    near = [signals[n] for n in place.signals if n in signals and signals[n].high > signals[n].low]
+    near = [s for n in place.signals if (s := signals.get(n)) is not None and s.high > s.low]
     every = parameter_formulas if place.parameter else formulas
     offered, terms = _terms(every(near[: 1 + MAX_OTHER_SIGNALS]), series)
     if not offered:
         return []
-    largest = np.max([np.abs(own).max(axis=0) for own in terms], axis=0)
+    largest = np.max([np.abs(own.at).max(axis=0) for own in terms], axis=0)
     best: list[tuple[float, FloatArray, float, FloatArray] | None] = [None] * len(offered)
     for one in tried:
         size = largest / _value(objective, one.fit, place.parameter)
@@ -259,20 +270,32 @@ def _value(objective: Objective, fit: Optimum, parameter: str) -> float:
     return float(objective.parameters.from_search(fit.coordinates)[objective.parameters.index(parameter)]) or 1.0
 
 
-def _terms(every: Iterable[Formula], series: SignalValues) -> tuple[list[Formula], list[FloatArray]]:
-    """Formulas, and their values (n, k) in each recording; those without values are left out."""
+def _terms(every: Iterable[Formula], series: SignalValues) -> tuple[list[Formula], list[SampledTerms]]:
+    """Formulas, and their values in each recording; those without values are left out."""
     offered: list[Formula] = []
     terms: list[list[FloatArray]] = [[] for _ in series]
     with np.errstate(all="ignore"):
         for formula in every:
-            values = [
-                formula.values({s.name: np.clip(one[s.name], s.low, s.high) for s in formula.signals}) for one in series
-            ]
+            values = []
+            for one in series:
+                seen = {s.name: (s, one[s.name]) for s in formula.signals}
+                values.append(
+                    np.array(
+                        [
+                            formula.values(
+                                {n: np.clip(getattr(own, when), s.low, s.high) for n, (s, own) in seen.items()}
+                            )
+                            for when in ("before", "at", "after")
+                        ]
+                    )
+                )
             if all(np.all(np.isfinite(v)) for v in values) and max(float(np.ptp(v)) for v in values) > 0.0:
                 offered.append(formula)
                 for own, v in zip(terms, values, strict=True):
                     own.append(v)
-    return offered, [np.column_stack(own) for own in terms] if offered else []
+    if not offered:
+        return [], []
+    return offered, [SampledTerms(*np.moveaxis(np.array(own), (1, 0), (0, 2))) for own in terms]
 
 
 def _with_less_diffusion(objective: Objective, fit: Optimum) -> Iterator[_Filtered]:
@@ -299,7 +322,9 @@ def _best(found: Sequence[_Scored]) -> tuple[ProposedFormula, ...]:
     for one in sorted(found, key=lambda f: (-round(f.score, 1), f.order)):
         near = [(abs(float(one.direction @ other.direction)), other) for other in chosen]
         elsewhere = any(near_by > SAME and other.proposal.port != one.proposal.port for near_by, other in near)
-        if not elsewhere and sum(near_by > ALIKE for near_by, _ in near) < MAX_ALIKE:
+        alike = sum(near_by > ALIKE for near_by, _ in near)
+        there = sum(other.proposal.port == one.proposal.port for other in chosen)
+        if not elsewhere and alike < MAX_ALIKE and there < MAX_AT_PLACE:
             chosen.append(one)
         if len(chosen) == MAX_PROPOSALS:
             break

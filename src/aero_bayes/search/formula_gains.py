@@ -3,8 +3,9 @@
 A filter of process noise knows how each state goes on to the next sample, what each reading says of the states, and
 its own gain. The model has an unknown signal at each place, a state that stands still at zero. A term ``k phi`` there
 moves that state, and with it the filter's predictions, by ``k`` times the response of a linear time-varying system to
-``phi`` along the smoothed states. So the gain of thousands of terms needs one pass over the samples, wherever they act;
-states that are not recorded are no exception, and nothing is differentiated numerically.
+``phi`` along the filter's own states, so that a term that the model has already gains nothing. So the gain of thousands
+of terms needs one pass over the samples, wherever they act; states that are not recorded are no exception, and nothing
+is differentiated numerically.
 """
 
 from __future__ import annotations
@@ -18,13 +19,33 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import prior_curvature
-from aero_bayes.simulation.interface import FilteredStates
+from aero_bayes.simulation.interface import DiffusionTarget, FilteredStates, ReadingNoiseTarget
 from aero_bayes.simulation.smoothing import reading_updates
 
 FloatArray = NDArray[np.float64]
 
+#: Share of a response that no parameter gives, below which a term is one that the model has: responses are taken along
+#: straight lines between samples.
+MIN_NEW_SHARE = 0.02
 
-def prediction_slopes(filtered: FilteredStates, measured: FloatArray, signal: int, terms: FloatArray) -> FloatArray:
+
+@dataclass(frozen=True, eq=False)
+class SampledTerms:
+    """Values (n, k) of terms at the samples of a recording.
+
+    ``before`` ends the step to a sample, ``at`` is what a reading has, and ``after`` begins the next step: held inputs
+    jump in between, and the filter's states are known better once it has read.
+    """
+
+    before: FloatArray
+    at: FloatArray
+    after: FloatArray
+
+    def __truediv__(self, size: FloatArray) -> SampledTerms:
+        return SampledTerms(self.before / size, self.at / size, self.after / size)
+
+
+def prediction_slopes(filtered: FilteredStates, measured: FloatArray, signal: int, terms: SampledTerms) -> FloatArray:
     """Slopes of a filter's predictions by the coefficients of terms that an unknown signal is a sum of.
 
     Parameters
@@ -34,21 +55,21 @@ def prediction_slopes(filtered: FilteredStates, measured: FloatArray, signal: in
         NaN where there is no reading.
     signal : int
         Index of the state that is the unknown signal.
-    terms : ndarray, shape (n, k)
-        Values of the terms at the samples; between two samples their mean acts.
+    terms : SampledTerms
+        Between two samples the mean of their ends acts.
 
     Returns
     -------
     ndarray, shape (n, m, k)
     """
     n, m = measured.shape
-    change = np.zeros((filtered.mean.shape[1], terms.shape[1]))
-    found = np.zeros((n, m, terms.shape[1]))
+    change = np.zeros((filtered.mean.shape[1], terms.at.shape[1]))
+    found = np.zeros((n, m, terms.at.shape[1]))
     for k in range(n):
         if k:
-            change[signal] = 0.5 * (terms[k - 1] + terms[k])
+            change[signal] = 0.5 * (terms.after[k - 1] + terms.before[k])
             change = filtered.transition[k] @ change
-        change[signal] = terms[k]
+        change[signal] = terms.at[k]
         updates = reading_updates(filtered, measured, k)
         for o, (h, gain, *_) in zip(np.flatnonzero(np.isfinite(measured[k])), updates, strict=True):
             moved = h @ change
@@ -62,7 +83,7 @@ def whitened_slopes(
     fit: Optimum,
     filtered: Sequence[FilteredStates],
     signal: int,
-    terms: Sequence[FloatArray],
+    terms: Sequence[SampledTerms],
 ) -> FloatArray:
     """Slopes (k, N) of the whitened predictions of all series, by the coefficients of terms of an unknown signal.
 
@@ -75,8 +96,8 @@ def whitened_slopes(
         One a recording, at the fit.
     signal : int
         Index of the state that is the unknown signal.
-    terms : sequence of ndarray, shape (n, k)
-        Values of the terms at the samples of each recording.
+    terms : sequence of SampledTerms
+        Of each recording.
     """
     calibration = objective.calibration
     slopes = [
@@ -100,7 +121,7 @@ class CoefficientGains:
     Parameters
     ----------
     gain : ndarray, shape (k,)
-        In log-likelihood.
+        In log-likelihood, with what the parameters gain by themselves.
     direction : ndarray, shape (k, N)
         Of the predictions after that, of length one; zero where the parameters do the same as a term.
     value : ndarray, shape (k,)
@@ -123,25 +144,32 @@ def coefficient_gains(objective: Objective, fit: Optimum, slopes: FloatArray) ->
     slopes : ndarray, shape (k, N)
         From :func:`whitened_slopes`.
     """
-    own, residual = fit.whitened.slopes, fit.whitened.residual
-    first, second = (d[list(fit.free)] for d in objective.parameters.prior_derivatives(fit.coordinates))
-    curvature = fit.whitened.information + prior_curvature(second)
+    # the noise is held: with less process noise than fitted it would go back at once
+    noise = (DiffusionTarget, ReadingNoiseTarget)
+    kept = [k for k, j in enumerate(fit.free) if not isinstance(objective.parameters.items[j].target, noise)]
+    columns = [fit.free[k] for k in kept]
+    own, residual = fit.whitened.slopes[kept], fit.whitened.residual
+    first, second = (d[columns] for d in objective.parameters.prior_derivatives(fit.coordinates))
+    curvature = fit.whitened.information[np.ix_(kept, kept)] + prior_curvature(second)
+    slope = fit.whitened.score[kept] + first
     unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     inverse = np.linalg.pinv(curvature * np.outer(unit, unit), 1e-10, hermitian=True) * np.outer(unit, unit)
-    free_step = inverse @ (fit.whitened.score + first)
+    free_step = inverse @ slope
     left = residual - free_step @ own
     before = np.linalg.norm(slopes, axis=1)
     back = (slopes @ own.T) @ inverse
     across = slopes - back @ own
     length = np.linalg.norm(across, axis=1)
-    seen = length > 1e-4 * np.maximum(before, 1e-300)
+    seen = length > MIN_NEW_SHARE * np.maximum(before, 1e-300)
     across = np.where(seen[:, np.newaxis], across / np.maximum(length, 1e-300)[:, np.newaxis], 0.0)
     along = across @ left
     value = np.where(seen, along / np.maximum(length, 1e-300), 0.0)
     # the rates are nearly linear in most parameters themselves, not in the logarithms in which some are searched
     si = objective.parameters.from_search(fit.coordinates)
-    change = (free_step - value[:, np.newaxis] * back) * objective.parameters.jacobian(si)[list(fit.free)]
+    change = (free_step - value[:, np.newaxis] * back) * objective.parameters.jacobian(si)[columns]
     low, high = (np.array([getattr(p, end) for p in objective.parameters]) for end in ("lower", "upper"))
     readjusted = np.repeat(si[np.newaxis, :], len(slopes), axis=0)
-    readjusted[:, list(fit.free)] += change
-    return CoefficientGains(0.5 * along**2, across, value, np.clip(readjusted, low, high))
+    readjusted[:, columns] += change
+    return CoefficientGains(
+        0.5 * along**2 + 0.5 * float(free_step @ slope), across, value, np.clip(readjusted, low, high)
+    )

@@ -63,26 +63,12 @@ def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:
     return SmoothedStates(mean, sd)
 
 
-def smoothed_outputs(filtered: FilteredStates, measured: FloatArray, mean: FloatArray) -> FloatArray:
-    """Return outputs (n, m) along smoothed states, to first order about the filter's.
-
-    Parameters
-    ----------
-    filtered : FilteredStates
-    measured : ndarray, shape (n, m)
-        NaN where there is no reading.
-    mean : ndarray, shape (n, s)
-        Of the smoothed states.
-    """
-    found = np.empty(measured.shape)
-    for k in range(len(found)):
-        # an output is predicted given the readings before it at the same time
-        about, updates = filtered.mean[k].copy(), iter(reading_updates(filtered, measured, k))
-        for o in range(measured.shape[1]):
-            found[k, o] = filtered.predicted[k, o] + filtered.slopes[k, o] @ (mean[k] - about)
-            if np.isfinite(measured[k, o]):
-                _, gain, away, _ = next(updates)
-                about += gain * away
+def updated_means(filtered: FilteredStates, measured: FloatArray) -> FloatArray:
+    """Return a filter's states (n, s) once it has read each sample; ``measured`` (n, m) is NaN without a reading."""
+    found = filtered.mean.copy()
+    for k, mean in enumerate(found):
+        for _, gain, away, _ in reading_updates(filtered, measured, k):
+            mean += gain * away
     return found
 
 
