@@ -43,7 +43,13 @@ MAX_NOISE_RATIO = 5.0
 #: Signals at one place beside its own states, and terms that are tried by fits.
 MAX_OTHER_SIGNALS, MAX_PROPOSALS = 4, 10
 #: Of the terms that are tried, those at one place: which place it is, only fits tell.
-MAX_AT_PLACE = 5
+MAX_AT_PLACE = 8
+#: Share of the largest gain from which on the simplest terms are tried first, and how many: gains are of first order.
+SIMPLE_SHARE, MAX_SIMPLE = 0.5, 4
+#: Largest change of a parameter that is a function, over its value, and largest exponent: gains are of first order.
+MAX_PARAMETER_CHANGE, MAX_EXPONENT = 3.0, 4.0
+#: Score by which a function of a parameter must exceed all added terms: most of them are a term of a balance as well.
+MIN_LEAD_OF_PARAMETER = 8.0
 #: Cosine between the responses to two terms from which on they are alike, and how many that are alike are tried.
 ALIKE, MAX_ALIKE = 0.999, 3
 #: Cosine from which on terms at two places are one and the same written in two ways.
@@ -253,6 +259,8 @@ def _at(
         if known is None:
             continue
         gain, direction, value, readjusted = known
+        if abs(value) > {"share": MAX_PARAMETER_CHANGE, "power": MAX_EXPONENT * most}.get(formula.way, math.inf):
+            continue
         score = gain - COMPLEXITY_COST * formula.complexity
         if formula.form not in found or score > found[formula.form].score:
             values = dict(zip(names, readjusted.tolist(), strict=True))
@@ -317,15 +325,29 @@ def _with_less_diffusion(objective: Objective, fit: Optimum) -> Iterator[_Filter
 
 
 def _best(found: Sequence[_Scored]) -> tuple[ProposedFormula, ...]:
-    """The best proposals; of many that are alike only a few, and of those that are the same at several places one."""
-    chosen: list[_Scored] = []
-    for one in sorted(found, key=lambda f: (-round(f.score, 1), f.order)):
-        near = [(abs(float(one.direction @ other.direction)), other) for other in chosen]
+    """The best proposals, some of the simplest among them; of many that are alike only a few.
+
+    Of those that are the same at several places one is taken. A parameter is a function only where that does better
+    than what may be added anywhere.
+    """
+    added = max((one.score for one in found if one.proposal.formula.way == "added"), default=-math.inf)
+    kept = [f for f in found if f.proposal.formula.way == "added" or f.score > added + MIN_LEAD_OF_PARAMETER]
+    by_score = sorted(kept, key=lambda f: (-round(f.score, 1), f.order))
+    gains = [f for f in by_score if f.score > SIMPLE_SHARE * by_score[0].score]
+    simple = sorted(gains, key=lambda f: f.proposal.formula.complexity)
+    return tuple(one.proposal for one in _different(by_score, _different(simple, (), MAX_SIMPLE), MAX_PROPOSALS))
+
+
+def _different(offered: Sequence[_Scored], chosen: Sequence[_Scored], most: int) -> list[_Scored]:
+    """The first of some proposals, beside chosen ones, that are not too much alike."""
+    found = [*chosen]
+    for one in offered:
+        if len(found) == most:
+            break
+        near = [(abs(float(one.direction @ other.direction)), other) for other in found]
         elsewhere = any(near_by > SAME and other.proposal.port != one.proposal.port for near_by, other in near)
         alike = sum(near_by > ALIKE for near_by, _ in near)
-        there = sum(other.proposal.port == one.proposal.port for other in chosen)
-        if not elsewhere and alike < MAX_ALIKE and there < MAX_AT_PLACE:
-            chosen.append(one)
-        if len(chosen) == MAX_PROPOSALS:
-            break
-    return tuple(one.proposal for one in chosen)
+        there = sum(other.proposal.port == one.proposal.port for other in found)
+        if one not in found and not elsewhere and alike < MAX_ALIKE and there < MAX_AT_PLACE:
+            found.append(one)
+    return found
