@@ -131,7 +131,7 @@ def tools() -> dict[str, str]:
 
 
 def library_models() -> list[str]:
-    """Names of the small models of the standard library; tests/export holds their numbers against rumoca's."""
+    """Return names of the small models of the standard library; tests/export holds their numbers against rumoca's."""
     names = re.findall(r"^  model (\w+)", LIBRARY_MODELS.read_text(encoding="utf-8"), re.MULTILINE)
     return [f"{LIBRARY_MODELS.stem}.{name}" for name in names]
 

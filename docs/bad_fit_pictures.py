@@ -39,7 +39,7 @@ def linear_room(capacity: float, conductance: float) -> FloatArray:
 
 
 def fitted_room(readings: FloatArray, largest: float = 1e4) -> FloatArray:
-    """The room with a linear loss as least squares fits it, with a largest conductance in W/K."""
+    """Return the room with a linear loss as least squares fits it, with a largest conductance in W/K."""
 
     def left(x: FloatArray) -> FloatArray:
         return readings - linear_room(1e6 * x[0], 100.0 * x[1])
@@ -116,7 +116,7 @@ PICTURES = {"data": data, "solver": solver, "search": search, "noise": noise_for
 
 
 def pictures() -> dict[str, str]:
-    """The SVG of each cause."""
+    """Return the SVG of each cause."""
     found = {}
     with matplotlib.rc_context({"font.size": 10, "svg.fonttype": "path", "svg.hashsalt": "aero-bayes"}):
         for name, fill in PICTURES.items():

@@ -33,7 +33,7 @@ class Docstring:
         return cls(parts[0].strip(), {name: body.strip("\n") for name, body in named})
 
     def entries(self, section: str) -> list[tuple[tuple[str, ...], str, str]]:
-        """Names, type and meaning of each entry of a section."""
+        """Return names, type and meaning of each entry of a section."""
         found = re.findall(r"^(\S.*)\n?((?:^[ \t]+.*\n?|^\n)*)", self.sections.get(section, ""), flags=re.M)
         entries = []
         for head, body in found:
@@ -74,7 +74,7 @@ class Public:
 
 
 def public() -> Iterator[Public]:
-    """Everything that ``import aero_bayes`` offers, members of classes after their class."""
+    """Yield everything that ``import aero_bayes`` offers, members of classes after their class."""
     for path in (*aero_bayes.__all__, *FURTHER):
         room, _, name = path.rpartition(".")
         home = __import__(f"aero_bayes.{room}", fromlist=[name]) if room else aero_bayes

@@ -35,7 +35,7 @@ def _entry(item: Public) -> str:
 
 
 def _signature(item: Public) -> str:
-    """As it is called; classes whose parameters are fields that the library fills show none."""
+    """Return it as it is called; classes whose parameters are fields that the library fills show none."""
     if isinstance(item.thing, property):
         return ""
     if isinstance(item.thing, type):
@@ -44,7 +44,7 @@ def _signature(item: Public) -> str:
 
 
 def _row(section: str, names: tuple[str, ...], kind: str, text: str) -> str:
-    """A definition: names and type, then the meaning."""
+    """Return a definition: names and type, then the meaning."""
     what = ", ".join(f"`{name}`" for name in names) + (f" : {_prose(kind)}" if kind else "")
     return f"- {what}" + (f"<br>{' '.join(_prose(text).split())}" if text else "")
 

@@ -164,7 +164,7 @@ def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]] | list[tuple[s
 
 
 def configuration() -> str:
-    """A table a section, in the order of the schema."""
+    """Return a table a section, in the order of the schema."""
     return "\n\n".join([*_section(Config, ""), *_section(FleetFile, "")])
 
 
@@ -195,7 +195,7 @@ def _meaning(key: str, field: FieldInfo) -> str:
 
 
 def _inner(annotation: object) -> tuple[type[BaseModel] | None, str]:
-    """The section that a key holds, and whether by name, in a list, or once."""
+    """Return the section that a key holds, and whether by name, in a list, or once."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation, ""
     origin = typing.get_origin(annotation)
@@ -207,7 +207,7 @@ def _inner(annotation: object) -> tuple[type[BaseModel] | None, str]:
 
 
 def _type(annotation: object) -> str:
-    """An annotation as a person would write it in a TOML file."""
+    """Return an annotation as a person would write it in a TOML file."""
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin is typing.Annotated:
         return _type(arguments[0])
@@ -242,7 +242,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def result() -> str:
-    """A table a class of the schema, the whole first; types link to their tables."""
+    """Return a table a class of the schema, the whole first; types link to their tables."""
     parts = [schema.RunJson, schema.FleetJson]
     for part in parts:
         for field in part.model_fields.values():
@@ -297,7 +297,7 @@ def _result_default(field: FieldInfo) -> str:
 
 
 def command_line() -> str:
-    """What ``--help`` says, command by command."""
+    """Return what ``--help`` says, command by command."""
     top = click.Context(cli.main, info_name="aero-bayes", max_content_width=100, terminal_width=100)
     pages = [f"```text\n{cli.main.get_help(top)}\n```"]
     for name in cli.main.list_commands(top):
@@ -308,7 +308,7 @@ def command_line() -> str:
 
 
 def laws() -> str:
-    """The shipped laws by kind of port."""
+    """Return the shipped laws by kind of port."""
     rows = [
         (f"`{law.id}`", law.kind, law.description, ", ".join(f"`{p.name}`" for p in law.parameters),
          f"`{law.refines}`" if law.refines else "")
@@ -318,7 +318,7 @@ def laws() -> str:
 
 
 def effects() -> str:
-    """The AERO's effects and the curves that are learned there."""
+    """Return the AERO's effects and the curves that are learned there."""
     family = ModelicaFamily(DEFAULT_MODEL, (), Path())
     rows = [
         (
@@ -333,7 +333,7 @@ def effects() -> str:
 
 
 def declaration() -> str:
-    """The tables of ``package.toml``, the whole first."""
+    """Return the tables of ``package.toml``, the whole first."""
     parts: list[type] = [declared.PackageDeclaration]
     for part in parts:
         for hint in typing.get_type_hints(part).values():

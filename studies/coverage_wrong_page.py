@@ -67,7 +67,7 @@ def misses(result: Mapping[str, Any]) -> list[str]:
 
 
 def band_sentence(bands: float | None, by_state: Mapping[str, float | None]) -> str:
-    """What the prediction bands held."""
+    """Return what the prediction bands held."""
     if bands is None:
         return "No prediction bands were computed."
     parts = ", ".join(f"{STATES[state]} {percent(v)}" for state, v in by_state.items() if v is not None)

@@ -61,7 +61,7 @@ NUMBERS = {
 
 
 def answers(context: Any, base: Any, choice: Choice, chooser: choose.Chooser) -> dict[str, Row]:
-    """What is named under each changed number: ids and classes that are not told apart, by number and value."""
+    """Return what is named under each changed number: ids and classes that are not told apart, by number and value."""
     # What the first choice had fitted besides is there from the beginning now: an answer on the edge may turn.
     choice, own = chooser.choose(choice.explored), chooser.settings
     plain, same = conclude.conclude(context, base, choice), _offered(choice)
@@ -79,7 +79,7 @@ def answers(context: Any, base: Any, choice: Choice, chooser: choose.Chooser) ->
 
 
 def _offered(choice: Choice) -> tuple[Any, ...]:
-    """What unseen readings are asked about, in order."""
+    """Return what unseen readings are asked about, in order."""
     told = choice.told()
     return told.structure, told.undecided, choice.near
 

@@ -214,7 +214,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _rate(name: str, passed: Sequence[bool]) -> dict[str, float | None]:
-    """A share and its standard error."""
+    """Return a share and its standard error."""
     if not passed:
         return {name: None, f"{name}_sd": None}
     share = sum(passed) / len(passed)

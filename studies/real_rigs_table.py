@@ -122,7 +122,7 @@ def _any(names: set[str], patterns: Sequence[str]) -> bool:
 
 
 def _off(parameters: Mapping[str, Mapping[str, Any]], truth: Mapping[str, float]) -> dict[str, float | None]:
-    """How far each known parameter is off, in its standard deviations; None where it was not fitted."""
+    """Return how far each known parameter is off, in its standard deviations; None where it was not fitted."""
     off: dict[str, float | None] = {}
     for name, value in truth.items():
         # A parameter of a law may stand under its own name or under one with its port.

@@ -134,7 +134,7 @@ def judged(row: Row, model: CompleteModel, term: Term | None) -> Row:
 
 
 def material(row: Row, complete: Row | None) -> bool | None:
-    """Whether the error of an output on unseen data grows by :data:`MATERIAL_GROWTH` without the term."""
+    """Return whether the error of an output on unseen data grows by :data:`MATERIAL_GROWTH` without the term."""
     if complete is None or "before" not in row or "before" not in complete:
         return None
     whole, less = (one["before"].get("test") or one["before"].get("train", {}) for one in (complete, row))

@@ -154,7 +154,7 @@ def residuals_of(name: str, paths: Sequence[Path], whole: bool) -> dict[str, Any
 
 
 def _fit(rig: FirstModel, recordings: Sequence[Readings], straight: bool) -> dict[str, Any]:
-    """The best of several starts; outputs weigh by the inverse of what is left of each (most likely noise).
+    """Return the best of several starts; outputs weigh by the inverse of what is left of each (most likely noise).
 
     The first fits use fewer readings where the inputs rarely change; the best go on with all of them.
     """
@@ -175,7 +175,7 @@ def _fit(rig: FirstModel, recordings: Sequence[Readings], straight: bool) -> dic
 
 
 def _thinned(recording: Readings) -> Readings:
-    """Every so many readings, and those about each change of an input."""
+    """Return every so many readings, and those about each change of an input."""
     changes = np.any(np.diff(recording.inputs, axis=0) != 0.0, axis=1)
     every = int(np.clip(recording.time.size // MIN_READINGS, 1, THINNING))
     keep = np.arange(recording.time.size) % every == 0
@@ -185,7 +185,10 @@ def _thinned(recording: Readings) -> Readings:
 
 
 def _start(rig: FirstModel, recordings: Sequence[Readings], rng: np.random.Generator, number: int) -> FloatArray:
-    """The nominal point, then points about it: logarithms of parameters, delay, initial states over their steps."""
+    """Return the nominal point, then points about it.
+
+    Logarithms of parameters, delay, initial states over their steps.
+    """
     spread = SPREAD * rng.standard_normal(len(rig.start)) * (number > 0)
     delays = np.full(int(rig.delayed), 0.006)
     states = np.zeros(len(recordings) * np.count_nonzero(rig.steps))

@@ -111,7 +111,7 @@ def _here(problem: Problem) -> Simulator:
 
 
 def _as_read(spec: TrialSpec, noise_free: Recording) -> Recording:
-    """The noise-free pitch as the encoder counts it, which says where it stands still."""
+    """Return the noise-free pitch as the encoder counts it, which says where it stands still."""
     counts = spec.sensors.encoder_counts
     if not counts:
         return noise_free

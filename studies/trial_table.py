@@ -26,7 +26,7 @@ def right_port(row: Row) -> bool:
 
 
 def _port(id_: str) -> str:
-    """Where an effect acts; of a curve as its id says."""
+    """Return where an effect acts; of a curve as its id says."""
     declared = declaration_of(DEFAULT_MODEL)
     return declared.port_of(id_) if id_ in declared.effects else id_.partition("@")[2]
 

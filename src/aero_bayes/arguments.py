@@ -43,7 +43,7 @@ def require_all(given: Item | Sequence[Item], kind: type[Item], what: str) -> tu
 
 
 def require_type(given: Item, kind: type[Item], what: str) -> Item:
-    """The object, if it is of the type; else InputError."""
+    """Return the object, if it is of the type; else InputError."""
     if not isinstance(given, kind):
         source = f", as {CONSTRUCTORS[kind.__name__]} gives one" if kind.__name__ in CONSTRUCTORS else ""
         raise InputError(f"{what}: expected a {kind.__name__}{source}; got {_shown(given)}")
@@ -51,7 +51,7 @@ def require_type(given: Item, kind: type[Item], what: str) -> Item:
 
 
 def paths_of(given: Paths, what: str) -> tuple[Path, ...]:
-    """One path or a sequence of paths as a tuple; InputError for another type."""
+    """Return one path or a sequence of paths as a tuple; InputError for another type."""
     items = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     for item in items:
         if not isinstance(item, str | Path):
@@ -60,7 +60,7 @@ def paths_of(given: Paths, what: str) -> tuple[Path, ...]:
 
 
 def names_of(given: str | Sequence[str], what: str) -> tuple[str, ...]:
-    """One name or a sequence of names as a tuple; InputError for another type."""
+    """Return one name or a sequence of names as a tuple; InputError for another type."""
     return require_all(given, str, what)
 
 

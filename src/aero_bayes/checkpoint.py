@@ -35,7 +35,7 @@ class ResultCache:
         self._results: dict[str, dict[str, NDArray[np.generic]]] = {}
 
     def get(self, key: str) -> Arrays | None:
-        """The result under a key; None if there is none."""
+        """Return the result under a key; None if there is none."""
         return self._results.get(key)
 
     def put(self, key: str, arrays: Arrays, *, now: bool = False) -> None:
@@ -82,7 +82,7 @@ class Checkpoint(ResultCache):
 
     @classmethod
     def at(cls, place: Checkpoint | Path | str | None) -> Checkpoint | None:
-        """The checkpoint in a file."""
+        """Return the checkpoint in a file."""
         return cls(Path(place)) if isinstance(place, str | Path) else place
 
     def put(self, key: str, arrays: Arrays, *, now: bool = False) -> None:
@@ -147,7 +147,7 @@ def pack(item: Any, prefix: str) -> dict[str, NDArray[np.generic]]:
 
 
 def unpack(kind: type[T], arrays: Arrays, prefix: str) -> T:
-    """The dataclass that :func:`pack` took apart."""
+    """Return the dataclass that :func:`pack` took apart."""
     values: dict[str, Any] = {}
     for name, hint in get_type_hints(kind).items():
         inner = next((k for k in (hint, *get_args(hint)) if is_dataclass(k)), None)
@@ -165,7 +165,7 @@ def pack_all(items: Sequence[Any]) -> dict[str, NDArray[np.generic]]:
 
 
 def unpack_all(kind: type[T], arrays: Arrays) -> list[T]:
-    """The dataclasses that :func:`pack_all` took apart."""
+    """Return the dataclasses that :func:`pack_all` took apart."""
     columns = {name: arrays[name] for name in get_type_hints(kind) if name in arrays}
     rows = zip(*columns.values(), strict=True)
     return [kind(**{n: v if v.ndim else v.item() for n, v in zip(columns, row, strict=True)}) for row in rows]
@@ -178,6 +178,6 @@ def pack_random(random: np.random.RandomState) -> dict[str, NDArray[np.generic]]
 
 
 def unpack_random(arrays: Arrays) -> tuple[str, NDArray[np.generic], int, int, float]:
-    """The tuple that ``RandomState.set_state`` takes."""
+    """Return the tuple that ``RandomState.set_state`` takes."""
     position, has_gauss, cached = (float(x) for x in arrays["rest"])
     return ("MT19937", arrays["keys"], int(position), int(has_gauss), cached)

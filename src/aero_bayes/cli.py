@@ -71,7 +71,10 @@ class OneLineErrors(click.Group):
                 signal.signal(signal.SIGTERM, before)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Each command with the whole of what it does: click cuts it to a line, and at the point of an abbreviation."""
+        """Write each command with the whole of what it does.
+
+        Click cuts it to a line, and at the point of an abbreviation.
+        """
         with formatter.section("Commands"):
             formatter.write_dl([(name, " ".join((c.help or "").split())) for name, c in self.commands.items()])
 
@@ -92,7 +95,7 @@ def main() -> None:
 
 
 def run_options(command: Command) -> Command:
-    """The options that every command which simulates a model shares."""
+    """Return the options that every command which simulates a model shares."""
     for option in (
         click.option("--model", help=f"Modelica class or FMU file.  [default: {DEFAULT_MODEL}]"),
         click.option("--config", type=FILE, help="TOML file with the configuration."),

@@ -244,7 +244,7 @@ def load_config(path: Path | Config | None) -> Config:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The content of a TOML file. Raises InputError if it cannot be read."""
+    """Return the content of a TOML file. Raises InputError if it cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -254,7 +254,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validated(section: type[Sections], document: Any, where: object) -> Sections:
-    """A document as a section. InputError, which starts with ``where``, for an unknown key or a wrong value."""
+    """Return a document as a section. InputError, which starts with ``where``, for an unknown key or a wrong value."""
     try:
         return section.model_validate(document)
     except ValidationError as error:
@@ -262,7 +262,7 @@ def validated(section: type[Sections], document: Any, where: object) -> Sections
 
 
 def resolve_paths(config: Config, folder: Path) -> Config:
-    """The configuration with relative paths resolved from a folder."""
+    """Return the configuration with relative paths resolved from a folder."""
     model = config.model
     resolved = model.model_copy(
         update={

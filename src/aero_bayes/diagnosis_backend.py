@@ -22,5 +22,5 @@ def register_diagnosis(load: Callable[[], Callable[[Fit], Diagnosis]]) -> None:
 
 
 def diagnosis_of(fit: Fit) -> Diagnosis:
-    """The diagnosis of a fit by the registered function."""
+    """Return the diagnosis of a fit by the registered function."""
     return _loaders[-1]()(fit)

@@ -12,7 +12,7 @@ from aero_bayes.unknown_names import known_names_hint
 
 
 def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: str, notes: Sequence[str] = ()) -> str:
-    """An HTML table with a caption. Cells are escaped; ``notes`` are below it in bold."""
+    """Return an HTML table with a caption. Cells are escaped; ``notes`` are below it in bold."""
     top = "".join(f'<th scope="col">{escape(title)}</th>' for title in head)
     body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
     below = "".join(f"<p><strong>{escape(note)}</strong></p>" for note in notes)
@@ -22,12 +22,12 @@ def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: s
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A number with its unit, if it has a known one."""
+    """Return a number with its unit, if it has a known one."""
     return text if unit in {"", "1", "-"} else f"{text} {unit}"
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Names in a sentence: ``a``, ``a and b``, ``a, b and c``."""
+    """Return names in a sentence: ``a``, ``a and b``, ``a, b and c``."""
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 

@@ -70,7 +70,7 @@ class ParallelMap:
     late: Callable[[], bool] = lambda: False
 
     def __call__(self, tasks: Sequence[Task[R]], told: Told = lambda share: None) -> list[R | None]:
-        """The results in the order of the tasks; None for those that were not begun because it was late."""
+        """Return the results in the order of the tasks; None for those that were not begun because it was late."""
         found: dict[int, R] = {}
         count = min(self.pool.size, len(tasks))
         begun = self._in_workers(tasks, count, found, told) if count >= 2 and _may_fork() else set[int]()
@@ -156,6 +156,6 @@ class ParallelMap:
 
 
 def _may_fork() -> bool:
-    """Whether a copy of this process can be trusted: elsewhere libraries keep threads that a copy lacks."""
+    """Return whether a copy of this process can be trusted: elsewhere libraries keep threads that a copy lacks."""
     alone = threading.current_thread() is threading.main_thread()
     return sys.platform == "linux" and hasattr(os, "fork") and alone and not multiprocessing.current_process().daemon

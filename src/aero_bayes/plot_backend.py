@@ -72,7 +72,7 @@ def register_plot_backend(load: Callable[[], PlotBackend]) -> None:
 
 
 def plot_backend() -> PlotBackend:
-    """The registered backend."""
+    """Return the registered backend."""
     return _loaders[-1]()
 
 

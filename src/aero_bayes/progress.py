@@ -26,7 +26,7 @@ _BAR = "{desc:<36.36}{percentage:3.0f}%|{bar:24}| {elapsed}, {remaining} left{po
 
 
 def in_notebook() -> bool:
-    """Whether this runs in IPython, in a Jupyter notebook for example."""
+    """Return whether this runs in IPython, in a Jupyter notebook for example."""
     ipython = sys.modules.get("IPython")
     return ipython is not None and ipython.get_ipython() is not None
 

@@ -29,7 +29,7 @@ def closest_name(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str
 
 
 def known_names_hint(name: str, known: Iterable[str]) -> str:
-    """The end of a message about a name that does not exist: the known names, and the closest of them."""
+    """Return the end of a message about a name that does not exist: the known names, and the closest of them."""
     names = list(known)
     close = closest_name(name, names)
     hint = f"; did you mean {close}?" if close is not None else ""

@@ -30,7 +30,7 @@ def trajectory(system: System, start: Sequence[float]) -> FloatArray | None:
 
 
 def _rates(system: System) -> Callable[..., list[float]]:
-    """The rates as a function of states and constants."""
+    """Return the rates as a function of states and constants."""
     rates = [sum(rate, sympy.S.Zero) for rate in system.rates]
     return cast(Callable[..., list[float]], sympy.lambdify([*system.states, *system.constants], rates, "math"))
 
@@ -76,7 +76,10 @@ def noisy_runs(task: Task, seed: int) -> list[FloatArray]:
 
 
 def visibility(task: Task) -> float:
-    """How far the deleted term shows, in standard deviations of the noise: what the best fit without it leaves."""
+    """Return how far the deleted term shows, in standard deviations of the noise.
+
+    What the best fit without it leaves.
+    """
     clean = trajectory(task.system, task.system.starts[0])
     if clean is None:
         return 0.0

@@ -57,7 +57,7 @@ def verdict(task: Task, loop: Mapping[str, Any], modelica: str) -> str:
 
 
 def over(text: str, names: Sequence[str], states: FloatArray) -> FloatArray | None:
-    """Values (n,) of an expression over states (n, s); None where it has other names or no values."""
+    """Return values (n,) of an expression over states (n, s); None where it has other names or no values."""
     symbols = sympy.symbols(list(names), real=True)
     try:
         tree = sympy.sympify(
@@ -73,7 +73,10 @@ def over(text: str, names: Sequence[str], states: FloatArray) -> FloatArray | No
 
 
 def _added(task: Task, modelica: str, values: Mapping[str, float], states: FloatArray) -> dict[str, FloatArray] | None:
-    """What the extended model has in its rates beyond the first one, by state; None where that cannot be told."""
+    """Return what the extended model has in its rates beyond the first one, by state.
+
+    None where that cannot be told.
+    """
     rates = dict(re.findall(r"der\((x_\d)\) = ([^;]*);", modelica))
     first = dict(re.findall(r"der\((x_\d)\) = ([^;]*);", task.first_model.modelica(task.system.starts[0], None)))
     constants = dict(task.first_model.constants) | dict(values)
@@ -91,7 +94,7 @@ def _added(task: Task, modelica: str, values: Mapping[str, float], states: Float
 
 
 def is_term(task: Task, added: Mapping[str, FloatArray], states: FloatArray) -> bool:
-    """Whether a term is added to the right rate only, and is the deleted one but for its coefficient."""
+    """Return whether a term is added to the right rate only, and is the deleted one but for its coefficient."""
     assert task.term is not None
     where = task.system.states[task.term.state]
     if any(np.ptp(v) > 0.0 or v[0] != 0.0 for state, v in added.items() if state != where) or where not in added:

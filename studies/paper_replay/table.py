@@ -75,7 +75,7 @@ def _row(
     evaluator: ModelEvaluator,
     outputs: FloatArray,
 ) -> ReplayRow:
-    """A row from one simulation; a failed one has no fitness and says so."""
+    """Return a row from one simulation; a failed one has no fitness and says so."""
     if not np.isfinite(outputs).all():
         return ReplayRow(label, variant, parameters, None, paper_fitness, f"the simulation failed; {note}", {})
     error = evaluator.measured - outputs
@@ -85,7 +85,7 @@ def _row(
 
 
 def _fitted(label: str, fit: Fit, note: str) -> ReplayRow:
-    """A row from a joint fit."""
+    """Return a row from a joint fit."""
     known = {name: estimate.value for name, estimate in fit.parameters.items()}
     shown = {name: float(known[name]) for name in TABLE_PARAMETERS if name in known}
     fitness = float(np.nansum(fit.residuals[0][:, fit.outputs.index("theta")] ** 2))

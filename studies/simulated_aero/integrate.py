@@ -97,7 +97,7 @@ class AeroIntegrator:
         return graded + [h] * (count - 1)
 
     def _advance(self, t: float, state: State, mode: Mode, v: float, h: float, depth: int) -> tuple[State, Mode]:
-        """One step, halved until every change of mode is at the end of a piece."""
+        """Take one step, halved until every change of mode is at the end of a piece."""
         new = self._step(t, state, mode, v, h)
         if not self._violates(t + h, new, mode, v):
             return new, mode
@@ -108,7 +108,7 @@ class AeroIntegrator:
         return self._advance(t + half, middle, mode, v, half, depth + 1)
 
     def _drive(self, which: int, t: float, state: State, v: float) -> float:
-        """What pushes a variable that is zero: volts, rotor torque, body torque."""
+        """Return what pushes a variable that is zero: volts, rotor torque, body torque."""
         p = self._equations.truth.parameters
         i, w, th, q = state[:4]
         n_i, n_w, n_q, _ = self._forces(t, i, w, th, q, state[4:], v)
@@ -180,7 +180,7 @@ class AeroIntegrator:
     def _rates(
         self, t: float, i: float, w: float, th: float, q: float, z: tuple[float, ...], v: float, mode: Mode
     ) -> tuple[float, float, float, list[float]]:
-        """What the exact part leaves: accelerations and the extra states' sources."""
+        """Return what the exact part leaves: accelerations and the extra states' sources."""
         n_i, n_w, n_q, sources = self._forces(t, i, w, th, q, z, v)
         inductance, rotor, body = self._inertia
         brush, friction, pivot = self._levels

@@ -139,7 +139,7 @@ class Assembly:
 
 
 def _lagged(grid: FloatArray, values: FloatArray, slopes: FloatArray, constant: float) -> FloatArray:
-    """A first-order lag of a signal with known slopes, shape (n,), settled at the first value.
+    """Return a first-order lag of a signal with known slopes, shape (n,), settled at the first value.
 
     Exact for the cubic p through values and slopes of an interval, to which the lag T answers by the polynomial
     p - T Dp + T^2 DDp - T^3 DDDp and a decaying exponential.

@@ -44,7 +44,7 @@ class Faulty:
 
 
 def without_fault(trial: RigTrial) -> Faulty:
-    """The training recording as it is."""
+    """Return the training recording as it is."""
     return Faulty(trial.train)
 
 
@@ -84,7 +84,7 @@ def with_fault(trial: RigTrial, fault: str, rng: Generator) -> Faulty | None:
 
 
 def _readings(trial: RigTrial, fault: str, name: str, rng: Generator) -> FloatArray | None:
-    """The readings of an output with a fault; None where it makes no sense."""
+    """Return the readings of an output with a fault; None where it makes no sense."""
     seen, clean = trial.train.outputs[name].copy(), trial.noise_free["train"].outputs[name]
     sd = trial.truth.noise[name].white
     if fault == "impossible":
@@ -138,7 +138,7 @@ def _stretch(rows: int, rng: Generator) -> tuple[int, int]:
 
 
 def _with_gap(recording: Recording, rng: Generator) -> Recording | None:
-    """The recording without a stretch in which an input changed."""
+    """Return the recording without a stretch in which an input changed."""
     for _ in range(20):
         first, last = _stretch(recording.rows, rng)
         if any(np.ptp(values[first:last]) > 0.0 for values in recording.inputs.values()):

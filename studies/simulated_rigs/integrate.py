@@ -115,7 +115,7 @@ class RigIntegrator:
         return [p + sixth * (k1 + 2.0 * (k2 + k3) + k4) for p, k1, k2, k3, k4 in zip(x, a, b, c, d, strict=True)]
 
     def _advance(self, t: float, x: list[float], h: float, depth: int) -> list[float]:
-        """One step, halved until every change of mode is at the end of a piece."""
+        """Take one step, halved until every change of mode is at the end of a piece."""
         new = self._step(t, x, h)
         if not self._switching or not self._wrong(t + h, new):
             return new

@@ -207,7 +207,7 @@ def write_trial(trial: RigTrial, folder: Path | str, truth: Path | str | None = 
 
 
 def _design(rng: Generator, duration: float) -> InputDesign:
-    """A signal within -1 and 1; times in units of the rig's clock."""
+    """Return a signal within -1 and 1; times in units of the rig's clock."""
     which = int(rng.integers(4))
     if which == 0:
         return random_levels(rng, 1.0, duration)
@@ -274,7 +274,7 @@ def _laws(rng: Generator, what: What, experiment: RigExperiment, clean_run: Clea
 
 
 def _together(experiment: RigExperiment, basis: FloatArray, laws: Sequence[LawTruth]) -> list[LawTruth]:
-    """The laws with the distance of each where the model knows the others."""
+    """Return the laws with the distance of each where the model knows the others."""
     if len(laws) == 1:
         return list(laws)
     return [

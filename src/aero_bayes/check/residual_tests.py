@@ -81,7 +81,7 @@ class ResidualReport:
         return min(1.0, len(self.tests) * min((test.p_value for test in self.tests), default=1.0))
 
     def to_dict(self) -> dict[str, object]:
-        """As ``residual`` in result.json holds it."""
+        """Return it as ``residual`` in result.json holds it."""
         return {
             "rms": self.rms,
             "noise_floor": self.noise_floor,

@@ -42,7 +42,7 @@ Place = Callable[[int], str]
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell of text is a number or a date rather than a name."""
+    """Return whether a cell of text is a number or a date rather than a name."""
     return any(form.fullmatch(cell) for form in (NUMBER, SPECIAL, TIMESTAMP, CLOCK))
 
 
@@ -101,7 +101,7 @@ def times_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
 
 
 def _iso_date(cell: str) -> str:
-    """A date with its month's name, or with points, as ISO 8601 has it; another cell as it is."""
+    """Return a date with its month's name, or with points, as ISO 8601 has it; another cell as it is."""
     if (found := NAMED_MONTH.fullmatch(cell)) and found[2].lower() in MONTHS:
         year = found[3] if len(found[3]) == 4 else f"20{found[3]}"
         return f"{year}-{MONTHS.index(found[2].lower()) + 1:02d}-{int(found[1]):02d} {found[4]}"
@@ -149,7 +149,7 @@ def seconds(times: Any) -> FloatArray:
 
 
 def numbers(column: Any, where: str) -> FloatArray:
-    """A column as numbers, NaN where there is none; InputError for dates, durations and text."""
+    """Return a column as numbers, NaN where there is none; InputError for dates, durations and text."""
     name = getattr(column, "name", None) or "time"
     kind = getattr(getattr(column, "dtype", None), "kind", "f")
     try:

@@ -13,7 +13,7 @@ from aero_bayes.data.runs import Rows
 
 
 def with_steady_clock(recording: Recording) -> Recording:
-    """The recording with the time after each step back of its clock moved behind the time before it.
+    """Return the recording with the time after each step back of its clock moved behind the time before it.
 
     How long the step took is not known, so that what follows it is marked as a part that begins anew. A clock that
     steps back so often that its parts are short is left to be refused.

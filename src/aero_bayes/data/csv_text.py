@@ -81,7 +81,7 @@ class TextTable:
         self.where = f"{path}, row {self.header.line}"
 
     def head(self) -> pandas.DataFrame:
-        """The first rows, as text."""
+        """Return the first rows, as text."""
         return self._frame(range(len(self.names)), Scan("", 20, (), False, False), dtype=str, nrows=20)
 
     def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
@@ -162,7 +162,7 @@ def free_memory() -> int:
 
 
 def read_header(path: Path) -> Header:
-    """Names and layout of a file's columns.
+    """Return names and layout of a file's columns.
 
     Raises
     ------
@@ -215,7 +215,7 @@ def _is_plain_number(cell: str) -> bool:
 
 
 def with_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Names of columns with the units of the line below them: ``F [N]``."""
+    """Return names of columns with the units of the line below them: ``F [N]``."""
     return [n + (f" [{u.strip('[]() ')}]" if u.strip("[]() ") else "") for n, u in zip(names, units, strict=True)]
 
 

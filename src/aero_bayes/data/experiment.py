@@ -22,7 +22,7 @@ def to_experiment(
     zero_at_rest: Sequence[str] | None = None,
     interpolation: Mapping[str, Interpolation] | Interpolation = "hold",
 ) -> Experiment:
-    """The experiment that a simulator runs. Held inputs are reduced to the samples at which they change.
+    """Return the experiment that a simulator runs. Held inputs are reduced to the samples at which they change.
 
     Parameters
     ----------
@@ -69,7 +69,10 @@ def to_experiment(
 
 
 def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float | None = None) -> InputSignal:
-    """A piecewise constant input with a point at every change. ``before`` is its value until the first sample."""
+    """Return a piecewise constant input with a point at every change.
+
+    ``before`` is its value until the first sample.
+    """
     keep = np.concatenate(([True], values[1:] != values[:-1]))
     grid, levels = time[keep], values[keep]
     if before is not None and before != levels[0]:
@@ -80,7 +83,7 @@ def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float |
 def input_before_start(
     recording: Recording, zero_at_rest: Sequence[str] | None = None, share: float = 0.02
 ) -> dict[str, float]:
-    """The value of each input before the first sample: zero if the rig was at rest, else its first value.
+    """Return the value of each input before the first sample: zero if the rig was at rest, else its first value.
 
     The first recorded output among ``zero_at_rest`` decides. If it begins at nearly zero (``share`` of its largest
     value), the rig was at rest. If none of them was recorded, the rig counts as at rest. Without ``zero_at_rest``,

@@ -28,7 +28,7 @@ SIGNAL_FILES: tuple[SignalFiles, ...] = (matlab, logs, modelica_table)
 
 
 def read_columns(path: Path, request: Request) -> Columns:
-    """The columns that a recording asks for, whatever the form of the file.
+    """Return the columns that a recording asks for, whatever the form of the file.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def read_columns(path: Path, request: Request) -> Columns:
 
 
 def column_names(path: Path) -> list[str]:
-    """Names of the columns or signals of a file."""
+    """Return names of the columns or signals of a file."""
     for form in SIGNAL_FILES:
         if form.is_one(path):
             return form.names_of(path)

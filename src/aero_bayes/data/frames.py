@@ -35,7 +35,10 @@ MOST_TITLES = 60
 
 
 def is_table(path: Path) -> bool:
-    """Whether a file is a table that pandas reads, by its suffix; InputError for one that is known and not read."""
+    """Return whether a file is a table that pandas reads, by its suffix.
+
+    InputError for one that is known and not read.
+    """
     suffix = path.suffix.lower()
     if suffix in REFUSED:
         raise InputError(f"{path}: {suffix} is not read: {REFUSED[suffix]}")
@@ -60,7 +63,7 @@ class FrameTable:
         self._frame = frame.set_axis(range(len(self.names)), axis=1)
 
     def head(self) -> pandas.DataFrame:
-        """The first rows."""
+        """Return the first rows."""
         return self._frame.head(20)
 
     def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
@@ -72,7 +75,7 @@ class FrameTable:
         return FileTable(found, digest, lambda row: f"row {row + first}", first)
 
     def _sheet(self, sheets: dict[str, pandas.DataFrame]) -> pandas.DataFrame:
-        """The first sheet with a header: a row of names above a row with numbers, or above one of units."""
+        """Return the first sheet with a header: a row of names above a row with numbers, or above one of units."""
         for title, sheet in sheets.items():
             for row in range(min(MOST_TITLES, len(sheet) - 1)):
                 below = 1 if _has_numbers(sheet.iloc[row + 1]) else 2
@@ -107,7 +110,7 @@ def read_with_extra(path: Path, extra: str, reader: str, **options: Any) -> Any:
 
 
 def missing_extra(path: Path, extra: str) -> InputError:
-    """The error for a file whose reader is not installed."""
+    """Return the error for a file whose reader is not installed."""
     return InputError(
         f"{path}: reading {path.suffix} files needs a further package: pip install 'aero-bayes[{extra}]', or write the "
         "signals as CSV"

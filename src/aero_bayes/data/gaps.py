@@ -33,7 +33,7 @@ def gap_rows(time: FloatArray, inputs: Mapping[str, FloatArray]) -> Rows:
 
 
 def _held(time: FloatArray, inputs: Mapping[str, FloatArray], row: int) -> bool:
-    """Whether every input was the same for the length of a gap before it and after it."""
+    """Return whether every input was the same for the length of a gap before it and after it."""
     length = time[row] - time[row - 1]
     beside = (time >= time[row - 1] - length) & (time <= time[row] + length)
     return all(np.ptp(values[beside]) == 0.0 for values in inputs.values())

@@ -97,7 +97,7 @@ class Layout:
 
     @classmethod
     def of(cls, inputs: Sequence[str], outputs: Sequence[str], units: Mapping[str, str] | None = None) -> Layout:
-        """A layout of names and units, without bounds on magnitudes."""
+        """Return a layout of names and units, without bounds on magnitudes."""
         known = units or {}
         return cls(
             tuple(ColumnSpec(name, known.get(name, "")) for name in inputs),
@@ -106,7 +106,7 @@ class Layout:
 
     @classmethod
     def declared(cls, declaration: PackageDeclaration) -> Layout:
-        """The columns that a package declares for its rigs."""
+        """Return the columns that a package declares for its rigs."""
         known = declaration.recording
         return cls(tuple(known.inputs.values()), tuple(known.outputs.values()), known.rates)
 

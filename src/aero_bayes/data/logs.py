@@ -25,24 +25,27 @@ NO_UNITS = ("", "-", "1", "none")
 
 
 def is_one(path: Path) -> bool:
-    """Whether a file is one of these, by its first bytes."""
+    """Return whether a file is one of these, by its first bytes."""
     with path.open("rb") as file:
         head = file.read(24).lstrip(b"\xef\xbb\xbf")
     return head.startswith((*MDF, TDMS, LABVIEW))
 
 
 def names_of(path: Path) -> list[str]:
-    """Names of the signals and of their times."""
+    """Return names of the signals and of their times."""
     return _signals(path).names
 
 
 def read(path: Path, request: Request) -> Columns:
-    """The signals that a recording asks for."""
+    """Return the signals that a recording asks for."""
     return pick_signals(path, _signals(path), request)
 
 
 def _signals(path: Path) -> Signals:
-    """All signals with their times; InputError for a file that cannot be read, or whose reader is not installed."""
+    """Return all signals with their times.
+
+    InputError for a file that cannot be read, or whose reader is not installed.
+    """
     with path.open("rb") as file:
         head = file.read(8)
     kind, extra = (_mdf, "mdf") if head in MDF else (_tdms, "tdms") if head.startswith(TDMS) else (_lvm, "")
@@ -128,7 +131,7 @@ def _tdms(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
 
 
 def _lvm(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
-    """One segment of a ``.lvm``; times are a column for all signals, one for each, or steps from ``X0``."""
+    """Return one segment of a ``.lvm``; times are a column for all signals, one for each, or steps from ``X0``."""
     import pandas
 
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()

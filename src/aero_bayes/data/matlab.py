@@ -87,7 +87,7 @@ def read(path: Path, request: Request) -> Columns:
 
 
 def names_of(path: Path) -> list[str]:
-    """Names of the vectors in the file."""
+    """Return names of the vectors in the file."""
     signals, opaque = _read(path, free_memory())
     if opaque and not signals.vectors:
         raise InputError(f"{path}: holds only objects of MATLAB; {_not_read(opaque)}")
@@ -95,7 +95,7 @@ def names_of(path: Path) -> list[str]:
 
 
 def _not_read(opaque: Sequence[str]) -> str:
-    """Which objects of MATLAB were not read, and what to do about them; SciPy knows no names of some."""
+    """Return which objects of MATLAB were not read, and what to do about them; SciPy knows no names of some."""
     named = ", ".join(name for name in opaque if name != "None") or "an object"
     if importlib.util.find_spec("matio") is None:
         return f"{named} cannot be read: pip install 'aero-bayes[matlab]' reads tables, timetables and timeseries"
@@ -106,7 +106,7 @@ def _not_read(opaque: Sequence[str]) -> str:
 
 
 def _clocks(names: Sequence[str]) -> dict[str, str]:
-    """The times of each vector: those of its structure, else the only ones that the file has."""
+    """Return the times of each vector: those of its structure, else the only ones that the file has."""
     times = [n for n in names if n.rpartition(".")[2].casefold() == "time"]
     common = [n for n in ("time", "t", "tout") if n in names] or (times if len(times) == 1 else [])
     clocks = {}
@@ -119,7 +119,7 @@ def _clocks(names: Sequence[str]) -> dict[str, str]:
 
 
 def _read(path: Path, memory: int) -> tuple[Signals, list[str]]:
-    """The file's vectors and the names of what cannot be read, by a process that a damaged file may crash."""
+    """Return the file's vectors and the names of what cannot be read, by a process that a damaged file may crash."""
     if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
         raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
     # -P: files beside the reader are no modules

@@ -53,7 +53,7 @@ def main(path: Path, memory: int) -> None:
 
 
 def _variables(path: Path, opaque: list[str]) -> dict[str, Any]:
-    """The file's variables as arrays and dictionaries; names of those that cannot be read go to ``opaque``."""
+    """Return the file's variables as arrays and dictionaries; names of those that cannot be read go to ``opaque``."""
     with path.open("rb") as file:
         head = file.read(520)
     if head.startswith(HDF5) or head[512:520] == HDF5:

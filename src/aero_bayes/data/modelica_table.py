@@ -20,18 +20,18 @@ COMMENT, SEPARATORS = re.compile(r"(#|//|/\*).*"), re.compile(r"[\s,;]+")
 
 
 def is_one(path: Path) -> bool:
-    """Whether a file begins as such a table."""
+    """Return whether a file begins as such a table."""
     with path.open("rb") as file:
         return bool(re.fullmatch(rb"(?:\xef\xbb\xbf)?#1\s*", file.readline(64)))
 
 
 def names_of(path: Path) -> list[str]:
-    """Names of the columns of all matrices."""
+    """Return names of the columns of all matrices."""
     return _signals(path).names
 
 
 def read(path: Path, request: Request) -> Columns:
-    """The columns that a recording asks for; InputError for a matrix that has not the size that it states."""
+    """Return the columns that a recording asks for; InputError for a matrix that has not the size that it states."""
     return pick_signals(path, _signals(path), request)
 
 

@@ -113,7 +113,7 @@ def noise_floor(values: FloatArray, time: FloatArray, inputs: Sequence[FloatArra
 
 
 def _noise(differences: Differences) -> NoiseVariances | float | None:
-    """The noise if it is known, else an upper bound; None without differences."""
+    """Return the noise if it is known, else an upper bound; None without differences."""
     lower: NoiseVariances | None = None
     most: float | None = None
     for order in DIFFERENCE_ORDERS:
@@ -130,7 +130,7 @@ def _noise(differences: Differences) -> NoiseVariances | float | None:
 
 
 def _agree(one: NoiseVariances, other: NoiseVariances) -> bool:
-    """Whether differences of two orders are mostly noise, and agree."""
+    """Return whether differences of two orders are mostly noise, and agree."""
     if (
         min(one.windows, other.windows) < MIN_DIFFERENCES
         or min(one.near / one.whole, other.near / other.whole) < MIN_NOISE_SHARE

@@ -116,7 +116,7 @@ def _read(file: Path, maps: Mapping[str, ColumnMap], layout: Layout, memory: int
 
 
 def _after_events(given: Columns, held: Sequence[str]) -> Columns:
-    """The rows without those that a simulator writes a second time at an event."""
+    """Return the rows without those that a simulator writes a second time at an event."""
     keep = without_repeats(given.columns, held)
     if keep.all():
         return given

@@ -114,7 +114,7 @@ class Recording:
         name: str = "recording",
         units: Mapping[str, str] | None = None,
     ) -> Recording:
-        """A recording from the columns of a data frame, checked as one that is read from a file.
+        """Return a recording from the columns of a data frame, checked as one that is read from a file.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class Recording:
         return np.column_stack([self.outputs[output] for output in outputs]) if outputs else np.empty((self.rows, 0))
 
     def slice(self, start: float, stop: float) -> Recording:
-        """The samples with ``start <= time < stop`` (s), times unchanged. Raises InputError if there is none."""
+        """Return the samples with ``start <= time < stop`` (s), times unchanged. Raises InputError if there is none."""
         keep = (self.time >= start) & (self.time < stop)
         if not keep.any():
             raise InputError(
@@ -198,7 +198,10 @@ class Recording:
         return self.rows_where(keep, f"{self.name} [{start:g} s, {stop:g} s)")
 
     def split(self, fraction: float) -> tuple[Recording, Recording]:
-        """The first ``fraction`` of the time and the rest, for a fit and its test. Raises InputError outside (0, 1)."""
+        """Return the first ``fraction`` of the time and the rest, for a fit and its test.
+
+        Raises InputError outside (0, 1).
+        """
         if not 0.0 < fraction < 1.0:
             raise InputError(f"{self.name}: cannot split at a fraction of {fraction:g}, expected between 0 and 1")
         first = self.time < self.time[0] + fraction * self.duration
@@ -210,13 +213,16 @@ class Recording:
         )
 
     def without(self, *, after: float) -> Recording:
-        """The same samples with every output reading from ``after`` (s) on taken out: hold a part back from a fit."""
+        """Return the same samples with every output reading from ``after`` (s) on taken out.
+
+        Hold a part back from a fit.
+        """
         hidden = self.time >= after
         outputs = {name: np.where(hidden, np.nan, values) for name, values in self.outputs.items()}
         return replace(self, name=f"{self.name} (outputs to {after:g} s)", outputs=outputs, sha256="")
 
     def thin(self, every: int) -> Recording:
-        """Every ``every``-th output reading; the others become gaps, so that the input keeps its jumps."""
+        """Return every ``every``-th output reading; the others become gaps, so that the input keeps its jumps."""
         if every < 1:
             raise InputError(f"{self.name}: cannot keep every {every}th reading, expected 1 or more")
         hidden = np.arange(self.rows) % every != 0
@@ -240,7 +246,7 @@ class Recording:
         return plot_backend().recording_figure(self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
-        """Every column by time (s), in SI units.
+        """Return every column by time (s), in SI units.
 
         Examples
         --------
@@ -252,7 +258,7 @@ class Recording:
         return pandas.DataFrame({**self.inputs, **self.outputs}, index=pandas.Index(self.time, name="time"))
 
     def to_dict(self) -> dict[str, str | int | float]:
-        """The ``data`` entry of result.json: ``file``, ``sha256``, ``rows``, ``rate_hz``."""
+        """Return the ``data`` entry of result.json: ``file``, ``sha256``, ``rows``, ``rate_hz``."""
         file = self.path.name if self.path else self.name
         return {"file": file, "sha256": self.sha256, "rows": self.rows, "rate_hz": round(self.rate_hz, 6)}
 
@@ -271,7 +277,7 @@ class Recording:
         return table_html(("column", "kind", "unit", "range", "gaps"), rows, caption)
 
     def rows_where(self, keep: NDArray[np.bool_], name: str) -> Recording:
-        """The samples where ``keep`` (n,) holds, under another name."""
+        """Return the samples where ``keep`` (n,) holds, under another name."""
         first = int(np.argmax(keep))
         return replace(
             self,

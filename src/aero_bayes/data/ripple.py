@@ -16,14 +16,14 @@ MIN_ROTOR_SPEED = 20.0
 
 
 def _rotor_speed(recording: Recording) -> FloatArray | None:
-    """The fastest of the outputs that are speeds in rad/s; None where none was recorded."""
+    """Return the fastest of the outputs that are speeds in rad/s; None where none was recorded."""
     speeds = [y for name, y in recording.outputs.items() if recording.units.get(name) == "rad/s"]
     seen = [y for y in speeds if np.isfinite(y).any()]
     return max(seen, key=lambda y: float(np.nanmax(np.abs(y))), default=None)
 
 
 def _rotor_angle(recording: Recording, speed: FloatArray) -> FloatArray:
-    """The rotor's angle in rad from its recorded speed (trapezoidal rule)."""
+    """Return the rotor's angle in rad from its recorded speed (trapezoidal rule)."""
     seen = np.isfinite(speed)
     filled = np.interp(recording.time, recording.time[seen], speed[seen])
     steps = 0.5 * (filled[1:] + filled[:-1]) * np.diff(recording.time)

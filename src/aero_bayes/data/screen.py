@@ -44,12 +44,12 @@ def screen(recording: Recording) -> tuple[Recording, ...]:
 
 
 def screen_all(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """The screened parts of recordings, in order."""
+    """Return the screened parts of recordings, in order."""
     return tuple(part for recording in recordings for part in screen(recording))
 
 
 def hide(recording: Recording, output: str, rows: Mask, kind: FindingKind, what: str, done: str = "") -> Recording:
-    """The recording without some readings of an output, and with a finding that says so.
+    """Return the recording without some readings of an output, and with a finding that says so.
 
     Parameters
     ----------
@@ -77,12 +77,12 @@ def where(recording: Recording, rows: Mask) -> str:
 
 
 def _source(recording: Recording) -> str:
-    """The file, or the name of arrays."""
+    """Return the file, or the name of arrays."""
     return recording.path.name if recording.path is not None else recording.name
 
 
 def _with_possible_inputs(recording: Recording) -> Recording:
-    """The recording with inputs held where the logger wrote a constant that is no value of them."""
+    """Return the recording with inputs held where the logger wrote a constant that is no value of them."""
     for name, values in recording.inputs.items():
         for constant, rows in impossible_inputs(values).items():
             kept = np.flatnonzero(~rows)
@@ -102,7 +102,7 @@ def _with_possible_inputs(recording: Recording) -> Recording:
 
 
 def _without_wrong_readings(recording: Recording) -> Recording:
-    """The recording without readings that are none, and with a finding for an angle that wraps."""
+    """Return the recording without readings that are none, and with a finding for an angle that wraps."""
     for name in recording.outputs:
         unit = recording.units.get(name, "")
         for constant, rows in sentinels(recording.outputs[name], recording.inputs).items():
@@ -120,7 +120,10 @@ def _without_wrong_readings(recording: Recording) -> Recording:
 
 
 def _with_told(recording: Recording, name: str, unit: str) -> Recording:
-    """The recording with findings for what only the user can mend: an angle that wraps, a channel that never moves."""
+    """Return the recording with findings for what only the user can mend.
+
+    An angle that wraps, a channel that never moves.
+    """
     values = recording.outputs[name]
     told = {(f.kind, f.signal) for f in recording.findings}
     rows = np.zeros(recording.rows, dtype=bool)
@@ -140,7 +143,7 @@ def _with_told(recording: Recording, name: str, unit: str) -> Recording:
 
 
 def _parts(recording: Recording) -> tuple[Recording, ...]:
-    """The recording cut at its gaps; parts of a few samples are left out."""
+    """Return the recording cut at its gaps; parts of a few samples are left out."""
     gaps = gap_rows(recording.time, recording.inputs)
     rows = np.union1d(gaps, np.array(recording.cuts, dtype=np.intp))
     if rows.size == 0:

@@ -73,7 +73,7 @@ def impossible_inputs(values: FloatArray) -> dict[float, Mask]:
 
 
 def _farthest_outside(values: FloatArray, left: Mask, near: Mask) -> float | None:
-    """The constant that is farthest outside of the range of all others; None if none is impossible."""
+    """Return the constant that is farthest outside of the range of all others; None if none is impossible."""
     seen = values[left]
     if seen.size < MIN_SENTINEL_READINGS:
         return None
@@ -109,7 +109,9 @@ def _repeated(values: FloatArray, left: Mask) -> list[float]:
 
 
 def _likely(seen: FloatArray) -> set[float]:
-    """The constants that may be far off their neighbours, from one pass over all readings: each is looked at by itself
+    """Return the constants that may be far off their neighbours, from one pass over all readings.
+
+    Each is looked at by itself
     at the cost of all readings, and a long recording has a hundred thousand that occur three times."""
     each = seen[np.concatenate(([True], np.diff(seen) != 0.0))]
     if each.size < 3:
@@ -123,7 +125,7 @@ def _likely(seen: FloatArray) -> set[float]:
 
 
 def _far_off(values: FloatArray, left: Mask, rows: Mask, near: Mask) -> bool:
-    """Whether nearly each run of a constant is short and far off the readings before and after, which agree."""
+    """Return whether nearly each run of a constant is short and far off the readings before and after, which agree."""
     at = np.flatnonzero(left & ~rows)
     step = typical_step(values[at])
     isolated = total = 0

@@ -77,7 +77,7 @@ class Signals:
 
 
 def column_called(source: str, names: Iterable[str]) -> str | None:
-    """The name in a file that a signal's name means: itself, or the only one that adds a unit or a place to it.
+    """Return the name in a file that a signal's name means: itself, or the only one that adds a unit or a place to it.
 
     ``F`` is ``F [N]``, and ``run.F`` or ``group/F`` where there is one such signal.
     """
@@ -94,7 +94,7 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
 
 
 def pick_signals(path: Path, signals: Signals, request: Request, hint: str = MAP_COLUMNS) -> Columns:
-    """The signals that a recording asks for, at one time.
+    """Return the signals that a recording asks for, at one time.
 
     Parameters
     ----------

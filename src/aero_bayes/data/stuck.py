@@ -63,7 +63,7 @@ def stuck_rows(values: FloatArray, inputs: Mapping[str, FloatArray]) -> tuple[Ma
 
 
 def _jumps(seen: FloatArray, start: int, stop: int, usual: float) -> bool:
-    """Whether a run begins and ends with a jump: a flow that was shut off rests at zero by right."""
+    """Return whether a run begins and ends with a jump: a flow that was shut off rests at zero by right."""
     before = abs(seen[start] - seen[start - 1]) if start else np.inf
     after = abs(seen[stop] - seen[stop - 1]) if stop < seen.size else np.inf
     return bool(min(before, after) > 10.0 * usual)

@@ -36,7 +36,7 @@ TIME_NAMES = {"time", "timestamp", "zeit", "xvalue", "datetime"}
 
 
 def is_time_name(name: str) -> bool:
-    """Whether a column's name, without its unit, is one of times: ``t``, but not ``T``."""
+    """Return whether a column's name, without its unit, is one of times: ``t``, but not ``T``."""
     plain = re.sub(r"[\W_]", "", name)
     return plain == "t" or plain.casefold() in TIME_NAMES
 
@@ -125,7 +125,7 @@ def read_table(file: TableFile, request: Request) -> Columns:
 
 
 def _clocks(where: str, names: Sequence[str], named: Mapping[str, str]) -> dict[str, str]:
-    """The column of times of each signal, where all signals have one: ``time_P`` beside ``P``, ``t [P]``."""
+    """Return the column of times of each signal, where all signals have one: ``time_P`` beside ``P``, ``t [P]``."""
     clocks: dict[str, str] = {}
     for name in names:
         parts = re.split(r"[ _\-\[\].:]+", name.strip("[] "), maxsplit=1)
@@ -141,7 +141,10 @@ def _clocks(where: str, names: Sequence[str], named: Mapping[str, str]) -> dict[
 
 
 def _in_rows(file: TableFile, request: Request) -> _Rows | None:
-    """Where a table holds one reading a row: a column of text has the names of signals that no column is called by."""
+    """Find the columns of a table with one reading a row.
+
+    One of text has the names of signals that no column is called by.
+    """
     missing = {request.sources[n] for n in (*request.wanted, *request.optional) if n != "time"} - set(file.names)
     if not missing or len(file.names) < 3:
         return None
@@ -199,7 +202,10 @@ def _read_rows(file: TableFile, request: Request, rows: _Rows) -> Columns:
 
 
 def row_names(file: TableFile) -> list[str]:
-    """Names of signals in a table with one reading a row, for those who ask what a file holds; else its columns."""
+    """Return names of signals in a table with one reading a row, for those who ask what a file holds.
+
+    Else its columns.
+    """
     timed = [n for n in file.names if is_time_name(n.partition("[")[0])]
     called = [n for n in file.names if VALUE_NAME.fullmatch(n)]
     text = [n for n in file.names if n.casefold() in SIGNAL_NAMES]
@@ -209,7 +215,7 @@ def row_names(file: TableFile) -> list[str]:
 
 
 def quality_columns(names: Sequence[str], signals: Mapping[str, str]) -> dict[str, list[str]]:
-    """The signals that each column of quality words is about, by the column's name.
+    """Return the signals that each column of quality words is about, by the column's name.
 
     ``signals`` has the column of each signal. A column that names no signal is about all of them.
     """

@@ -31,7 +31,7 @@ def wrapped_rows(values: FloatArray, unit: str) -> Rows:
 
 
 def unwrapped(values: FloatArray, unit: str) -> FloatArray:
-    """The angle without its jumps of a whole turn, gaps left out; radians where the unit is no angle's."""
+    """Return the angle without its jumps of a whole turn, gaps left out; radians where the unit is no angle's."""
     found = values.copy()
     seen = np.isfinite(values)
     found[seen] = np.unwrap(values[seen], period=TURNS.get(unit, TURNS["rad"]))

@@ -85,7 +85,7 @@ class Design(ProposedInput):
         return float(np.exp(np.mean([np.log(e.gain) for e in self.expected if e.target])))
 
     def to_dict(self) -> dict[str, object]:
-        """Everything as plain numbers and text."""
+        """Return everything as plain numbers and text."""
         time, values = self.table()
         return {
             "input": self.input,

@@ -45,7 +45,7 @@ class Separation(ProposedInput):
         return min(self.first_true, self.second_true)
 
     def to_dict(self) -> dict[str, object]:
-        """Everything as plain numbers and text."""
+        """Return everything as plain numbers and text."""
         time, values = self.table()
         return {
             "input": self.input,

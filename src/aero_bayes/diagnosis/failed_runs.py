@@ -70,7 +70,9 @@ def _leaves(tree: Expression, constants: set[str]) -> str:
 
 
 def failing_run(fit: Fit) -> str:
-    """Values, recording and time at which a run fails: the start of the search if it fails, else a point near the fit.
+    """Return values, recording and time at which a run fails.
+
+    The start of the search if it fails, else a point near the fit.
 
     Empty where no such run fails.
     """
@@ -89,7 +91,7 @@ def failing_run(fit: Fit) -> str:
 
 
 def _time_of_failure(calibration: Calibration, row: FloatArray, index: int) -> float:
-    """The time in s up to which a recording can be simulated."""
+    """Return the time in s up to which a recording can be simulated."""
     experiment = calibration.experiments[index]
     good, bad = 1, experiment.time.size
     for _ in range(HALVINGS):

@@ -101,7 +101,7 @@ def _tolerance_row(fit: Fit, moved: dict[str, float], left: LeftOver) -> Diagnos
 
 
 def _explains(fit: Fit, moved: dict[str, float], left: LeftOver) -> bool:
-    """Whether the solver's error is of the size of what the noise does not explain in each output that moves."""
+    """Return whether the solver's error is of the size of what the noise does not explain in each output that moves."""
     for output, size in moved.items():
         noise = [sd**2 for (_, name), sd in left.floors.items() if name == output]
         structured = max(fit.rms[output] ** 2 - (float(np.mean(noise)) if noise else 0.0), 0.0)

@@ -104,7 +104,10 @@ def _leave_out_changes(calibration: Calibration, series: Sequence[Series], optim
 
 
 def _parts(series: Sequence[Series], leverage: FloatArray, optimum: Optimum) -> list[Readings]:
-    """What is left out in turn: each recording; of a single one, blocks that are long beside the residual's memory."""
+    """Return what is left out in turn: each recording.
+
+    Of a single one, blocks that are long beside the residual's memory.
+    """
     lengths = [residual_correlation_time([r]) for r in optimum.evaluation.residual]
     least = math.ceil(BLOCK_LENGTH * sum(lengths))
     by_recording = blocks_of_time(series, leverage, BLOCK_COUNT, max(least, MIN_BLOCK_READINGS))

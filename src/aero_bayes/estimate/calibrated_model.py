@@ -134,7 +134,7 @@ def calibrated_model(
     chosen: Mapping[str, str] | None = None,
     delays: Collection[str] = (),
 ) -> CalibratedModel:
-    """The class with the values (p,) of a calibration's parameters, and those that it holds.
+    """Return the class with the values (p,) of a calibration's parameters, and those that it holds.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def _interval_text(found: Interval | None, unit: str) -> str:
 
 
 def _parts(name: str) -> list[str]:
-    """The parts of a component's name, without what stands in brackets."""
+    """Return the parts of a component's name, without what stands in brackets."""
     return re.sub(r"\[[^\]]*\]", "", name).split(".")
 
 
@@ -239,14 +239,14 @@ def _indices(name: str) -> tuple[int, ...]:
 
 
 def _whole_arrays(model: Model, given: Mapping[str, float]) -> dict[str, float]:
-    """The values, with the model's own for the other elements of an array: Modelica sets an array as a whole."""
+    """Return the values, with the model's own for the other elements of an array: Modelica sets an array as a whole."""
     arrays = {tuple(_parts(name)) for name in given if "[" in name}
     own = {v.name: v.start for v in model.parameters if v.start is not None and tuple(_parts(v.name)) in arrays}
     return {**own, **given}
 
 
 def _tree(given: Mapping[str, float | str], remarks: Mapping[str, str]) -> ModifierTree:
-    """Values with their remarks, by components as they are nested; an array's elements are one value."""
+    """Return values with their remarks, by components as they are nested; an array's elements are one value."""
     # Of an array of components with one value in each, the modifier says `each`: not every compiler spreads an array
     # over components whose declaration has `each` already.
     arrays: dict[tuple[str, ...], dict[tuple[int, ...], float | str]] = {}
@@ -293,7 +293,7 @@ def _array(elements: Iterable[tuple[tuple[int, ...], float | str]]) -> Parameter
 
 
 def _text(value: ParameterValues) -> str:
-    """With as many digits as give the same trajectory again."""
+    """Write it with as many digits as give the same trajectory again."""
     if isinstance(value, str):
         return value
     return f"{{{', '.join(map(_text, value))}}}" if isinstance(value, list) else f"{value:.12g}"

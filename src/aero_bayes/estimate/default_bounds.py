@@ -11,7 +11,7 @@ MIN_BOUND_RATIO = 1e-12
 
 
 def model_bound(bound: float | None, start: float) -> float | None:
-    """A bound that the model gives; a tiny one (``Modelica.Constants.small``) counts as zero."""
+    """Return a bound that the model gives; a tiny one (``Modelica.Constants.small``) counts as zero."""
     return 0.0 if bound is not None and abs(bound) < MIN_BOUND_RATIO * abs(start) else bound
 
 

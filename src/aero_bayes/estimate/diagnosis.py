@@ -50,7 +50,7 @@ class DiagnosisRow:
         return f"{self.what.removesuffix('.')}{where}.{' ' if self.done else ''}{self.done}{more_words(self.more)}"
 
     def to_dict(self) -> dict[str, object]:
-        """As ``diagnosis`` in result.json holds it."""
+        """Return it as ``diagnosis`` in result.json holds it."""
         return {
             "cause": self.cause, "found": self.found, "what": self.what, "where": self.where, "done": self.done,
             "more": list(self.more),
@@ -58,7 +58,7 @@ class DiagnosisRow:
 
 
 def more_words(more: Sequence[str]) -> str:
-    """How many findings a row of a diagnosis has beside its first one."""
+    """Return how many findings a row of a diagnosis has beside its first one."""
     return f" And {len(more)} more, see the diagnosis." if more else ""
 
 
@@ -98,7 +98,7 @@ class Diagnosis:
         return "diagnosis: " + ", ".join(f"{row.cause} {'FOUND' if row.found else 'clear'}" for row in self.rows)
 
     def to_list(self) -> list[dict[str, object]]:
-        """As ``diagnosis`` in result.json holds it."""
+        """Return it as ``diagnosis`` in result.json holds it."""
         return [row.to_dict() for row in self.rows]
 
     def _repr_html_(self) -> str:

@@ -91,12 +91,15 @@ class Identifiability:
         return replace(self, steps=steps, no_effect=tuple(name for name in self.no_effect if name not in names))
 
     def capped(self, name: str, status: Status) -> Status:
-        """The status of a parameter, at best weak if it belongs to a flat direction."""
+        """Return the status of a parameter, at best weak if it belongs to a flat direction."""
         flat = any(name in direction.members for direction in self.flat)
         return Status.WEAK if flat and status is Status.IDENTIFIED else status
 
     def sentences(self, held: Sequence[str] = ()) -> tuple[str, ...]:
-        """What a reader should know, one sentence each; ``held`` names those that were then left at their start."""
+        """Return what a reader should know, one sentence each.
+
+        ``held`` names those that were then left at their start.
+        """
         lines = [f"`{name}` changes no recorded output: it cannot be determined." for name in self.no_effect]
         lines += [f"`{step.name}` {step.note}." for step in self.steps]
         lines += [direction.sentence for direction in self.flat]
@@ -112,7 +115,7 @@ class Identifiability:
         return tuple(lines)
 
     def to_dict(self, held: Sequence[str] = ()) -> dict[str, object]:
-        """The ``identifiability`` entry of result.json; ``held`` as in :meth:`sentences`."""
+        """Return the ``identifiability`` entry of result.json; ``held`` as in :meth:`sentences`."""
         return {
             "combinations": [
                 {"text": c.text, "members": list(c.members), "sd_relative": c.relative_sd} for c in self.combinations
@@ -145,7 +148,7 @@ def _determined(members: Sequence[str], texts: Sequence[str]) -> str:
 
 
 def _listed(words: Sequence[str]) -> str:
-    """Names, marked as such, in a sentence."""
+    """Return names, marked as such, in a sentence."""
     return join_names([f"`{word}`" for word in words])
 
 

@@ -112,7 +112,7 @@ def with_free_starts(parameters: ParameterSet, experiments: Sequence[Experiment]
 
 
 def _with_free_start(p: Parameter, experiment: Experiment, model: Model) -> Parameter:
-    """The initial value of a state that is an output with a wider prior; any other parameter unchanged."""
+    """Return the initial value of a state that is an output with a wider prior; any other parameter unchanged."""
     if not isinstance(p.target, StartTarget) or not isinstance(p.prior, Normal) or experiment.measured is None:
         return p
     for column, name in enumerate(experiment.outputs):
@@ -130,7 +130,7 @@ def _range(values: FloatArray) -> float:
 
 
 def state_of(model: Model, output: str) -> Variable | None:
-    """The state that an output is an alias of, if it is one."""
+    """Return the state that an output is an alias of, if it is one."""
     own = next((s for s in model.states if s.name == output), None)
     if own is not None:
         return own
@@ -162,7 +162,7 @@ def _start_prior(state: Variable, expected: float, spread: float) -> tuple[float
 
 
 def state_sizes(model: Model, experiment: Experiment, states: list[Variable]) -> Mapping[str, float]:
-    """A natural size of each state: its range in a simulation of the model as it is."""
+    """Return a natural size of each state: its range in a simulation of the model as it is."""
     if not states:
         return {}
     names = tuple(state.name for state in states)
@@ -179,7 +179,7 @@ def state_sizes(model: Model, experiment: Experiment, states: list[Variable]) ->
 
 
 def first_reading_of(values: FloatArray, recording: Recording) -> float | None:
-    """The first reading; None if the first hundredth of the recording is a gap."""
+    """Return the first reading; None if the first hundredth of the recording is a gap."""
     seen = np.flatnonzero(np.isfinite(values))
     if seen.size == 0 or recording.time[seen[0]] - recording.time[0] > 0.01 * recording.duration:
         return None

@@ -42,7 +42,7 @@ def moving_inputs(calibration: Calibration) -> tuple[str, ...]:
 
 
 def with_interpolation(calibration: Calibration, interpolation: Mapping[str, Interpolation]) -> Calibration:
-    """The calibration with another interpolation of some of its inputs."""
+    """Return the calibration with another interpolation of some of its inputs."""
     at_rest = calibration.model.declared.recording.zero_at_rest
     wanted = {**calibration.interpolation, **interpolation}
     experiments = []
@@ -53,13 +53,13 @@ def with_interpolation(calibration: Calibration, interpolation: Mapping[str, Int
 
 
 def with_linear_inputs(calibration: Calibration) -> Calibration | None:
-    """The calibration with linear interpolation of its moving inputs; None if there are none."""
+    """Return the calibration with linear interpolation of its moving inputs; None if there are none."""
     moving = moving_inputs(calibration)
     return with_interpolation(calibration, dict.fromkeys(moving, "linear")) if moving else None
 
 
 def with_other_interpolation(calibration: Calibration) -> Calibration | None:
-    """The calibration with the other interpolation of its moving inputs; None if there are none."""
+    """Return the calibration with the other interpolation of its moving inputs; None if there are none."""
     if "linear" not in calibration.interpolation.values():
         return with_linear_inputs(calibration)
     return with_interpolation(calibration, dict.fromkeys(calibration.interpolation, "hold"))
@@ -110,7 +110,10 @@ def _better_fit(
     search: GlobalSearch, here: Optimum, other: Calibration, open_simulator: OpenSimulator,
     anew: tuple[np.random.Generator, pso.SwarmResult | None] | None = None,
 ) -> Optimum | None:  # fmt: skip
-    """The best fit of another calibration if it is likelier: from a known optimum, and from the start if ``anew``."""
+    """Return the best fit of another calibration if it is likelier.
+
+    From a known optimum, and from the start if ``anew``.
+    """
     enough = here.log_likelihood + MIN_LOG_LIKELIHOOD_GAIN
     with open_simulator(other.problem()) as simulator:
         study = search.objective.with_calibration(other, simulator)

@@ -46,7 +46,9 @@ class Laplace:
 
 
 def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdjustment | None:
-    """How much wider than its likelihood the posterior is; None where noise describes the residuals of all outputs.
+    """Return how much wider than its likelihood the posterior is.
+
+    None where noise describes the residuals of all outputs.
 
     Parameters that all recordings share have the covariance of the moving-block jackknife
     (:func:`jackknife_covariance`), in no direction less than that of independent readings. An initial value or a delay
@@ -99,7 +101,7 @@ def widened_covariance(objective: Objective, optimum: Optimum) -> FloatArray:
 
 
 def with_robust_covariance(objective: Objective, optimum: Optimum) -> Optimum:
-    """The optimum with the covariance that its residuals ask for, where they are no noise."""
+    """Return the optimum with the covariance that its residuals ask for, where they are no noise."""
     wrong = any(optimum.noise[s.output].model_error for s in objective.series)
     return replace(optimum, covariance=widened_covariance(objective, optimum)) if wrong else optimum
 

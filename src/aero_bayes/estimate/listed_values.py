@@ -72,19 +72,19 @@ def split_values(
 
 
 def values_text(values: Mapping[str, ListedValue]) -> str:
-    """Values by name, as they are given."""
+    """Return values by name, as they are given."""
     return ", ".join(f"{name} = {value_text(value)}" for name, value in values.items())
 
 
 def value_text(value: ListedValue) -> str:
-    """A value as TOML and Modelica write it."""
+    """Return a value as TOML and Modelica write it."""
     if isinstance(value, bool):
         return "true" if value else "false"
     return value if isinstance(value, str) else f"{value:.12g}"
 
 
 def combinations(model: Model, values: Mapping[str, Sequence[ListedValue]]) -> list[ValueCombination]:
-    """Every combination of listed values, not compiled yet: :func:`compiled` gives its model the values.
+    """Return every combination of listed values, not compiled yet: :func:`compiled` gives its model the values.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def combinations(model: Model, values: Mapping[str, Sequence[ListedValue]]) -> l
 
 
 def compiled(combination: ValueCombination) -> ValueCombination:
-    """The combination with its own model, built from the class with its modifiers where it has any.
+    """Return the combination with its own model, built from the class with its modifiers where it has any.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def compiled(combination: ValueCombination) -> ValueCombination:
 
 
 def _kept(path: Path) -> Path:
-    """The file where it stays until this process ends."""
+    """Return the file where it stays until this process ends."""
     from aero_bayes.simulation.load_model import session_folder
 
     return path.rename(session_folder() / path.name)
@@ -166,7 +166,7 @@ def _real(name: str, value: ListedValue) -> _Choice:
 
 
 def _discrete(model: Model, flat: FlatModel | None, name: str, given: Sequence[ListedValue]) -> list[_Choice]:
-    """The values of a parameter that is Integer, Boolean or of an enumeration."""
+    """Return the values of a parameter that is Integer, Boolean or of an enumeration."""
     v = next((v for v in flat.variables if v.name == name and v.constant), None) if flat is not None else None
     if v is None or flat is None:
         raise InputError(no_parameter_text(model, name))
@@ -188,7 +188,7 @@ def _kind(flat: FlatModel, v: FlatVariable) -> str:
 
 
 def _choice(flat: FlatModel, v: FlatVariable, value: ListedValue) -> _Choice | None:
-    """A value of the type that the parameter has; None if it is none."""
+    """Return a value of the type that the parameter has; None if it is none."""
     if v.type == "Boolean":
         return _Choice(value, float(value), value_text(value)) if isinstance(value, bool) else None
     if v.type == "Integer":

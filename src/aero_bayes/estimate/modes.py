@@ -50,7 +50,7 @@ class Mode:
     share: float
 
     def text(self, names: Sequence[str]) -> str:
-        """Values of some parameters, and the share."""
+        """Return values of some parameters, and the share."""
         return f"{', '.join(f'{n} = {self.values[n]:.4g}' for n in names)} ({100.0 * self.share:.0f} % likely)"
 
 
@@ -134,13 +134,13 @@ def _images(objective: Objective, here: Optimum) -> list[FloatArray]:
 
 
 def _may_swap(a: Parameter, b: Parameter, values: FloatArray) -> bool:
-    """Whether two parameters are of one kind, and may have each other's values."""
+    """Return whether two parameters are of one kind, and may have each other's values."""
     inside = a.lower <= values[1] <= a.upper and b.lower <= values[0] <= b.upper
     return a.unit == b.unit and inside and not math.isclose(values[0], values[1], rel_tol=1e-3)
 
 
 def _particles(here: Optimum, box: tuple[FloatArray, FloatArray], swarm: SwarmResult | None) -> list[FloatArray]:
-    """Where particles ended that are far from the optimum, and from each other."""
+    """Return where particles ended that are far from the optimum, and from each other."""
     if swarm is None or swarm.candidates.shape[1] != len(here.free):
         return []
     columns = list(here.free)

@@ -23,7 +23,7 @@ MAX_REFITS, MIN_CHANGE = 10, 0.02
 
 
 def choose_spreads(noise: NoiseModel, series: Sequence[Series], here: Optimum) -> dict[str, SpreadModel]:
-    """The outputs whose noise is not equally large at each reading, with the kind that the residual shows.
+    """Return the outputs whose noise is not equally large at each reading, with the kind that the residual shows.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def choose_spreads(noise: NoiseModel, series: Sequence[Series], here: Optimum) -
 def with_spread(
     calibration: Calibration, models: Mapping[str, SpreadModel], series: Sequence[Series], here: Optimum
 ) -> Calibration:
-    """The calibration with the spread of each reading, from the predictions and residuals of a fit."""
+    """Return the calibration with the spread of each reading, from the predictions and residuals of a fit."""
     spreads = [np.ones(measured.shape) for measured in calibration.measured]
     for k, s in enumerate(series):
         if s.output in models:
@@ -113,7 +113,7 @@ def _alike(old: FloatArray | None, new: FloatArray | None) -> bool:
 
 
 def _correlated(output: str, search: GlobalSearch, here: Optimum) -> bool:
-    """Whether an output's innovations are correlated over time."""
+    """Return whether an output's innovations are correlated over time."""
     by_series = np.split(
         search.objective.whiten(replace(here.evaluation, slopes=None), here.noise).residual,
         np.cumsum([s.sampling.size for s in search.objective.series])[:-1],

@@ -50,7 +50,10 @@ def process_noise_table(process: ProcessNoise | None, parameters: Mapping[str, E
 def structure_warnings(
     calibration: Calibration, innovations: Mapping[str, NDArray[np.float64]], noise: Mapping[str, OutputNoise]
 ) -> tuple[str, ...]:
-    """One sentence for each output whose residual the noise cannot explain; ``innovations`` are whitened residuals."""
+    """Return one sentence for each output whose residual the noise cannot explain.
+
+    ``innovations`` are whitened residuals.
+    """
     units = {v.name: v.unit for v in calibration.model.outputs}
     lines = []
     for name in calibration.outputs:

@@ -57,13 +57,13 @@ def _delay(limit: float, index: int, suffix: str) -> Parameter:
 
 
 def input_delay(name: str, limit: float) -> Parameter:
-    """The delay of one input by up to ``limit`` s, the same in every recording: a dead time of the rig."""
+    """Return the delay of one input by up to ``limit`` s, the same in every recording: a dead time of the rig."""
     prior, about = Uniform(0.0, limit), f"delay of {name}"
     return Parameter(f"{name}_delay", "s", 0.3 * limit, 0.0, limit, prior, "linear", about, DelayTarget(name))
 
 
 def _delays(experiments: Sequence[Experiment], limits: Mapping[str, float], policy: DelayPolicy) -> list[Parameter]:
-    """Those of single inputs."""
+    """Return those of single inputs."""
     wanted = {
         name: limit for name, limit in limits.items() if limit and _delay_wanted(experiments, policy, limit, name)
     }
@@ -81,7 +81,7 @@ def check_inputs(recordings: Sequence[Recording], names: Iterable[str], of_what:
 def _delay_wanted(
     experiments: Sequence[Experiment], policy: DelayPolicy, limit: float, name: str | None = None
 ) -> bool:
-    """Whether a delay of an input (of any by default) is searched: asked for, or seen in one of the experiments.
+    """Return whether a delay of an input (of any by default) is searched: asked for, or seen in one of the experiments.
 
     An input may change before the first reading: an experiment that begins at rest has zero there.
     """

@@ -54,7 +54,7 @@ class OtherTools(EstimateTable):
         return np.asarray(0.5 * (found + found.T))  # rounding leaves it not quite symmetric, which MATLAB refuses
 
     def to_modelica(self) -> str:
-        """The Modelica class with all values of the fit, as text; it extends the class that was fitted.
+        """Return the Modelica class with all values of the fit, as text; it extends the class that was fitted.
 
         Raises
         ------
@@ -187,7 +187,7 @@ def _target(path: Path | str, endings: Sequence[str]) -> Path:
 
 
 def _matlab_names(names: Sequence[str]) -> list[str]:
-    """Names as MATLAB allows them, each once."""
+    """Return names as MATLAB allows them, each once."""
     found: list[str] = []
     for name in names:
         plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[: MATLAB_NAME - 4]

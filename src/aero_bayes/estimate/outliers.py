@@ -40,7 +40,7 @@ MIN_OUTLIER_READINGS = 30
 def without_outliers(
     calibration: Calibration, fitted: Sequence[FloatArray]
 ) -> tuple[Calibration, tuple[DataFinding, ...]]:
-    """The calibration without the readings that are outliers of a fit, and what is told of them.
+    """Return the calibration without the readings that are outliers of a fit, and what is told of them.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, 
 
 
 def _off_the_curve(residual: FloatArray, off: FloatArray, start: int, stop: int) -> bool:
-    """Whether a run of readings is off the cubic through the two residuals on either side of it.
+    """Return whether a run of readings is off the cubic through the two residuals on either side of it.
 
     What a model lacks near a resonance has crests of a few readings; these lie on the curve, outliers do not.
     """
@@ -131,7 +131,7 @@ def _off_the_curve(residual: FloatArray, off: FloatArray, start: int, stop: int)
 
 
 def _hidden(recording: Recording, name: str, rows: np.ndarray, distances: FloatArray) -> Recording:
-    """The recording without the outliers, one finding for all that were ever found of an output."""
+    """Return the recording without the outliers, one finding for all that were ever found of an output."""
     mask = np.zeros(recording.rows, dtype=bool)
     mask[rows] = True
     unit, share = recording.units.get(name, ""), mask.sum() / np.isfinite(recording.outputs[name]).sum()

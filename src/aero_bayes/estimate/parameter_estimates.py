@@ -45,7 +45,7 @@ class Estimate:
         return self.value
 
     def to_dict(self) -> Json:
-        """The entry of result.json."""
+        """Return the entry of result.json."""
         return {key: (str(v) if isinstance(v, Status) else v) for key, v in self.__dict__.items() if key != "name"}
 
 
@@ -67,7 +67,7 @@ class EstimateTable(ABC):
         return name in self.parameters
 
     def to_frame(self) -> pandas.DataFrame:
-        """A row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
+        """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
 
         The value of a posterior is its median.
 
@@ -85,7 +85,7 @@ class EstimateTable(ABC):
 
 
 def estimates_html(table: Mapping[str, Estimate], caption: str, warnings: Sequence[str] = ()) -> str:
-    """A table of parameters for a notebook."""
+    """Return a table of parameters for a notebook."""
     rows = []
     for e in table.values():
         span = "" if e.q05 is None or e.q95 is None else f"{e.q05:.4g} to {e.q95:.4g}"

@@ -88,7 +88,7 @@ class Parameter:
         object.__setattr__(self, "prior", self.prior.bounded(self.lower, self.upper))
 
     def acts_in(self, recording: int | None) -> bool:
-        """Whether it belongs to a recording, by its index."""
+        """Return whether it belongs to a recording, by its index."""
         return self.recording in (None, recording) or recording in self.shared_with
 
 
@@ -160,7 +160,7 @@ class ParameterSet:
         )
 
     def on_bound(self, coordinates: FloatArray) -> NDArray[np.bool_]:
-        """Which search coordinates (p,) lie on a bound."""
+        """Return which search coordinates (p,) lie on a bound."""
         low, high = self.box
         return np.asarray(np.minimum(coordinates - low, high - coordinates) <= BOUND_TOLERANCE * (high - low))
 
@@ -244,11 +244,11 @@ class ParameterSet:
         return ParameterSet(tuple(replace(p, start=float(v)) for p, v in zip(self.items, values, strict=True)))
 
     def without(self, names: Sequence[str]) -> ParameterSet:
-        """The parameters without some of them."""
+        """Return the parameters without some of them."""
         return ParameterSet(tuple(p for p in self.items if p.name not in names))
 
     def extended(self, more: Sequence[Parameter]) -> ParameterSet:
-        """The parameters followed by more."""
+        """Return the parameters followed by more."""
         return ParameterSet(self.items + tuple(more))
 
 
@@ -298,7 +298,7 @@ def chosen_parameters(
     chosen: ChosenParameters,
     known: Mapping[str, Override],
 ) -> ParameterSet:
-    """The parameters to search, as a caller names them.
+    """Return the parameters to search, as a caller names them.
 
     Parameters
     ----------

@@ -252,12 +252,12 @@ class LogNormal:
 
     @classmethod
     def tolerance(cls, nominal: float, relative: float) -> LogNormal:
-        """A nominal value with a relative tolerance (one standard deviation)."""
+        """Return a nominal value with a relative tolerance (one standard deviation)."""
         return cls(nominal, math.sqrt(math.log1p(relative**2)))
 
     @classmethod
     def factor(cls, nominal: float, factor: float) -> LogNormal:
-        """A nominal value that may be off by a factor (one standard deviation)."""
+        """Return a nominal value that may be off by a factor (one standard deviation)."""
         return cls(nominal, math.log(factor))
 
     @property

@@ -41,7 +41,7 @@ SIGMA, LIMIT = 2.5, 10.0
 def process_parameters(
     noise: NoiseModel, model: Model, experiments: Sequence[Experiment], floors: Mapping[str, float]
 ) -> tuple[ProcessNoise, list[Parameter]]:
-    """The process noise that is given, and parameters for what is estimated of it.
+    """Return the process noise that is given, and parameters for what is estimated of it.
 
     Parameters
     ----------
@@ -136,6 +136,6 @@ def _measured(experiment: Experiment) -> FloatArray:
 def _parameter(
     name: str, unit: str, median: float, about: str, target: DiffusionTarget | ReadingNoiseTarget, floor: float = 0.0
 ) -> Parameter:
-    """A positive number of which little more than the order of magnitude is known."""
+    """Return a positive number of which little more than the order of magnitude is known."""
     low, high = max(median * math.exp(-LIMIT), floor), median * math.exp(LIMIT)
     return Parameter(name, unit, max(median, 1.01 * floor), low, high, LogNormal(median, SIGMA), "log", about, target)

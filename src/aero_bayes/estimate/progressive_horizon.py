@@ -86,7 +86,10 @@ def fit_progressive_horizon(
 
 
 def floor_ratio(objective: Objective, residual: Sequence[FloatArray]) -> float:
-    """The largest ratio of an output's RMS residual to its noise floor; infinite where a noise floor is unknown."""
+    """Return the largest ratio of an output's RMS residual to its noise floor.
+
+    Infinite where a noise floor is unknown.
+    """
     recordings, worst = objective.calibration.recordings, 0.0
     floors = noise_floors(recordings, objective.outputs)
     if any((r.name, o) not in floors for r in recordings for o in objective.outputs if o in r.outputs):

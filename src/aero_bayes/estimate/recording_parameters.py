@@ -16,7 +16,7 @@ from aero_bayes.simulation.start_parameters import start_parameters
 
 
 def with_started_states(parameters: ParameterSet, model: Model) -> ParameterSet:
-    """The parameters, with those that are nothing but the initial value of states marked as such."""
+    """Return the parameters, with those that are nothing but the initial value of states marked as such."""
     names = [p.target.name for p in parameters if isinstance(p.target, ParameterTarget) and p.recording is None]
     found = start_parameters(model, names)
     return ParameterSet(tuple(replace(p, starts=found.get(_target_name(p), p.starts)) for p in parameters))
@@ -61,7 +61,7 @@ def _groups(p: Parameter, recordings: Sequence[Recording]) -> dict[str, list[int
 
 
 def templates(parameters: Iterable[Parameter]) -> list[Parameter]:
-    """The parameters that :func:`for_recordings` made those with a recording of; the others as they are.
+    """Return the parameters that :func:`for_recordings` made those with a recording of; the others as they are.
 
     Nuisances of recordings (delays, initial values without a parameter) are left out.
     """
@@ -88,7 +88,7 @@ def _target_name(p: Parameter) -> str:
 
 
 def _start(p: Parameter, model: Model, recording: Recording) -> float:
-    """Where the search starts: an initial value that was read starts at the first reading."""
+    """Return where the search starts: an initial value that was read starts at the first reading."""
     readings = [
         first for output, values in recording.outputs.items()
         if (state := state_of(model, output)) is not None and state.name in p.starts

@@ -24,7 +24,7 @@ STEPS_PER_SAMPLE, MIN_STEPS, LOOSE_TOLERANCE = 10, 5000, 1e-4
 def with_few_samples(
     calibration: Calibration, simulator: Simulator, samples: int, close: float = MAX_AVERAGING_ERROR
 ) -> Calibration:
-    """The calibration with about ``samples`` samples of each recording, and inputs that change about as rarely.
+    """Return the calibration with about ``samples`` samples of each recording, and inputs that change about as rarely.
 
     An input that changes at every sample makes the solver restart there, however few outputs are asked for. So it is
     averaged over blocks where the outputs stay close, else only the beginning of the recording is used.
@@ -67,7 +67,7 @@ def _averaged(experiment: Experiment, samples: int) -> Experiment:
 
 
 def _blocks(signal: InputSignal, samples: int) -> InputSignal:
-    """An input averaged over blocks of equal length."""
+    """Return an input averaged over blocks of equal length."""
     if signal.time.size <= 2 * samples:
         return signal
     held = signal.interpolation == "hold"
@@ -103,7 +103,7 @@ def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration
 
 
 def _beginning(experiment: Experiment, changes: int) -> Experiment:
-    """The beginning of an experiment, until its inputs have changed ``changes`` times."""
+    """Return the beginning of an experiment, until its inputs have changed ``changes`` times."""
     ends = [s.time[changes] for s in experiment.inputs if s.time.size > changes]
     if not ends:
         return experiment

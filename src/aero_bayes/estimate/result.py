@@ -144,7 +144,7 @@ class Fit(FittedSimulation, OtherTools):
     trials: tuple[ValueTrial, ...] = ()
 
     def target(self, simulator: Simulator) -> Target:
-        """The log-posterior over the free parameters, through a simulator of the calibration's problem."""
+        """Return the log-posterior over the free parameters, through a simulator of the calibration's problem."""
         return Target(self.calibration, simulator, self.values, self.free, spread=self.spread)
 
     def joint_target(self, simulator: Simulator) -> JointTarget:
@@ -184,7 +184,7 @@ class Fit(FittedSimulation, OtherTools):
         return noise_table(self.calibration, self.noise)
 
     def to_dict(self) -> Json:
-        """The keys of result.json that a fit fills."""
+        """Return the keys of result.json that a fit fills."""
         return {
             "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
             "noise": self.noise_table(),

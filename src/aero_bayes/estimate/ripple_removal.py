@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 def without_ripple(
     calibration: Calibration, fitted: Sequence[FloatArray]
 ) -> tuple[Calibration, dict[str, dict[str, Ripple]]]:
-    """The calibration with ripple locked to a rotor subtracted, and what was subtracted by recording and output.
+    """Return the calibration with ripple locked to a rotor subtracted, and what was subtracted by recording and output.
 
     ``fitted`` holds the outputs (n, m) of each experiment. The calibration is the same where nothing was found.
     """

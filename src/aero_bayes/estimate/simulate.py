@@ -128,7 +128,7 @@ def _problem(
     calibration: Calibration, recording: Recording, values: FloatArray, parameters: Mapping[str, float],
     start: Mapping[str, float],
 ) -> tuple[Problem, FloatArray]:  # fmt: skip
-    """A calibration's problem over a recording's times, and the values of its columns."""
+    """Return a calibration's problem over a recording's times, and the values of its columns."""
     own = _index(recording, calibration)
     experiment = to_experiment(recording, [], interpolation=calibration.interpolation)
     experiment = replace(experiment, outputs=calibration.outputs, measured=None)
@@ -157,7 +157,7 @@ def _problem(
 
 
 def _index(recording: Recording, calibration: Calibration) -> int | None:
-    """Which of the fitted recordings this is, if any."""
+    """Return which of the fitted recordings this is, if any."""
     same = (k for k, fitted in enumerate(calibration.recordings) if fitted.sha256 == recording.sha256)
     return next(same, None)
 

@@ -58,7 +58,7 @@ def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
 
 
 def _shift(fit: Fit, moved: list[FloatArray]) -> dict[str, float]:
-    """By how many of its standard deviations each free parameter moves where the outputs do by ``moved`` (n, m).
+    """Return by how many of its standard deviations each free parameter moves where the outputs do by ``moved`` (n, m).
 
     To first order: one step of Gauss and Newton from the optimum.
     """

@@ -24,7 +24,7 @@ class StageReport:
     rms: Mapping[str, float]
 
     def to_dict(self) -> dict[str, object]:
-        """The entry of result.json."""
+        """Return the entry of result.json."""
         return {
             "parameters": list(self.stage.parameters),
             "outputs": list(self.stage.outputs),
@@ -35,7 +35,7 @@ class StageReport:
 
 
 def stage_report(fitted: FittedStage, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:
-    """Values in SI units and errors by output, over all recordings, at the optimum of a stage."""
+    """Return values in SI units and errors by output, over all recordings, at the optimum of a stage."""
     residuals: dict[str, list[NDArray[np.float64]]] = {}
     own = [s for s in series if s.output in fitted.stage.outputs]
     for s, residual in zip(own, fitted.optimum.evaluation.residual, strict=True):

@@ -72,13 +72,13 @@ def settle_blind(
 
 
 def with_slope(slopes: Sequence[FloatArray]) -> NDArray[np.bool_]:
-    """Which columns (k,) have a slope, by the slopes (k, n) of each series in search coordinates."""
+    """Return which columns (k,) have a slope, by the slopes (k, n) of each series in search coordinates."""
     size = np.max([np.max(np.abs(rows), axis=1, initial=0.0) for rows in slopes], axis=0)
     return np.asarray(size > MIN_SENSITIVITY_RATIO * float(size.max(initial=0.0)))
 
 
 def acts_in_steps(objective: Objective, point: FloatArray, column: int) -> bool:
-    """Whether other values of a column (search coordinates ``point``, shape (p,)) change any output."""
+    """Return whether other values of a column (search coordinates ``point``, shape (p,)) change any output."""
     return len(_plateaus(objective, point, column)) > 1
 
 
@@ -95,7 +95,7 @@ def other_plateaus(objective: Objective, here: Optimum) -> list[FloatArray]:
 
 
 def _plateaus(objective: Objective, point: FloatArray, column: int) -> list[FloatArray]:
-    """The point, then one with another value of a column for each other sum of squares that its values give."""
+    """Return the point, then one with another value of a column for each other sum of squares that its values give."""
     low, high = (bound[column] for bound in objective.parameters.box)
     trials = np.repeat(point[np.newaxis], 1 + TRIED_VALUES, axis=0)
     trials[1:, column] = low + (np.arange(TRIED_VALUES) + 0.5) / TRIED_VALUES * (high - low)
@@ -117,7 +117,7 @@ def _equal(objective: Objective, here: Optimum, point: FloatArray) -> bool:
 
 
 def _plateau(objective: Objective, here: Optimum, point: FloatArray, column: int) -> StepParameter:
-    """The range about the value found in which the likelihood stays the same."""
+    """Return the range about the value found in which the likelihood stays the same."""
     ends = []
     for bound in (side[column] for side in objective.parameters.box):
         inside, outside = point[column], float(bound)

@@ -71,7 +71,7 @@ class StepRule:
         return low, high
 
     def apply(self, point: FloatArray, step: FloatArray) -> FloatArray:
-        """The point (p,) after a step."""
+        """Return the point (p,) after a step."""
         relative, moved = self._relative, point + step
         moved[relative] = point[relative] + np.log1p(step[relative])
         return np.clip(moved, self.low, self.high)
@@ -95,11 +95,11 @@ class StepRule:
             self._linear_in_values = not self._linear_in_values
 
     def _is_long(self, newton: FloatArray) -> bool:
-        """Whether the Newton step is so long that the two parametrisations differ."""
+        """Return whether the Newton step is so long that the two parametrisations differ."""
         return bool(np.any(np.abs(newton[self._logarithmic]) > MIN_LOG_STEP))
 
     def _stays_at_kink(self, point: FloatArray, new: FloatArray) -> bool:
-        """Whether a step moved along a kink."""
+        """Return whether a step moved along a kink."""
         low, high = self._region(point)
         kinked = np.isfinite(low)
         x, low, high = new[kinked], low[kinked], high[kinked]

@@ -49,7 +49,7 @@ class SwarmResult:
     reason: str
 
     def to_dict(self) -> dict[str, object]:
-        """The ``pso`` entry of result.json."""
+        """Return the ``pso`` entry of result.json."""
         return {
             "evaluations": self.evaluations,
             "history": self.history.tolist(),

@@ -11,14 +11,14 @@ FloatArray = NDArray[np.float64]
 
 
 def rows_of_first_readings(measured: FloatArray, least: int = 20) -> int:
-    """How many rows hold the first ``least`` readings of every output (n, m), or all that it has."""
+    """Return how many rows hold the first ``least`` readings of every output (n, m), or all that it has."""
     counts = np.cumsum(np.isfinite(measured), axis=0)
     enough = counts >= np.minimum(counts[-1], least)
     return int(np.argmax(enough, axis=0).max()) + 1 if measured.size else 0
 
 
 def thin(experiment: Experiment, samples: int) -> Experiment:
-    """The experiment on every n-th of its sample times, about ``samples`` of them.
+    """Return the experiment on every n-th of its sample times, about ``samples`` of them.
 
     An output that is read less often than the others keeps up to as many readings of its own.
     """

@@ -15,7 +15,7 @@ _SIGNS = ("+", "-", "*", "/", "^")
 
 
 def no_parameter_text(model: Model, name: str) -> str:
-    """One line that says why a model has no parameter of this name that can be fitted."""
+    """Return one line that says why a model has no parameter of this name that can be fitted."""
     known = [v.name for v in model.parameters]
     if model.source is not None:
         with suppress(InputError, RecursionError):
@@ -46,7 +46,7 @@ def _reason(flat: FlatModel, name: str, known: list[str]) -> str:
 
 
 def own_value_reason(flat: FlatModel, v: FlatVariable) -> str:
-    """One line that says why a parameter that is not Real cannot be given values; empty if it can."""
+    """Return one line that says why a parameter that is not Real cannot be given values; empty if it can."""
     if reason := _computed(flat, v, [p.name for p in flat.variables if p.constant and p.variability == "parameter"]):
         return reason
     told = ""
@@ -70,7 +70,7 @@ def choices_of(flat: FlatModel, v: FlatVariable) -> dict[str, int]:
 
 
 def listed_choices(flat: FlatModel, v: FlatVariable) -> str:
-    """A list of values that a parameter may have, as TOML writes it."""
+    """Return a list of values that a parameter may have, as TOML writes it."""
     if v.type == "Boolean":
         return "[true, false]"
     if v.type == "Integer":
@@ -92,7 +92,7 @@ def _computed(flat: FlatModel, v: FlatVariable, known: list[str]) -> str:
 
 
 def _text(tree: Expression) -> str:
-    """An expression as it is written in Modelica, with more parentheses than needed."""
+    """Return an expression as it is written in Modelica, with more parentheses than needed."""
     if isinstance(tree, Call) and tree.function in _SIGNS and len(tree.args) == 2:
         left, right = (f"({_text(a)})" if isinstance(a, Call) and a.function in _SIGNS else _text(a) for a in tree.args)
         return f"{left} {tree.function} {right}"

@@ -48,12 +48,14 @@ class ValueTrial:
     failed: str = ""
 
     def to_dict(self) -> Json:
-        """The entry of result.json."""
+        """Return the entry of result.json."""
         return {"values": dict(self.values), "share": self.share, "worse_by": self.worse_by, "failed": self.failed}
 
 
 def best_values(candidates: Sequence[ValueCombination], fitted: Callable[[ValueCombination], Fit]) -> Fit:
-    """The fit with the likeliest values, with how much worse the others are; the fit itself where nothing is listed.
+    """Return the fit with the likeliest values, with how much worse the others are.
+
+    The fit itself where nothing is listed.
 
     Parameters
     ----------
@@ -92,7 +94,7 @@ def best_values(candidates: Sequence[ValueCombination], fitted: Callable[[ValueC
 
 
 def chosen_estimates(trials: Sequence[ValueTrial]) -> dict[str, Estimate]:
-    """The listed parameters as entries of the table of parameters."""
+    """Return the listed parameters as entries of the table of parameters."""
     table = {}
     for name, value in trials[0].values.items() if trials else ():
         tried = ", ".join(dict.fromkeys(value_text(t.values[name]) for t in trials))
@@ -104,7 +106,7 @@ def chosen_estimates(trials: Sequence[ValueTrial]) -> dict[str, Estimate]:
 
 
 def trials_sentence(trials: Sequence[ValueTrial]) -> str:
-    """Which of the listed values is reported, and how much worse the others are; empty where none are listed."""
+    """Return which of the listed values is reported, and how much worse the others are; empty where none are listed."""
     if not trials:
         return ""
     others = [

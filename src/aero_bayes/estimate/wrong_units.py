@@ -42,7 +42,7 @@ class _Reading:
     offset: float
 
     def of(self, recording: Recording) -> Recording:
-        """The recording with the channel converted."""
+        """Return the recording with the channel converted."""
 
         def converted(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
             return {n: self.factor * v + self.offset if n == self.channel else v for n, v in columns.items()}
@@ -57,7 +57,7 @@ def with_unit_finding(
     fitted: Callable[[Calibration], Fit],
     open_simulator: OpenSimulator,
 ) -> Fit:
-    """The fit with a finding of its data where it is poor, and good with one channel in another unit.
+    """Return the fit with a finding of its data where it is poor, and good with one channel in another unit.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def with_unit_finding(
 
 
 def _readings(calibration: Calibration) -> list[_Reading]:
-    """Each channel in each unit of its dimension."""
+    """Return each channel in each unit of its dimension."""
     found = []
     for v in (*calibration.model.inputs, *calibration.model.outputs):
         for unit in UNITS:

@@ -26,7 +26,7 @@ class Elimination:
     residuals: tuple[Node, ...]
 
     def back_substituted(self, b: Builder, memo: dict[Node, Node]) -> dict[Node, Node]:
-        """The eliminated unknowns in terms of those that are left."""
+        """Return the eliminated unknowns in terms of those that are left."""
         found: dict[Node, Node] = {}
         inner = dict(memo)
         for symbol, expression in reversed(self.solved):

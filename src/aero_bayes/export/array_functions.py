@@ -15,7 +15,7 @@ ARRAY_FUNCTIONS = frozenset(
 
 
 def array_function(b: Builder, function: str, args: list[Value]) -> Value | None:
-    """The value of a function of :data:`ARRAY_FUNCTIONS`, or None where it means the function of numbers.
+    """Return the value of a function of :data:`ARRAY_FUNCTIONS`, or None where it means the function of numbers.
 
     Raises
     ------

@@ -27,7 +27,7 @@ class ShapeError(ValueError):
 
 
 def scalars(value: Value) -> list[Node]:
-    """All numbers in order, row by row. A text has none."""
+    """Return all numbers in order, row by row. A text has none."""
     if isinstance(value, list):
         return [n for v in value for n in scalars(v)]
     return [] if isinstance(value, str) else [value]
@@ -41,7 +41,7 @@ def shape(value: Value) -> tuple[int, ...]:
 
 
 def filled(item: Value, sizes: Sequence[int]) -> Value:
-    """An array of these sizes whose every element is `item`."""
+    """Return an array of these sizes whose every element is `item`."""
     for size in reversed(sizes):
         item = [item] * size
     return item
@@ -63,7 +63,7 @@ def elementwise(apply: Callable[[Node, Node], Node], a: Value, b: Value) -> Valu
 
 
 def pairs(a: Value, b: Value) -> list[tuple[Node, Node]]:
-    """The numbers of two arrays of one shape, two by two."""
+    """Return the numbers of two arrays of one shape, two by two."""
     found: list[tuple[Node, Node]] = []
 
     def note(x: Node, y: Node) -> Node:
@@ -82,7 +82,7 @@ def mapped(apply: Callable[[Node], Node], value: Value) -> Value:
 
 
 def total(b: Builder, value: Value) -> Node:
-    """The sum of all elements."""
+    """Return the sum of all elements."""
     result = b.zero
     for n in scalars(value):
         result = b.add(result, n)
@@ -135,7 +135,7 @@ def _matrix(value: Value) -> list[list[Value]]:
 
 
 def element(b: Builder, items: list[Value], index: Node) -> Value:
-    """The element at a subscript, which counts from one; one that is not constant selects between all elements.
+    """Return the element at a subscript, which counts from one; one that is not constant selects between all elements.
 
     Raises
     ------
@@ -153,13 +153,13 @@ def element(b: Builder, items: list[Value], index: Node) -> Value:
 
 
 def transposed(value: Value) -> Value:
-    """The transpose of a matrix; a vector counts as a column."""
+    """Return the transpose of a matrix; a vector counts as a column."""
     rows = _matrix(value)
     return [[row[j] for row in rows] for j in range(len(rows[0]))] if rows else []
 
 
 def replaced(value: Value, indices: Sequence[int], item: Value) -> Value:
-    """A copy with one element exchanged; indices count from one."""
+    """Return a copy with one element exchanged; indices count from one."""
     if not indices:
         return item
     if not isinstance(value, list) or not 1 <= indices[0] <= len(value):

@@ -33,7 +33,7 @@ _SHARED = tuple(
 
 
 def c_compiler() -> list[str]:
-    """The command of a C compiler: ``$CC``, ``cc``, or the one in the ziglang wheel.
+    """Return the command of a C compiler: ``$CC``, ``cc``, or the one in the ziglang wheel.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def compile_binaries(
 
 
 def _cross_compile(source: str, identifier: str, platform: Platform, target: str, fmi: int) -> bytes:
-    """The library for another machine."""
+    """Return the library for another machine."""
     command, sources = zig_compiler(target), source_files(source, identifier, fmi)
     flags = [*_FLAGS, "-O2", *platform.flags, "-I.", "-o", "made", f"{identifier}.c", f"fmi{fmi}.c", "-lm"]
 
@@ -114,7 +114,7 @@ def _cross_compile(source: str, identifier: str, platform: Platform, target: str
 
 
 def source_files(source: str, identifier: str, fmi: int) -> dict[str, bytes]:
-    """All C source of an FMU by file: the model, the runtime, and the headers of FMI."""
+    """Return all C source of an FMU by file: the model, the runtime, and the headers of FMI."""
     other = f"fmi{5 - fmi}.c"
     runtime = {path.name: path.read_bytes() for path in (*sorted(_NATIVE.iterdir()), *_SHARED) if path.name != other}
     headers = {path.name: path.read_bytes() for path in sorted(fmi_headers().glob(_FMI_HEADERS[fmi]))}
@@ -122,7 +122,7 @@ def source_files(source: str, identifier: str, fmi: int) -> dict[str, bytes]:
 
 
 def _runtime(command: Sequence[str], fmi: int) -> bytes:
-    """The compiled runtime of generated models."""
+    """Return the compiled runtime of generated models."""
     # Half the compiling of -O2, and no slower in the engine's runs: the equations are the model's own file.
     flags = [f"-I{fmi_headers()}", "-O1", "-finline-small-functions", "-c", f"fmi{fmi}.c"]
     return compile_kept([*sorted(_NATIVE.iterdir()), *_SHARED], flags, "runtime.o", command)
@@ -156,7 +156,7 @@ def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, co
 
 
 def _stamp(command: Sequence[str], flags: Sequence[str]) -> bytes:
-    """Which compiler is called, and how; an update of it changes the time of its program."""
+    """Return which compiler is called, and how; an update of it changes the time of its program."""
     program = Path(shutil.which(command[0]) or command[0]).resolve()
     return f"{command}{program}{program.stat().st_mtime_ns if program.exists() else ''}{_FLAGS}{flags}".encode()
 

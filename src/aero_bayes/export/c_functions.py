@@ -22,7 +22,7 @@ class StoredValue:
 
 
 def loop_function(k: int | str, targets: Sequence[StoredValue], leaves: dict[Node, str]) -> str:
-    """The function of one algebraic loop: its residuals into ``f``, their Jacobian by columns into ``j``."""
+    """Return the function of one algebraic loop: its residuals into ``f``, their Jacobian by columns into ``j``."""
     writer = ExpressionWriter(leaves)
     writer.write([t.node for t in targets])
     stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
@@ -31,7 +31,7 @@ def loop_function(k: int | str, targets: Sequence[StoredValue], leaves: dict[Nod
 
 
 def assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> str:
-    """The function that marks the assertions that do not hold, and tells whether there are any."""
+    """Return the function that marks the assertions that do not hold, and tells whether there are any."""
     writer = ExpressionWriter(leaves)
     writer.write(conditions)
     lines = [f"    any |= bad[{i}] = !({writer.term(c)});" for i, c in enumerate(conditions)]
@@ -40,7 +40,7 @@ def assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> s
 
 
 def c_string(message: str) -> str:
-    """A message as a C string literal of plain ASCII."""
+    """Return a message as a C string literal of plain ASCII."""
     plain = message.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")
     return f'"{plain}"'
 
@@ -48,7 +48,7 @@ def c_string(message: str) -> str:
 def reinit_function(
     model: ExplicitModel, prepared: Sequence[Node], leaves: dict[Node, str], states: Sequence[Node]
 ) -> str:
-    """The function that gives states the values of active ``reinit()``, and tells whether there are any."""
+    """Return the function that gives states the values of active ``reinit()``, and tells whether there are any."""
     writer = ExpressionWriter(leaves)
     writer.write(prepared)
     lines = [
@@ -74,7 +74,7 @@ def store_function(
     kept: dict[Node, str],
     factors: frozenset[Node] = frozenset(),
 ) -> str:
-    """A function that stores values; in several where it is long and they share little.
+    """Return a function that stores values; in several where it is long and they share little.
 
     The time that a compiler takes for a function grows with the square of its length. ``factors``: see
     :class:`~aero_bayes.export.c_writer.ExpressionWriter`.
@@ -95,7 +95,10 @@ def store_function(
 
 
 def columns_function(name: str, columns: Mapping[str, str]) -> str:
-    """The function that calls those of some columns: where a value of the structure, by its place, is not zero."""
+    """Return the function that calls those of some columns.
+
+    Where a value of the structure, by its place, is not zero.
+    """
     calls = [f"    if ({place} != 0.0) {function}(m);" for place, function in columns.items()] or ["    (void)m;"]
     return "\n".join([f"static void eval_{name}(Model *restrict m) {{", *calls, "}"])
 

@@ -44,7 +44,7 @@ class ExpressionWriter:
         self.known: dict[Node, str] = {}
 
     def term(self, node: Node) -> str:
-        """The C text of an expression that is a leaf, a constant or was written before."""
+        """Return the C text of an expression that is a leaf, a constant or was written before."""
         if node in self.leaves:
             return self.leaves[node]
         if node.op == "const":
@@ -67,7 +67,7 @@ class ExpressionWriter:
             self.lines.append(self.declaration(n))
 
     def declaration(self, node: Node) -> str:
-        """The statement that computes one operation."""
+        """Return the statement that computes one operation."""
         return f"    const double t{node.index} = {self._expression(node)};"
 
     def _expression(self, n: Node) -> str:
@@ -94,7 +94,7 @@ class ExpressionWriter:
 
 
 def _common_factors(roots: Sequence[Node], order: Sequence[Node], factors: frozenset[Node]) -> dict[Node, Node]:
-    """For each slow function that counts only times some factor, one such factor."""
+    """Return, for each slow function that counts only times some factor, one such factor."""
     always: dict[Node, frozenset[Node]] = dict.fromkeys(roots, frozenset())
     for n in reversed(order):
         here = always.get(n, frozenset())
@@ -107,6 +107,6 @@ def _common_factors(roots: Sequence[Node], order: Sequence[Node], factors: froze
 
 
 def number(value: float) -> str:
-    """A number as a C literal."""
+    """Return a number as a C literal."""
     text = repr(value)
     return f"({text})" if value < 0 else text

@@ -183,7 +183,7 @@ def _merge_aliases(system: EquationSystem) -> tuple[EquationSystem, dict[Node, N
 
 
 def _constraint(system: EquationSystem, equations: Sequence[Node], unknowns: Sequence[Node]) -> Node:
-    """What equations that have one unknown less than they are many say about states alone."""
+    """Return what equations that have one unknown less than they are many say about states alone."""
     b = system.builder
     constants = frozenset(b.symbol(p.name) for p in system.parameters)
     rest = eliminate(b, equations, unknowns, constants)
@@ -257,7 +257,7 @@ def _solve(
 def _linear(
     system: EquationSystem, equations: Sequence[Node], symbols: Sequence[Node], memo: dict[Node, Node]
 ) -> dict[Node, Node] | None:
-    """The solution of a block that is linear in its symbols, or None."""
+    """Return the solution of a block that is linear in its symbols, or None."""
     b = system.builder
     zeros = {s: b.zero for s in symbols}
     matrix = [[b.derivative(e, s) for s in symbols] for e in equations]

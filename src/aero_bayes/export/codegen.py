@@ -151,7 +151,7 @@ def _memory_of(m: PreparedModel) -> tuple[_Memory, dict[str, int]]:
 
 
 def _leaves(m: PreparedModel, memory: _Memory) -> dict[Node, str]:
-    """Where the value of each symbol stands."""
+    """Return where the value of each symbol stands."""
     b, events, nx = m.builder, m.model.discrete, len(m.states)
     leaves = {m.model.system.time: "m->time"}
     values = [
@@ -166,7 +166,7 @@ def _leaves(m: PreparedModel, memory: _Memory) -> dict[Node, str]:
 
 
 def _code_of(m: PreparedModel, memory: _Memory) -> _Code:
-    """What each function of model.h computes."""
+    """Return what each function of model.h computes."""
     events, moving, targets = m.model.discrete, [*m.states, *m.inputs], memory.targets
 
     def jacobian(group: str, of: Sequence[Node], by: Sequence[Node]) -> list[StoredValue]:
@@ -297,7 +297,7 @@ def _tables(m: PreparedModel, leaves: dict[Node, str]) -> dict[str, list[str]]:
 def _in_lanes(
     m: PreparedModel, leaves: dict[Node, str], kept: dict[Node, str], time_varying: int
 ) -> tuple[str, list[int]] | None:
-    """The equations for several parameter vectors at a time; None with loops or events, or without states."""
+    """Return the equations for several parameter vectors at a time; None with loops or events, or without states."""
     b, events, time = m.builder, m.model.discrete, m.model.system.time
     between_events = events.relations or events.roundings or events.samplings or m.steps or events.assertions
     known = {time, *m.states, *m.inputs, *m.parameters}
@@ -348,7 +348,7 @@ def _blocks(b: Builder, loops: Sequence[AlgebraicLoop]) -> list[str]:
 
 
 def _guesses(model: ExplicitModel, unknowns: Sequence[Node], values: dict[Node, float]) -> list[float]:
-    """Where Newton's method starts: the start attributes."""
+    """Return where Newton's method starts: the start attributes."""
     by_name = {v.name: v for v in model.system.variables}
     return [_attribute(by_name[u.name], "start", values, 0.0) if u.name in by_name else 0.0 for u in unknowns]
 

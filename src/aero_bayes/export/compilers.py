@@ -17,7 +17,9 @@ Compiler = Literal["auto", "omc", "embedded"]
 
 
 def first_compiler(compiler: Compiler, attempt: Callable[[Compiler], Path]) -> Path:
-    """What the first compiler makes that does not refuse: for ``auto`` the embedded one, then ``omc`` if it is there.
+    """Return what the first compiler makes that does not refuse.
+
+    For ``auto`` the embedded one, then ``omc`` if it is there.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ Change = Callable[[Name], Expression]
 
 
 def rename_model(flat: FlatModel, name: str) -> FlatModel:
-    """The same model under another name."""
+    """Return the same model under another name."""
     return replace(flat, name=name)
 
 
@@ -181,7 +181,7 @@ def set_elements(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
 
 
 def _nested(sizes: Sequence[int], items: Iterator[float]) -> Expression:
-    """The next items as an array of these sizes."""
+    """Return the next items as an array of these sizes."""
     if not sizes:
         return Number(float(next(items)))
     return Array(tuple(_nested(sizes[1:], items) for _ in range(sizes[0])))
@@ -260,7 +260,7 @@ def element_names(name: str, sizes: Sequence[int]) -> list[str]:
 
 
 def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
-    """A number of a parameter or variable.
+    """Return a number of a parameter or variable.
 
     Parameters
     ----------

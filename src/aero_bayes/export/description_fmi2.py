@@ -63,7 +63,7 @@ def write_fmi2_description(
 
 
 def _start_values(model: ExplicitModel, layout: VariableLayout) -> dict[Node, float]:
-    """Values of parameters, inputs and states at the start, where nothing has been set yet."""
+    """Return values of parameters, inputs and states at the start, where nothing has been set yet."""
     b = model.system.builder
     values = {b.symbol(p.name): _number(p.binding, {}) for p in layout.parameters if p.binding is not None}
     for p in model.system.parameters:
@@ -79,7 +79,7 @@ def _start_values(model: ExplicitModel, layout: VariableLayout) -> dict[Node, fl
 
 
 def _state_start(model: ExplicitModel, path: str, start: Node, values: Mapping[Node, float]) -> float:
-    """A state's start where nothing has been set yet; what events or inputs decide is left to the FMU itself."""
+    """Return a state's start where nothing has been set yet; what events or inputs decide is left to the FMU itself."""
     try:
         return _number(start, values)
     except (KeyError, ArithmeticError, ValueError):

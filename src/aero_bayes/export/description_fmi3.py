@@ -24,12 +24,12 @@ _UNKNOWNS = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "I
 
 
 def build_description(name: str) -> bytes:
-    """How the source of an FMU is built: ``sources/buildDescription.xml``."""
+    """Return how the source of an FMU is built: ``sources/buildDescription.xml``."""
     return _BUILD.format(name=name).encode()
 
 
 def convert_to_fmi3(description: bytes, indicators: int) -> bytes:
-    """The description in the terms of FMI 3.0; names that share another variable's reference are left out.
+    """Return the description in the terms of FMI 3.0; names that share another variable's reference are left out.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class DiscretePart:
 
 
 def assigned_in_events(model: FlatModel) -> set[str]:
-    """Names that some when clause assigns."""
+    """Return names that some when clause assigns."""
     found = {
         a.target.name
         for w in model.whens
@@ -115,7 +115,7 @@ class EventActions:
         return active
 
     def clause(self, when: When) -> None:
-        """A when equation with its elsewhen branches."""
+        """Add a when equation with its elsewhen branches."""
         b = self.scope.builder
         self.scope.place = when.place
         taken = b.zero
@@ -150,7 +150,7 @@ class EventActions:
         return found
 
     def run(self, statements: Sequence[Statement], outputs: Sequence[str]) -> list[tuple[Node, Node]]:
-        """The variables that an algorithm assigns, and their values after it."""
+        """Return the variables that an algorithm assigns, and their values after it."""
         scope = self.scope
         saved = scope.values
         symbols = {n: saved[n] for n in outputs}
@@ -176,7 +176,7 @@ class EventActions:
                 scope.run((s,))
 
     def when_statement(self, s: WhenStatement) -> None:
-        """A when statement of an algorithm with its elsewhen branches."""
+        """Execute a when statement of an algorithm with its elsewhen branches."""
         scope, b = self.scope, self.scope.builder
         taken = b.zero
         for condition, body in s.branches:
@@ -233,7 +233,7 @@ def match_discrete(
 def solve_discrete(
     model: str, b: Builder, part: DiscretePart, solved: Mapping[Node, Node], states: set[Node]
 ) -> DiscretePart:
-    """The discrete part in terms of states, and each discrete value without the others.
+    """Return the discrete part in terms of states, and each discrete value without the others.
 
     Raises
     ------

@@ -212,7 +212,10 @@ def _solved_at_start(model: FlatModel) -> FlatModel:
 def _initial(
     model: FlatModel, scope: Scope, actions: EventActions, discrete: Sequence[Node]
 ) -> tuple[dict[Node, Node], tuple[Node, ...]]:
-    """What initial equations and algorithms say: values of discrete variables before the start, and residuals."""
+    """Return what initial equations and algorithms say.
+
+    Values of discrete variables before the start, and residuals.
+    """
     of = {s: s for s in discrete} | {scope.builder.symbol(f"pre({s.name})"): s for s in discrete}
     pairs: list[tuple[Node, Node]] = []
     with scope.events_in(None):
@@ -293,7 +296,7 @@ def _is_input(v: FlatVariable) -> bool:
 
 
 def _declarations(name: str, by_name: Mapping[str, FlatVariable]) -> Iterable[FlatVariable]:
-    """The parameters that a reference may mean: itself, or the fields of a record."""
+    """Yield the parameters that a reference may mean: itself, or the fields of a record."""
     if name in by_name:
         yield by_name[name]
         return

@@ -70,11 +70,11 @@ class Evaluator(NameTable):
         self.place: SourceLocation | None = None
 
     def call_function(self, function: Function, args: tuple[Expression, ...]) -> Value:
-        """The result of a function of the model."""
+        """Return the result of a function of the model."""
         raise NotImplementedError
 
     def fail(self, what: str) -> InputError:
-        """The error for a construct that cannot be translated."""
+        """Return the error for a construct that cannot be translated."""
         return InputError(f"{self.place or self.where}: the embedded exporter cannot translate {what}")
 
     @contextmanager
@@ -87,21 +87,21 @@ class Evaluator(NameTable):
             self.operators.events = saved
 
     def scalar(self, tree: Expression) -> Node:
-        """The value of a tree that has to be a number."""
+        """Return the value of a tree that has to be a number."""
         value = self.value(tree)
         if not isinstance(value, Node):
             raise self.fail(f"an array where a number is needed ({short_text(tree)})")
         return value
 
     def integer(self, tree: Expression) -> int:
-        """The value of a tree that has to be a constant whole number, such as a size."""
+        """Return the value of a tree that has to be a constant whole number, such as a size."""
         node = self.scalar(tree)
         if node.op != "const" or not node.value.is_integer():
             raise self.fail(f"an index or size that is not a constant whole number ({short_text(tree)})")
         return int(node.value)
 
     def value(self, tree: Expression) -> Value:
-        """The value of a tree. Raises InputError, with file and line, for what cannot be translated."""
+        """Return the value of a tree. Raises InputError, with file and line, for what cannot be translated."""
         try:
             return self._value(tree)
         except InputError:

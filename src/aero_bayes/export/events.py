@@ -46,17 +46,17 @@ class Events:
     samplings: dict[tuple[Node, Node], PeriodicEvent] = field(default_factory=dict)
 
     def constant_between(self, node: Node) -> bool:
-        """Whether an expression changes in events only."""
+        """Return whether an expression changes in events only."""
         return self.builder.symbols(node) <= self.piecewise_constant
 
     def new(self, name: str) -> Node:
-        """A new symbol that changes in events only."""
+        """Return a new symbol that changes in events only."""
         symbol = self.builder.symbol(name)
         self.piecewise_constant.add(symbol)
         return symbol
 
     def relation(self, op: str, left: Node, right: Node) -> Node:
-        """The truth of ``left op right``, which changes in events only."""
+        """Return the truth of ``left op right``, which changes in events only."""
         b = self.builder
         plain = b.binary(op, left, right)
         if op in ("eq", "ne") or self.constant_between(plain):
@@ -69,7 +69,7 @@ class Events:
         return symbol if op == strict else b.unary("not", symbol)
 
     def floor(self, argument: Node) -> Node:
-        """The floor of an expression, which changes in events only."""
+        """Return the floor of an expression, which changes in events only."""
         if self.constant_between(argument):
             return self.builder.unary("floor", argument)
         if argument not in self.roundings:
@@ -77,14 +77,14 @@ class Events:
         return self.roundings[argument].symbol
 
     def sample(self, start: Node, interval: Node) -> Node:
-        """The symbol of ``sample(start, interval)``; both in s."""
+        """Return the symbol of ``sample(start, interval)``; both in s."""
         key = (start, interval)
         if key not in self.samplings:
             self.samplings[key] = PeriodicEvent(self.new(f"sample#{len(self.samplings)}"), start, interval)
         return self.samplings[key].symbol
 
     def pre(self, variable: Node) -> Node:
-        """The symbol of a discrete variable's value until the event."""
+        """Return the symbol of a discrete variable's value until the event."""
         return self.new(f"pre({variable.name})")
 
     @property

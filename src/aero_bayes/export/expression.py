@@ -50,11 +50,11 @@ class Builder:
         return node
 
     def const(self, value: float) -> Node:
-        """A number."""
+        """Return a number."""
         return self._intern("const", value=float(value) + 0.0)  # + 0.0: one zero, not two
 
     def symbol(self, name: str) -> Node:
-        """A symbol; the same node for the same name."""
+        """Return a symbol; the same node for the same name."""
         return self._intern("symbol", name=name)
 
     def unary(self, op: str, a: Node) -> Node:
@@ -186,7 +186,7 @@ class Builder:
         return self._intern("select", (condition, a, b))
 
     def apply(self, node: Node, args: tuple[Node, ...]) -> Node:
-        """The operation of ``node`` on other arguments."""
+        """Return the operation of ``node`` on other arguments."""
         if node.op == "select":
             return self.select(*args)
         if len(args) == 1:
@@ -194,7 +194,7 @@ class Builder:
         return self.binary(node.op, args[0], args[1])
 
     def symbols(self, node: Node) -> frozenset[Node]:
-        """The symbols that an expression contains."""
+        """Return the symbols that an expression contains."""
         for n in topological_order([node], self._symbols):
             if n.op == "symbol":
                 self._symbols[n] = frozenset((n,))

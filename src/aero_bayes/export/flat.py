@@ -152,7 +152,7 @@ class FlatModel:
     literals: Mapping[str, int] = field(default_factory=dict)
 
     def variable(self, name: str) -> FlatVariable:
-        """The variable of that name. Raises KeyError where there is none."""
+        """Return the variable of that name. Raises KeyError where there is none."""
         for v in self.variables:
             if v.name == name:
                 return v

@@ -20,7 +20,7 @@ MAX_LISTED = 6
 
 
 def balanced_model(model: str, missing: int) -> str:
-    """A model with as many further equations, or further unknowns, as it takes for equally many of both."""
+    """Return a model with as many further equations, or further unknowns, as it takes for equally many of both."""
     lines = ["  time = 0;"] * missing if missing > 0 else [f"  Real {ADDED}{k};" for k in range(-missing)]
     return "\n".join(
         ["model Balanced", f"  extends {model};", *(["equation"] if missing > 0 else []), *lines, "end Balanced;\n"]
@@ -28,7 +28,10 @@ def balanced_model(model: str, missing: int) -> str:
 
 
 def explain_imbalance(name: str, flat: FlatModel) -> InputError | None:
-    """The error of a model that was flattened with :func:`balanced_model`; None where its structure does not tell."""
+    """Return the error of a model that was flattened with :func:`balanced_model`.
+
+    None where its structure does not tell.
+    """
     system = translate(flat)
     b = system.builder
     unknowns = [b.symbol(v.name) for v in system.variables if v.name not in system.derivatives]
@@ -61,7 +64,7 @@ def explain_imbalance(name: str, flat: FlatModel) -> InputError | None:
 
 
 def _reached(free: Sequence[int], across: Sequence[Sequence[int]], back: Sequence[int] | dict[int, int]) -> list[int]:
-    """All that could be left over in place of ``free``, by exchanges along the matching."""
+    """Return all that could be left over in place of ``free``, by exchanges along the matching."""
     found = dict.fromkeys(free)
     open_ = list(free)
     while open_:

@@ -68,7 +68,9 @@ def initial_values(
 
 
 def _owners(nearest: Sequence[Sequence[Node]], reach: Sequence[frozenset[Node]]) -> dict[Node, int]:
-    """For states, the equation that determines each: each equation has at most one, and as many have one as can.
+    """Return, for states, the equation that determines each.
+
+    Each equation has at most one, and as many have one as can.
 
     ``nearest`` has the states of each equation in the order in which they are tried, ``reach`` those that it knows.
     """
@@ -89,7 +91,7 @@ def _owners(nearest: Sequence[Sequence[Node]], reach: Sequence[frozenset[Node]])
 
 
 def _linear(system: EquationSystem, residuals: Sequence[Node], symbols: Sequence[Node]) -> list[Node] | None:
-    """The values of symbols, where the residuals are linear in them."""
+    """Return the values of symbols, where the residuals are linear in them."""
     b = system.builder
     matrix = [[b.derivative(r, s) for s in symbols] for r in residuals]
     if any(b.symbols(a) & set(symbols) for row in matrix for a in row):

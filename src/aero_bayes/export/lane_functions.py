@@ -69,14 +69,14 @@ class _LaneWriter(ExpressionWriter):
         return f"    const {kind} t{node.index} = {self._expression(node)};"
 
     def vector(self, node: Node) -> str:
-        """The text of a number in all lanes."""
+        """Return the text of a number in all lanes."""
         if node.op == "const":
             return f"SPLAT({number(node.value)})"
         text = self.term(node)
         return f"CHOOSE({text}, SPLAT(1.0), SPLAT(0.0))" if self._is_mask(node) else text
 
     def mask(self, node: Node) -> str:
-        """The text of a condition."""
+        """Return the text of a condition."""
         return self.term(node) if self._is_mask(node) else f"(Mask)({self.vector(node)} != 0.0)"
 
     def _is_mask(self, node: Node) -> bool:
@@ -149,7 +149,7 @@ def lane_functions(equations: LaneEquations, info: dict[str, int]) -> tuple[str,
 
 
 def _one_set(name: str, width: int, attribute: str, bodies: dict[str, list[str]], members: dict[str, int]) -> list[str]:
-    """The functions for one instruction set, and their table."""
+    """Return the functions for one instruction set, and their table."""
     lines = [
         f"#define WIDTH {width}",
         f"typedef double Vector_{name} __attribute__((vector_size({8 * width}), may_alias));",

@@ -35,7 +35,7 @@ def rig_packages() -> tuple[Path, ...]:
 
 
 def declaration_in(folder: Path) -> PackageDeclaration:
-    """What a package declares of its rigs; nothing where it has no such file."""
+    """Return what a package declares of its rigs; nothing where it has no such file."""
     file = folder / DECLARATION_FILE
     return (
         parse_declaration(file.read_text("utf-8"), str(file), folder.name) if file.is_file() else PackageDeclaration()
@@ -43,7 +43,7 @@ def declaration_in(folder: Path) -> PackageDeclaration:
 
 
 def declaration_of(model: str, sources: Sequence[Path] = ()) -> PackageDeclaration:
-    """What the package that a model is from, or is extended from in one of the sources, declares of it.
+    """Return what the package that a model is from, or is extended from in one of the sources, declares of it.
 
     Nothing for a model that no declaration names. Raises InputError for a declaration that is not valid.
     """
@@ -59,7 +59,7 @@ def declaration_of(model: str, sources: Sequence[Path] = ()) -> PackageDeclarati
 
 
 def _bases(model: str, file: Path) -> list[str]:
-    """The classes that a model of a file, or a class in it, extends; none where the file cannot be read."""
+    """Return the classes that a model of a file, or a class in it, extends; none where the file cannot be read."""
     with suppress(InputError):
         own = (top for top in read_classes(file.read_text("utf-8", "replace")) if top.full_name == model)
         return [name for top in own for c in top.walk() for name in c.bases() if name != model]
@@ -67,7 +67,7 @@ def _bases(model: str, file: Path) -> list[str]:
 
 
 def declared_members(model: str, sources: Sequence[Path]) -> dict[str, bytes]:
-    """The declaration that a model's FMU takes along, by the member of the archive."""
+    """Return the declaration that a model's FMU takes along, by the member of the archive."""
     package = declaration_of(model, sources).package
     files = [folder / DECLARATION_FILE for folder in (*rig_packages(), *sources) if folder.name == package]
     return {DECLARATION_MEMBER: files[0].read_bytes()} if files else {}
@@ -133,7 +133,7 @@ def library_roots(named: Sequence[Path] = ()) -> list[Path]:
 
 
 def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -> dict[str, Path]:
-    """The packages that the sources mention and ``roots`` hold: name and folder (or file).
+    """Return the packages that the sources mention and ``roots`` hold: name and folder (or file).
 
     A package folder may carry its version (``Modelica 4.1.0``); of several the latest is taken. The standard
     library comes with the packages that it needs.
@@ -164,7 +164,7 @@ def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -
 
 
 def _packages_in(text: str) -> set[str]:
-    """Names with a capital that a text uses with a dot behind them."""
+    """Return names with a capital that a text uses with a dot behind them."""
     words = ["", *words_of(tokenize(text, strict=False)), ""]
     around = zip(words, words[1:], words[2:], strict=False)
     return {word for dot, word, after in around if word[:1].isupper() and after == "." != dot}
@@ -183,12 +183,12 @@ def _package(name: str, roots: Sequence[Path]) -> Path | None:
 
 
 def check_model_name(model: str) -> str:
-    """The name unchanged where it is a dotted Modelica name. Raises InputError otherwise."""
+    """Return the name unchanged where it is a dotted Modelica name. Raises InputError otherwise."""
     if not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", model):
         raise InputError(f"{model!r} is not a Modelica model name such as Package.Systems.Rig")
     return model
 
 
 def identifier(model: str) -> str:
-    """The model's name as a C identifier, which names the FMU's library."""
+    """Return the model's name as a C identifier, which names the FMU's library."""
     return model.replace(".", "_")

@@ -31,7 +31,7 @@ _MISREAD = re.compile(r"\bgetTable1DValue\w*\(tableID, \d+, 0\)")
 
 
 def link_packages(packages: Mapping[str, Path], mentioned: Iterable[str] = ()) -> Path:
-    """A folder that holds just these packages under their plain names.
+    """Return a folder that holds just these packages under their plain names.
 
     It stays where it is for the same packages, since a compiler may keep what it has read by its path. Of the standard
     library it holds the parts that can be reached from the words ``mentioned``, which takes a third of the time to
@@ -71,13 +71,13 @@ def path_in_library(file: str) -> str:
 
 
 def names_used_in(files: Iterable[Path]) -> set[str]:
-    """Every name that Modelica files use outside of comments and strings."""
+    """Return every name that Modelica files use outside of comments and strings."""
     tokens = (t for f in files for t in tokenize(f.read_text("utf-8", "replace"), strict=False))
     return {t.word for t in tokens if t.kind == "name"}
 
 
 def _classes(path: str, text: str) -> Iterator[tuple[str, str]]:
-    """A class and those that it declares, found by their indentation: path, and text without what is inside."""
+    """Yield a class and those that it declares, found by their indentation: path, and text without what is inside."""
     own = _HEAD.search(text)
     head, inside = (text[: own.end()], text[own.end() :]) if own is not None else (text, "")
     for found in _INSIDE.finditer(inside):
@@ -98,7 +98,7 @@ def _stamp(root: Path) -> str:
 
 
 def _part(file: str) -> str:
-    """The part that a file belongs to: its first two levels, or one where there are no more."""
+    """Return the part that a file belongs to: its first two levels, or one where there are no more."""
     levels = file.split("/")[:2]
     if levels[-1] in ("package.mo", "package.order"):
         levels.pop()
@@ -106,7 +106,7 @@ def _part(file: str) -> str:
 
 
 def _index(root: Path, stamp: str) -> dict[str, list[str]]:
-    """For each class of a library, by its path, the names of others that it mentions."""
+    """Return, for each class of a library, by its path, the names of others that it mentions."""
     kept = user_cache() / "libraries" / f"{stamp}.json"
     with contextlib.suppress(OSError, ValueError):
         found: dict[str, list[str]] = json.loads(kept.read_text("utf-8"))

@@ -64,7 +64,7 @@ def linear_solve(
 
 
 def switches(node: Node) -> bool:
-    """Whether an expression has branches."""
+    """Return whether an expression has branches."""
     return any(n.op in ("select", "sign", "min", "max") or n.op in BOOLEAN for n in topological_order([node], {}))
 
 

@@ -11,7 +11,7 @@ SOLVE_FUNCTION = "Modelica.Math.Matrices.solve"
 
 
 def without_solve(e: FlatEquation) -> FlatEquation:
-    """The equation times the matrix that the library's ``solve`` inverts in it, where it stands in a sum.
+    """Return the equation times the matrix that the library's ``solve`` inverts in it, where it stands in a sum.
 
     The library calls LAPACK; here the equations are solved as all others are.
     """

@@ -26,7 +26,7 @@ class NameTable:
         self._families: dict[str, list[str]] | None = None
 
     def named(self, name: str) -> Value:
-        """The value of a name: a variable, a record, a field of one, or that field of an array of records.
+        """Return the value of a name: a variable, a record, a field of one, or that field of an array of records.
 
         Raises
         ------
@@ -46,7 +46,7 @@ class NameTable:
         raise KeyError(name)
 
     def _family(self, name: str) -> list[str]:
-        """Names such as ``r[1].v``, ``r[2].v`` that ``r.v`` stands for, in order."""
+        """Return names such as ``r[1].v``, ``r[2].v`` that ``r.v`` stands for, in order."""
         if self._families is None:
             self._families = {}
             for n in self.values:

@@ -66,7 +66,7 @@ def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = (), lib
 
 
 def _run(compiler: str, folder: Path, model: str, lines: str) -> str:
-    """What omc prints."""
+    """Return what omc prints."""
     (folder / "export.mos").write_text(lines, encoding="utf-8")
     try:
         done = subprocess.run(
@@ -78,7 +78,7 @@ def _run(compiler: str, folder: Path, model: str, lines: str) -> str:
 
 
 def script(model: str, files: Sequence[str], flags: str = DERIVATIVES + FLAGS) -> str:
-    """The ``.mos`` script: load the files in order, build the FMU, print what went wrong."""
+    """Return the ``.mos`` script: load the files in order, build the FMU, print what went wrong."""
     lines = [f'setCommandLineOptions("{flags}");', "getErrorString();"]
     for file in files:
         lines += [f'loadFile("{file}");', "getErrorString();"]
@@ -90,7 +90,7 @@ def script(model: str, files: Sequence[str], flags: str = DERIVATIVES + FLAGS) -
 
 
 def first_error(text: str) -> str:
-    """The first error line of omc's output, or of the C compiler that it calls, without its temporary folder."""
+    """Return the first error line of omc's output, or of the C compiler that it calls, without its temporary folder."""
     if found := C_ERROR.search(text):
         return f"the C compiler: {found['message'].strip()}"
     for line in text.splitlines():

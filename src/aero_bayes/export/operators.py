@@ -41,7 +41,7 @@ class Operators:
         return arrays.elementwise(lambda a, b: events.relation(op, a, b), left, right)
 
     def der(self, value: Value) -> Value:
-        """The time derivative, by the chain rule down to the symbols ``der(x)``."""
+        """Return the time derivative, by the chain rule down to the symbols ``der(x)``."""
         return arrays.mapped(self._rate, value)
 
     def _rate(self, node: Node) -> Node:
@@ -63,7 +63,7 @@ class Operators:
         return self.events is not None and symbol in self.events.piecewise_constant
 
     def pre(self, value: Value) -> Value:
-        """The value until the event: of a discrete variable ``pre(x)``, of a continuous one its left limit.
+        """Return the value until the event: of a discrete variable ``pre(x)``, of a continuous one its left limit.
 
         Raises
         ------
@@ -84,11 +84,11 @@ class Operators:
         raise LookupError("pre() of something that is not a variable")
 
     def change(self, value: Value) -> Value:
-        """Whether a discrete variable differs from its value until the event."""
+        """Return whether a discrete variable differs from its value until the event."""
         return arrays.elementwise(lambda x, y: self.builder.binary("ne", x, y), value, self.pre(value))
 
     def edge(self, value: Value) -> Value:
-        """Whether a Boolean variable becomes true in the event."""
+        """Return whether a Boolean variable becomes true in the event."""
         b = self.builder
         return arrays.elementwise(lambda x, y: b.binary("and", x, b.unary("not", y)), value, self.pre(value))
 

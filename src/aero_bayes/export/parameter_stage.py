@@ -16,11 +16,11 @@ class ParameterStage:
         self._memo: dict[Node, Node] = {}
 
     def of_parameters_only(self, node: Node) -> bool:
-        """Whether an expression depends on parameters alone."""
+        """Return whether an expression depends on parameters alone."""
         return self.builder.symbols(node) <= self.parameters
 
     def reciprocal(self, node: Node) -> Node:
-        """The expression with divisions by early expressions as multiplications by their reciprocals."""
+        """Return the expression with divisions by early expressions as multiplications by their reciprocals."""
         b = self.builder
         for n in topological_order([node], self._memo):
             args = tuple(self._memo[a] for a in n.args)

@@ -63,7 +63,7 @@ _MACH_O_ALIGN = 14
 
 
 def this_machine() -> Platform:
-    """The machine that this runs on; one of another kind is taken for Linux on x86-64."""
+    """Return the machine that this runs on; one of another kind is taken for Linux on x86-64."""
     if sys.platform == "win32":
         return PLATFORMS["win64"]
     if sys.platform == "darwin":
@@ -93,12 +93,12 @@ def platforms_called(names: str | Sequence[str]) -> tuple[Platform, ...]:
 
 
 def zig_compiler(target: str) -> list[str]:
-    """The command that compiles C for a machine."""
+    """Return the command that compiles C for a machine."""
     return [sys.executable, "-m", "ziglang", "cc", "-target", target]
 
 
 def one_file(libraries: Mapping[str, bytes]) -> bytes:
-    """A library for several processors of macOS, by Zig's name of each; a single one is returned as it is.
+    """Return a library for several processors of macOS, by Zig's name of each; a single one is returned as it is.
 
     The form is Apple's ``fat_header``: numbers with the highest byte first, then each library at an aligned place.
     """

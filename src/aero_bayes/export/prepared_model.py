@@ -59,7 +59,7 @@ class PreparedModel:
         return [self.stage.reciprocal(self.builder.substitute(n, self._memo)) for n in nodes]
 
     def step_starts(self) -> Iterator[Node]:
-        """Values of the discrete variables before the first event."""
+        """Yield values of the discrete variables before the first event."""
         by_name = {v.name: v for v in self.model.system.discrete_variables}
         given, zero = self.model.discrete.before, self.builder.zero
         for s in self.steps:

@@ -33,7 +33,7 @@ _CAUSALITY: dict[str, Causality] = {"Input": "input", "Output": "output"}
 
 
 def read_structured(name: str, flat: Json, files: Mapping[str, Sequence[str]]) -> FlatModel:
-    """The flat model of rumoca's document.
+    """Return the flat model of rumoca's document.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def _word(tagged: Any) -> str:
 
 
 def _common(*names: str) -> str:
-    """The instance that holds the connectors: the longest path that all names share, without the connector."""
+    """Return the instance that holds the connectors: the longest path that all names share, without the connector."""
     paths = [n.lstrip("-").split(".")[:-1] for n in names]
     shared = []
     for level in zip(*paths, strict=False):

@@ -101,7 +101,7 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
 def _imbalance(
     model: str, root: Path, files: Sequence[Path], links: Sequence[Path], unequal: re.Match[str]
 ) -> InputError | None:
-    """Which variables or equations are left over; None where that cannot be told."""
+    """Return which variables or equations are left over; None where that cannot be told."""
     file = root / "Balanced.mo"
     file.write_text(balanced_model(model, int(unequal[2]) - int(unequal[1])), "utf-8")
     with suppress(InputError, RecursionError):
@@ -119,7 +119,10 @@ def _longest(files: Sequence[Path], root: Path) -> str:
 
 
 def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Collection[str]) -> InputError | None:
-    """What to say where the class is in none of the sources; None where it may be, or where they cannot be read."""
+    """Return what to say where the class is in none of the sources.
+
+    None where it may be, or where they cannot be read.
+    """
     first = model.split(".")[0]
     shipped = [root / folder.name for folder in rig_packages() if folder.name == first]
     try:
@@ -135,7 +138,7 @@ def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Colle
 
 
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
-    """The answer of rumoca on a model; read from the user's cache where it answered the same question before.
+    """Return the answer of rumoca on a model; read from the user's cache where it answered the same question before.
 
     Answers that depend on libraries outside ``root`` are not kept, since nobody looks whether these change.
     """

@@ -39,7 +39,7 @@ class TreeReader:
     # places and failures
 
     def place(self, span: Json | None) -> SourceLocation | None:
-        """The place in a file that a span of the document means; None where its file is not known."""
+        """Return the place in a file that a span of the document means; None where its file is not known."""
         key = str(span["source"]) if span else ""
         if span is None or key not in self.files:
             return None
@@ -50,11 +50,11 @@ class TreeReader:
         return SourceLocation(path, start, end, bisect_right(self.lines[key], start - 1) + 1)
 
     def fail(self, what: str) -> InputError:
-        """The error for a construct that cannot be translated, at the current place."""
+        """Return the error for a construct that cannot be translated, at the current place."""
         return InputError(f"{self.here or self.name}: the embedded exporter cannot translate {what}")
 
     def target(self, t: Any) -> syntax.Name:
-        """The variable that an assignment or a reinit sets."""
+        """Return the variable that an assignment or a reinit sets."""
         if isinstance(t, str):
             return syntax.Name(t)
         if "name" in t:
@@ -67,11 +67,11 @@ class TreeReader:
     # statements
 
     def statements(self, body: Sequence[Json]) -> tuple[syntax.Statement, ...]:
-        """The statements of an algorithm or of a branch."""
+        """Return the statements of an algorithm or of a branch."""
         return tuple(s for item in body for s in self.statement(item))
 
     def statement(self, s: Json | str) -> tuple[syntax.Statement, ...]:
-        """One statement; none for an empty one, several nested ones for a loop over several indices."""
+        """Return one statement; none for an empty one, several nested ones for a loop over several indices."""
         if isinstance(s, str):
             if s == "Empty":
                 return ()
@@ -109,7 +109,7 @@ class TreeReader:
         return (syntax.UnsupportedStatement(f"the statement {kind.lower()!r}"),)
 
     def optional(self, o: Any) -> syntax.Name | None:
-        """The target of one result of a function; None where it is left out."""
+        """Return the target of one result of a function; None where it is left out."""
         if o is None or o == "Empty" or (isinstance(o, dict) and "Empty" in o):
             return None
         return self.target(o)
@@ -119,7 +119,7 @@ class TreeReader:
         return str(comp["name"]) if "name" in comp else ".".join(_ident(p["ident"]) for p in comp["parts"])
 
     def reference(self, comp: Json) -> syntax.Name:
-        """A component reference, its constant subscripts as part of the name."""
+        """Return a component reference, its constant subscripts as part of the name."""
         parts = comp["parts"]
         words = []
         for p in parts[:-1]:
@@ -136,7 +136,7 @@ class TreeReader:
     # expressions
 
     def subscript(self, s: Json) -> syntax.Expression:
-        """One subscript: a number, an expression, or the colon."""
+        """Return one subscript: a number, an expression, or the colon."""
         kind, d = next(iter(s.items()))
         match kind:
             case "Index":
@@ -148,7 +148,7 @@ class TreeReader:
         raise self.fail(f"a subscript of the kind {kind!r}")
 
     def expression(self, e: Json) -> syntax.Expression:
-        """The syntax tree of an expression."""
+        """Return the syntax tree of an expression."""
         kind, d = next(iter(e.items()))
         match kind:
             case "Literal":
@@ -202,7 +202,7 @@ class TreeReader:
         return tree
 
     def literal(self, value: Json) -> syntax.Expression:
-        """A number, a Boolean as 0 or 1, or a text."""
+        """Return a number, a Boolean as 0 or 1, or a text."""
         kind, v = next(iter(value.items()))
         match kind:
             case "Real" | "Integer" | "Boolean":
@@ -212,7 +212,7 @@ class TreeReader:
         raise self.fail(f"a literal of the kind {kind!r}")
 
     def variable_reference(self, d: Json) -> syntax.Expression:
-        """A variable; an index of an unrolled loop or an enumeration literal becomes its number."""
+        """Return a variable; an index of an unrolled loop or an enumeration literal becomes its number."""
         name = str(d["name"]["name"])
         subscripts = tuple(map(self.subscript, d["subscripts"]))
         if self.binders:
@@ -226,7 +226,7 @@ class TreeReader:
 
 
 def message_of(tree: Json) -> str:
-    """The literal parts of a message; what is computed in it is left out."""
+    """Return the literal parts of a message; what is computed in it is left out."""
     if "Literal" in tree:
         return str(tree["Literal"]["value"].get("String", ""))
     if "Binary" in tree:

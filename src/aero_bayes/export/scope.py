@@ -52,7 +52,7 @@ class Scope(Evaluator):
         return found
 
     def call_function(self, function: Function, args: tuple[Expression, ...]) -> Value:
-        """The result of a function of the model: its body is executed on the arguments."""
+        """Return the result of a function of the model: its body is executed on the arguments."""
         if self.depth > MAX_DEPTH:
             raise self.fail(f"the recursive function {function.name!r}")
         if len(args) > len(function.inputs):

@@ -17,7 +17,7 @@ LARGEST = 100_000
 
 
 def _tokens(text: str) -> list[Token]:
-    """The tokens of a source without its annotations."""
+    """Return the tokens of a source without its annotations."""
     found, at, tokens = [], 0, tokenize(text, strict=False)
     while at < len(tokens):
         if words_of(tokens[at : at + 2]) == ["annotation", "("]:
@@ -29,7 +29,7 @@ def _tokens(text: str) -> list[Token]:
 
 
 def _modifiers(tokens: Sequence[Token]) -> Sequence[Token]:
-    """The modifiers in parentheses after the name of a class."""
+    """Return the modifiers in parentheses after the name of a class."""
     at = dotted_name(tokens)[1]
     opened = words_of(tokens[at : at + 1]) == ["("]
     return tokens[at + 1 : skip_group(tokens, at, strict=False) - 1] if opened else ()
@@ -69,7 +69,7 @@ def refuse_dropped(root: Path, sources: Iterable[Path]) -> None:
 
 
 def _likely(model: str, root: Path) -> list[Path]:
-    """The user's own files, then the one that is named like the model."""
+    """Return the user's own files, then the one that is named like the model."""
     files = sorted(root.rglob("*.mo"))
     shipped = {folder.name for folder in rig_packages()}
     own = [p for p in files if p.relative_to(root).parts[0] not in shipped]
@@ -77,7 +77,7 @@ def _likely(model: str, root: Path) -> list[Path]:
 
 
 def locate(message: str, model: str, root: Path) -> str:
-    """The message with ``file:line`` before it: of a name that it quotes, else of the class."""
+    """Return the message with ``file:line`` before it: of a name that it quotes, else of the class."""
     if re.match(r"[^ :]+\.mo:\d+: ", message):
         return message
     for quoted in re.findall(r"['`]([^'`]+)['`]", message):

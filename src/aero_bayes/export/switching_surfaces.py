@@ -112,7 +112,7 @@ class _Members:
         self.places = list(places)
 
     def _symbol(self, above: bool) -> Node:
-        """Of the relation that holds where the difference is positive, or negative."""
+        """Return the symbol of the relation that holds where the difference is positive, or negative."""
         for i, holds in self.places:
             r = self.relations[i]
             if holds is above and r.difference is self.key and r.below is not above:
@@ -123,7 +123,7 @@ class _Members:
         return self.relations[place].symbol
 
     def expression(self, n: Node) -> Node:
-        """What stands in the place of ``sign(...)`` or of a relation without events."""
+        """Return what stands in the place of ``sign(...)`` or of a relation without events."""
         b = self.b
         same = _oriented(b, _difference(b, n))[1]
         if n.op == "sign":
@@ -145,7 +145,7 @@ class _Search:
         self.instant = {d for d in model.discrete.updates if self._follows(d, frozenset())}
 
     def _follows(self, d: Node, above: frozenset[Node]) -> bool:
-        """Whether a discrete variable has no memory."""
+        """Return whether a discrete variable has no memory."""
         updates = self.model.discrete.updates
         for s in self.b.symbols(updates[d]):
             if s in above or s.name.startswith(("pre(", "sample#", "initial(", "when#", "left(")):
@@ -167,7 +167,7 @@ class _Search:
         return symbols <= self.known and not symbols.isdisjoint(self.states)
 
     def slope(self, difference: Node, rates: Mapping[Node, Node]) -> Node:
-        """The slope of a difference in time, with the derivatives of the states."""
+        """Return the slope of a difference in time, with the derivatives of the states."""
         b = self.b
         slope = b.derivative(difference, self.model.system.time)
         for s in sorted(b.symbols(difference) & self.states.keys(), key=lambda s: s.index):
@@ -175,7 +175,10 @@ class _Search:
         return slope
 
     def may_slide(self, difference: Node, sides: Mapping[Node, tuple[Node, Node]]) -> bool:
-        """Whether the slope differs between both sides of a surface; ``sides`` has each relation's values there."""
+        """Return whether the slope differs between both sides of a surface.
+
+        ``sides`` has each relation's values there.
+        """
         b = self.b
         if not self._can_be_surface(difference):
             return False
@@ -187,7 +190,7 @@ class _Search:
         return above is not below and not self._agree(_on_surface(b, difference, [above, below]))
 
     def _through_symbols(self, slope: Node, sides: Mapping[Node, tuple[Node, Node]]) -> bool:
-        """Whether it depends on the relations by the unknowns of loops or by discrete variables."""
+        """Return whether it depends on the relations by the unknowns of loops or by discrete variables."""
         stack, seen = [*self.b.symbols(slope)], set[Node]()
         while stack:
             s = stack.pop()
@@ -204,7 +207,7 @@ class _Search:
         return False
 
     def _agree(self, both: list[Node]) -> bool:
-        """Whether two expressions have the same value at a few points."""
+        """Return whether two expressions have the same value at a few points."""
         if both[0] is both[1]:
             return True
         symbols = sorted(self.b.symbols(both[0]) | self.b.symbols(both[1]), key=lambda s: s.index)
@@ -224,7 +227,7 @@ def _difference(b: Builder, n: Node) -> Node:
 
 
 def _sides(b: Builder, n: Node) -> tuple[Node, Node]:
-    """The values of ``sign`` or of a relation where the difference of its surface is positive, and negative."""
+    """Return the values of ``sign`` or of a relation where the difference of its surface is positive, and negative."""
     same = _oriented(b, _difference(b, n))[1]
     low = b.const(-1.0) if n.op == "sign" else b.zero
     values = (low, b.one) if n.op in ("lt", "le") else (b.one, low)
@@ -232,7 +235,7 @@ def _sides(b: Builder, n: Node) -> tuple[Node, Node]:
 
 
 def _oriented(b: Builder, difference: Node) -> tuple[Node, bool]:
-    """One form of a difference and of its negative; whether it has the sign of the one that was given."""
+    """Return one form of a difference and of its negative; whether it has the sign of the one that was given."""
     if difference.op == "neg":
         key, same = _oriented(b, difference.args[0])
         return key, not same

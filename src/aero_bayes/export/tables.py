@@ -24,17 +24,17 @@ _HOLD, _PERIODIC = 1.0, 3.0
 
 
 def is_table_type(name: str) -> bool:
-    """Whether a parameter of that type holds a table."""
+    """Return whether a parameter of that type holds a table."""
     return name.rpartition(".")[2] in _CONSTRUCTORS
 
 
 def is_table_function(name: str) -> bool:
-    """Whether :func:`call_table` may know a function."""
+    """Return whether :func:`call_table` may know a function."""
     return name.startswith((_INTERNAL, _TYPES))
 
 
 def call_table(b: Builder, function: str, args: Sequence[Value], events: Events | None = None) -> Value | None:
-    """The value of a function of a table, or None for another function.
+    """Return the value of a function of a table, or None for another function.
 
     A table over time makes an event at each of its instants where ``events`` are given.
 
@@ -88,7 +88,7 @@ def with_search_from_first_row(function: str, args: tuple[Expression, ...]) -> t
 def _surface(
     b: Builder, name: str, table: Record, rows: Sequence[Value], x: Sequence[Node], args: Sequence[Value]
 ) -> Value | None:
-    """A table over two inputs: straight lines along the first one, then along the second."""
+    """Return a table over two inputs: straight lines along the first one, then along the second."""
     across = scalars(rows[0])[1:]
     if name == "getTable2DAbscissaUmin":
         return [x[0], across[0]]

@@ -10,7 +10,7 @@ LIMIT = 256
 
 
 def possible_values(b: Builder, node: Node) -> frozenset[float] | None:
-    """Every value that ``node`` can take, and maybe more; None where these are not a few numbers."""
+    """Return every value that ``node`` can take, and maybe more; None where these are not a few numbers."""
     known: dict[Node, frozenset[float] | None] = {}
     for n in topological_order([node], known):
         known[n] = _of(b, n, known)

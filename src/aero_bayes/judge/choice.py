@@ -88,7 +88,7 @@ class Choice:
         return self.comparison.share(self.structure, best_within(self.comparison, self.structure.minus(term)))
 
     def alike(self, term: str) -> tuple[str, ...]:
-        """A chosen term and those that do as well in its place, best first.
+        """Return a chosen term and those that do as well in its place, best first.
 
         A curve at its port and a refinement hold it as a special case: they are not listed.
         """
@@ -123,7 +123,7 @@ class Choice:
         return tuple(s for s in every if len(s) == len(self.structure))
 
     def _moves_an_input(self, term: str) -> bool:
-        """Whether a law is a shift of a recorded input in time."""
+        """Return whether a law is a shift of a recorded input in time."""
         items, candidate = self.fitted.model.objective.parameters.items, self.fitted.model.candidates.get(term)
         columns = candidate.columns if candidate is not None and law_of(term) else ()
         return any(isinstance(items[j].target, DelayTarget) for j in columns)
@@ -139,7 +139,7 @@ class Choice:
         return self.comparison.best(much) if much and not self.structure.terms else None
 
     def looks_like(self, term: str) -> str:
-        """The law at a curve's port that comes near the curve; empty where none does."""
+        """Return the law at a curve's port that comes near the curve; empty where none does."""
         rest, squares = self.structure.minus(term), self.ranking.squares
         without = best_within(self.ranking, rest)
         there = self.explored.laws_in_place_of(term, rest, squares)
@@ -157,7 +157,7 @@ class Choice:
         return self.ranking.wins([whole, best_within(self.ranking, whole.minus(term))])[whole]
 
     def at(self, structure: Structure) -> Choice:
-        """The choice of another structure; no smaller effects are known beside it."""
+        """Return the choice of another structure; no smaller effects are known beside it."""
         judge = self._judge
         own = [s for s in self.comparison.squares if len(s) == len(structure) and s not in self.refused]
         near = [s for s in own if judge.material(s) and not self.comparison.clearly_better(structure, s)]
@@ -168,7 +168,7 @@ class Choice:
         )  # fmt: skip
 
     def refuse(self) -> Choice | None:
-        """The next choice where unseen readings refuse this one; None where nothing is left.
+        """Return the next choice where unseen readings refuse this one; None where nothing is left.
 
         First come material structures with a part of its terms, then those that training readings do not tell from it:
         the order is that of the training readings, and unseen ones only refuse.
@@ -183,7 +183,7 @@ class Choice:
         return replace(self, refused=refused).at(left[0]) if left else None
 
     def told(self) -> Choice:
-        """The choice with those terms only whose place, or whose law, all structures have that do as well.
+        """Return the choice with those terms only whose place, or whose law, all structures have that do as well.
 
         Of structures that do equally well one is taken whose terms are all told, if there is one. Else what is not told
         is ``undecided``: one of these terms is missing, and the data do not tell at which place.
@@ -201,7 +201,7 @@ class Choice:
         return replace(self, undecided=undecided).at(self._material_part(kept))
 
     def _material_part(self, kept: Sequence[str]) -> Structure:
-        """The best material structure with no terms but those that are told; the first model without any."""
+        """Return the best material structure with no terms but those that are told; the first model without any."""
         judge, required = self._judge, set(self.settings.require)
         inside = [s for s in self.comparison.squares if required <= set(s.terms) <= required | set(kept)]
         material = [s for s in inside if set(s.terms) > required and judge.material(s)]
@@ -296,18 +296,20 @@ class Judge:
     _only_noise: dict[Structure, bool] = field(default_factory=dict)
 
     def only_noise(self, structure: Structure) -> bool:
-        """Whether a structure leaves nothing but noise, under the noise of the best structure."""
+        """Return whether a structure leaves nothing but noise, under the noise of the best structure."""
         if structure not in self._only_noise:
             reports = residual_reports(self.explored.fits[structure], self.explored)
             self._only_noise[structure] = self.explored.noise.adequate and not structured_residuals(reports)
         return self._only_noise[structure]
 
     def rest(self, structure: Structure, term: str) -> Structure:
-        """The best structure whose terms are among the others of this one."""
+        """Return the best structure whose terms are among the others of this one."""
         return best_within(self.comparison, structure.minus(term))
 
     def material(self, structure: Structure) -> bool:
-        """Whether every term matters: it lowers the left-out error by a quarter, or clearly and down to the noise.
+        """Return whether every term matters.
+
+        It lowers the left-out error by a quarter, or clearly and down to the noise.
 
         A refinement has to do so beside the coarser law, too.
         """
@@ -319,7 +321,7 @@ class Judge:
         return bool(structure.terms) and all(self._matters(structure, rest) for rest in rests)
 
     def coarser(self, structure: Structure) -> list[Structure]:
-        """The same with the coarser law in place of a refinement, of what is compared."""
+        """Return the same with the coarser law in place of a refinement, of what is compared."""
         refines, known = self.explored.refines, self.comparison.squares
         found = [structure.minus(t).plus(refines[t]) for t in structure.terms if t in refines]
         return [s for s in found if s in known]
@@ -350,7 +352,7 @@ class Judge:
         return sorted(near, key=lambda s: (*order[s], self.comparison.scores[s]))
 
     def _unlisted(self, structure: Structure) -> int:
-        """How far a structure is from listed laws: one for each formula, two for each curve."""
+        """Return how far a structure is from listed laws: one for each formula, two for each curve."""
         curves, formulas = (set(structure.terms) & set(t) for t in (self.explored.curves, self.explored.formulas))
         return len(formulas) + 2 * len(curves)
 
@@ -390,5 +392,5 @@ def residual_reports(fitted: FittedModel, explored: SearchResult) -> tuple[Resid
 
 
 def best_within(comparison: Comparison, structure: Structure) -> Structure:
-    """The best structure that has no terms but those of another."""
+    """Return the best structure that has no terms but those of another."""
     return comparison.best(s for s in comparison.squares if set(s.terms) <= set(structure.terms))

@@ -128,13 +128,13 @@ class Chooser:
                 own.refitted.add(k)
 
     def _is_whole(self, structure: Structure) -> bool:
-        """Whether a structure was fitted without every block."""
+        """Return whether a structure was fitted without every block."""
         own = self._known.get(structure)
         return own is not None and len(own.refitted) == len(own.errors)
 
 
 def _is_beaten(structure: Structure, judge: Judge) -> bool:
-    """Whether a structure cannot be chosen, to judge by the first blocks.
+    """Return whether a structure cannot be chosen, to judge by the first blocks.
 
     One with no more terms is clearly better; or the same with a coarser law, which is chosen unless clearly worse, is
     not likely to be worse; or without one of its terms the error is hardly larger.
@@ -176,7 +176,7 @@ class _LeftOut:
 
 
 def rank(explored: SearchResult) -> tuple[CommonBlocks, Comparison]:
-    """All structures by the closed form, and the blocks that are left out."""
+    """Return all structures by the closed form, and the blocks that are left out."""
     noise = explored.noise.noise
     fits = {s: f.with_noise(noise) for s, f in explored.fits.items()}
     common = CommonBlocks.of(list(fits.values()))
@@ -233,7 +233,7 @@ def finalists(judge: Judge) -> list[Structure]:
 
 
 def one_of_each(structures: Iterable[Structure], curves: Collection[str]) -> list[Structure]:
-    """The first structure with each set of laws, wherever these act; a curve at another place is another law."""
+    """Return the first structure with each set of laws, wherever these act; a curve at another place is another law."""
     first: dict[tuple[str, ...], Structure] = {}
     for structure in structures:
         laws = sorted(t if t in curves else law_of(t) for t in structure.terms)
@@ -242,6 +242,6 @@ def one_of_each(structures: Iterable[Structure], curves: Collection[str]) -> lis
 
 
 def changed(one: SearchResult, other: SearchResult, only: Structure | None = None) -> bool:
-    """Whether one result has fits that the other lacks or that are better."""
+    """Return whether one result has fits that the other lacks or that are better."""
     names = other.fits if only is None else [only]
     return any(s not in one.fits or one.fits[s].optimum is not other.fits[s].optimum for s in names)

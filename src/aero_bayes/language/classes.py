@@ -115,7 +115,7 @@ class ClassText:
         return [s for s in self.statements if s.section in ("public", "protected")]
 
     def components(self) -> list[ComponentDeclaration]:
-        """Everything that the class declares itself, in order."""
+        """Return everything that the class declares itself, in order."""
         return [c for s in self.declarations for c in _components(s)]
 
     def declared_in(self, statement: SourceStatement) -> list[ComponentDeclaration]:
@@ -242,7 +242,10 @@ def _modifiers(tokens: Sequence[Token]) -> Modifiers:
 
 
 def annotation_arguments(tokens: Sequence[Token], name: str) -> Mapping[str, Expression]:
-    """The named arguments of one entry of the annotation that some tokens hold: ``Placement(...)``; none without it."""
+    """Return the named arguments of one entry of the annotation that some tokens hold: ``Placement(...)``.
+
+    None without it.
+    """
     inside = tokens[find_outside(tokens, _ANNOTATION) + 2 : -1]
     for part in split_outside(inside):
         if part and part[0].word == name:

@@ -75,7 +75,10 @@ def base_units(unit: str) -> tuple[float, dict[str, int]] | None:
 
 
 def symbols_of(unit: str) -> list[tuple[str, int]]:
-    """The symbols of a unit expression with their powers, ``N.s/m`` as N, s and 1/m; none for what is not one."""
+    """Return the symbols of a unit expression with their powers, ``N.s/m`` as N, s and 1/m.
+
+    None for what is not one.
+    """
     found: list[tuple[str, int]] = []
     above, *below = unit.split("/")
     for part, sign in ((above, 1), *((p, -1) for p in below)):

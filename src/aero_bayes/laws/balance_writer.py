@@ -154,7 +154,10 @@ class BalanceWriter:
     def _sides(
         self, s: SourceStatement, cls: ClassText, whole: Mapping[str, int]
     ) -> tuple[Expression, Expression] | None:
-        """Both sides of an equation, or of a declaration with a value; ``whole`` are the names of whole numbers."""
+        """Return both sides of an equation, or of a declaration with a value.
+
+        ``whole`` are the names of whole numbers.
+        """
         if s.section == "equation":
             return sides_of(s.core, whole)
         c = next((c for c in cls.components() if c.statement is s and c.binding), None)

@@ -123,7 +123,10 @@ class ClassWithLaws:
         self.instances[placed.instance] = name, bound
 
     def copy_of(self, path: str) -> ComponentCopy:
-        """The copy of the class of a component. The classes of the components that contain it are copied as well."""
+        """Return the copy of the class of a component.
+
+        The classes of the components that contain it are copied as well.
+        """
         if path in self.copies:
             return self.copies[path]
         parent, _, name = path.rpartition(".")

@@ -68,7 +68,7 @@ def couple(inner: Model, coupling: LawCoupling, out: Path, laws_out: Path) -> No
 
 
 def _part(model: Model, folder: str, kept: Sequence[str]) -> dict[str, bytes]:
-    """The files of an FMU that its binary may need."""
+    """Return the files of an FMU that its binary may need."""
     with ScratchFolder() as scratch:
         model.unpack(scratch)
         binary = model.binary_in(scratch)
@@ -108,7 +108,7 @@ class _CoupledDescription:
         return self.variables.index((part, own))
 
     def text(self) -> str:
-        """The table that ``coupling_file.c`` reads. The variables, which the description numbers, come last."""
+        """Return the table that ``coupling_file.c`` reads. The variables, which the description numbers, come last."""
         list(self.coupled_variables())
         inner, laws = self.inner, self.laws
         lines = []
@@ -127,7 +127,7 @@ class _CoupledDescription:
         return "\n".join(lines) + "\n"
 
     def coupled_variables(self) -> Iterator[_Coupled]:
-        """The variables in the order of the model description."""
+        """Yield the variables in the order of the model description."""
         inner, laws, coupling = self.inner, self.laws, self.coupling
         read = {v.name: outside for v, _, outside in coupling.outputs}
         plain = [v for v in inner.outputs if v.name not in read]

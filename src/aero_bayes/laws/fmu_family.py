@@ -165,14 +165,14 @@ class FmuFamily(ModelicaFamily):
         return iter(())
 
     def _own_signal(self, place: FormulaPort) -> str:
-        """The signal at an input or output, or the speed that a force drives."""
+        """Return the signal at an input or output, or the speed that a force drives."""
         return place.port.signals.get("u", place.port.signals.get("v", ""))
 
     def _read_at(self, place: FormulaPort) -> list[str]:
         return [*place.port.signals.values()]
 
     def formula_signals(self) -> Mapping[str, tuple[str, str]]:
-        """For each state, input and output that formulas around the FMU read: the variable, and its unit.
+        """Return, for each state, input and output that formulas around the FMU read: the variable, and its unit.
 
         An output that equals a state is read at its port only.
         """
@@ -215,6 +215,6 @@ class FmuFamily(ModelicaFamily):
         )
 
     def _states_there(self, calibration: Calibration, model: Model) -> Mapping[str, str]:
-        """Names in a coupled model of states that are outputs, which may have others there."""
+        """Return names in a coupled model of states that are outputs, which may have others there."""
         there = {s.name for s in model.states}
         return {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}

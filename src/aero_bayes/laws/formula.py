@@ -277,7 +277,7 @@ _TITLES: Mapping[Way, str] = {"added": "Term", "share": "Parameter that grows wi
 
 
 def _constant(formula: Formula, local: Mapping[str, str]) -> list[str]:
-    """The declaration of the constant inside of a formula, if it has one."""
+    """Return the declaration of the constant inside of a formula, if it has one."""
     for shape, signal, start in formula.factors:
         if shape.constants:
             size = f"{local[signal.name]}_n" if "{n}" not in shape.text else "1"
@@ -290,7 +290,7 @@ def _constant(formula: Formula, local: Mapping[str, str]) -> list[str]:
 
 
 def _equation(formula: Formula, local: Mapping[str, str], at_signal: bool) -> str:
-    """The equation of a formula: off where ``k`` is zero."""
+    """Return the equation of a formula: off where ``k`` is zero."""
     if formula.way == "power":
         (signal,) = formula.signals
         return f"y = u * ({local[signal.name]} / {signal.size:.6g}) ^ k"

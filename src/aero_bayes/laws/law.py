@@ -86,7 +86,10 @@ class LawParameter:
         return evaluate_expression(term, nominals)
 
     def unit(self, nominal_units: Mapping[str, str]) -> str:
-        """The declared unit; else the one that follows from the units of the nominal values. Empty if unknown."""
+        """Return the declared unit; else the one that follows from the units of the nominal values.
+
+        Empty if unknown.
+        """
         if self.declared_unit:
             return self.declared_unit
         if not names_in(self.nominal):

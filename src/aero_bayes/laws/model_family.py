@@ -200,7 +200,7 @@ class ModelFamily(Protocol):
         ...
 
     def refinements(self) -> Mapping[str, str]:
-        """For each candidate that refines another one, that one."""
+        """Return, for each candidate that refines another one, that one."""
         ...
 
     def curves(self) -> Mapping[str, str]:
@@ -216,7 +216,7 @@ class ModelFamily(Protocol):
         ...
 
     def formula_signals(self) -> Mapping[str, tuple[str, str]]:
-        """For each state, input and output of the base model that formulas read: the variable, and its unit."""
+        """Return, for each state, input and output of the base model that formulas read: the variable, and its unit."""
         ...
 
     def state_sizes(self) -> Mapping[str, float]:
@@ -285,7 +285,10 @@ def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, s
 def effect_parameter(
     name: str, unit: str, description: str, bounds: tuple[float, float], scale: float, default: float
 ) -> Parameter:
-    """The parameter of an effect, with its prior: normal about zero, or log-uniform where its bounds are positive."""
+    """Return the parameter of an effect, with its prior.
+
+    Normal about zero, or log-uniform where its bounds are positive.
+    """
     low, high = bounds
     target = ParameterTarget(name)
     if low > 0.0:

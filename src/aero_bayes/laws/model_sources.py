@@ -44,7 +44,10 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
 
 
 def reserved_names(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
-    """Names that a new variable must not have: those of variables of the model, and of loop indices in its sources."""
+    """Return names that a new variable must not have.
+
+    Those of variables of the model, and of loop indices in its sources.
+    """
     loops = set[str]()
     for path in modelica_files(sources):
         words = words_of(tokenize(read_modelica_text(path)))

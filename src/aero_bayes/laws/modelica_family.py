@@ -270,14 +270,14 @@ class ModelicaFamily:
                 yield place
 
     def _own_signal(self, place: FormulaPort) -> str:
-        """The state of a balance, or the signal at an input or output; empty for a parameter."""
+        """Return the state of a balance, or the signal at an input or output; empty for a parameter."""
         port = place.port
         if place.at_signal:
             return "" if place.parameter else self._named(port.signals["u"])
         return port.balance.state if port.balance is not None else ""
 
     def _named(self, variable: str) -> str:
-        """The variable as others call it that are equal to it."""
+        """Return the variable as others call it that are equal to it."""
         same, sign = self._structure.same.get(variable, (variable, 1))
         return same if sign > 0 else variable
 
@@ -286,7 +286,7 @@ class ModelicaFamily:
         return [self._structure.of(s) for s in place.port.signals.values() if s in self._structure.same]
 
     def formula_signals(self) -> Mapping[str, tuple[str, str]]:
-        """For each state, input and output of the base model that formulas read: the variable, and its unit."""
+        """Return, for each state, input and output of the base model that formulas read: the variable, and its unit."""
         model, structure = self.base_model(), self._structure
         every = (*(v for v in model.outputs if v.kind == "real"), *model.states)
         names = {v.name: self._named(v.name) for v in every if v.name in structure.same}
@@ -362,7 +362,7 @@ class ModelicaFamily:
         return candidate_groups(self._placed)
 
     def refinements(self) -> Mapping[str, str]:
-        """For each law that refines another one at the same port, that one."""
+        """Return, for each law that refines another one at the same port, that one."""
         return refinements(self._placed)
 
     def curves(self) -> Mapping[str, str]:
@@ -501,7 +501,7 @@ class ModelicaFamily:
         return calibration_on(calibration, model, self._states_there(calibration, model))
 
     def _states_there(self, calibration: Calibration, model: Model) -> Mapping[str, str]:
-        """Names in another model of states of a calibration's."""
+        """Return names in another model of states of a calibration's."""
         there = states_by_base_name(model, self._structure, self._aliases, self._read)
         return state_names(calibration.model, self._structure, there)
 

@@ -126,7 +126,7 @@ class SignalWriter:
         self.target.variables.append(f'{c.type} {name}{modified} "{c.description or c.name}, {about}";')
 
     def _without_start(self, c: ComponentDeclaration) -> None:
-        """What is no state any more keeps its units only."""
+        """Keep only the units of what is no state any more."""
         if c.arguments:
             parts = split_outside(c.arguments[1:-1])
             kept = [p for p in parts if {"unit", "displayUnit"} & {t.word for t in p[: find_outside(p, _EQUALS)]}]

@@ -92,7 +92,7 @@ def write_laws(
     out_dir: Path | str,
     name: str = "",
 ) -> WrittenModel:
-    """As :func:`write_law`, for laws in replaceable models as well.
+    """Write laws as :func:`write_law` does, also those in replaceable models as well.
 
     The model then extends the class of the user, or the class with the other laws, which comes first in the file.
     """

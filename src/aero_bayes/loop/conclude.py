@@ -85,7 +85,7 @@ def other_cause(base: BaseFit, settings: LoopSettings) -> DiagnosisRow | None:
 
 
 def diagnosed(conclusion: Conclusion, base: BaseFit, settings: LoopSettings) -> Conclusion:
-    """The conclusion with the other cause as its sentence, and with what was mended of the data."""
+    """Return the conclusion with the other cause as its sentence, and with what was mended of the data."""
     cause = other_cause(base, settings)
     if cause is not None:
         sentence = f"{cause.cause.capitalize()}: {cause.sentence} No missing effect was looked for in what this leaves."
@@ -110,7 +110,7 @@ def conclude(context: LoopContext, base: BaseFit, choice: Choice) -> Conclusion:
 
 
 def _offer(context: LoopContext, base: BaseFit, choice: Choice) -> tuple[Conclusion, bool]:
-    """The conclusion from a choice, and whether unseen readings accept it."""
+    """Return the conclusion from a choice, and whether unseen readings accept it."""
     settings, chosen = context.settings, choice.fitted
     base = refit_base(context, base, _first_of(choice))
     before = context.unseen.predict(base.plain, base.fit)
@@ -154,7 +154,10 @@ def _far_off(context: LoopContext, base: BaseFit, choice: Choice, extended: Exte
 
 
 def _without_needless_term(context: LoopContext, base: BaseFit, choice: Choice, extended: ExtendedFit) -> Choice | None:
-    """The choice without a term that the last fit or unseen readings refuse beside the others; None where all hold."""
+    """Return the choice without a term that the last fit or unseen readings refuse beside the others.
+
+    None where all hold.
+    """
     if len(choice.terms) < 2 or extended.smaller:
         return None
     for id_ in reversed(choice.terms):
@@ -170,7 +173,7 @@ def _without_needless_term(context: LoopContext, base: BaseFit, choice: Choice, 
 
 
 def _first_of(choice: Choice) -> FittedModel:
-    """The first model, its inputs read and its parameters freed as in the chosen structure."""
+    """Return the first model, its inputs read and its parameters freed as in the chosen structure."""
     return choice.explored.fits.get(choice.structure.minus(*choice.structure.terms), choice.fitted)
 
 
@@ -282,7 +285,7 @@ def _extended_text(context: LoopContext, choice: Choice, extended: ExtendedFit, 
 
 
 def _effect_text(effect: FoundEffect, same: Sequence[str]) -> str:
-    """An effect, and what it may be instead: the data cannot tell."""
+    """Return an effect, and what it may be instead: the data cannot tell."""
     others = [other for other in same if other != effect.id]
     instead = " or ".join(others) if len(others) <= MAX_NAMED_ALTERNATIVES else f"one of {len(others)} others"
     if effect.kind == "catalogue":
@@ -311,7 +314,7 @@ def _ratio(ratio: float) -> str:
 
 
 def _nature(report: ResidualReport) -> str:
-    """How a residual near the noise floor differs from noise, by the test with the least p-value."""
+    """Return how a residual near the noise floor differs from noise, by the test with the least p-value."""
     if report.ratio > MAX_FLOOR_RATIO or not report.tests:
         return ""
     clearest = min(report.tests, key=lambda t: t.p_value).name

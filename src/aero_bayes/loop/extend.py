@@ -127,7 +127,7 @@ def _other_formulas(context: LoopContext, choice: Choice, id_: str) -> tuple[str
 
 
 def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewParameter]:
-    """Values with Laplace's intervals, which are symmetric on a parameter's own search axis."""
+    """Return values with Laplace's intervals, which are symmetric on a parameter's own search axis."""
     values = parameters.from_search(fit.coordinates)
     low, high = parameters.box
     found = {}
@@ -145,7 +145,7 @@ def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewPa
 
 
 def _learned(basis: CurveBasis, columns: list[int], parameters: ParameterSet, fit: Optimum) -> LearnedCurve:
-    """A curve at the fit, and how sure it is."""
+    """Return a curve at the fit, and how sure it is."""
     values = parameters.from_search(fit.coordinates)
     heights, scale = values[columns], parameters.jacobian(values)[columns]
     rows = [fit.free.index(j) for j in columns]
@@ -157,7 +157,7 @@ def _learned(basis: CurveBasis, columns: list[int], parameters: ParameterSet, fi
 
 
 def _width_influence(context: LoopContext, effect: FoundEffect, calibration: Calibration, fit: Optimum) -> float | None:
-    """By how many standard deviations an effect's parameters move when its smoothing widths are doubled."""
+    """Return by how many standard deviations an effect's parameters move when its smoothing widths are doubled."""
     doubled: Mapping[str, float] = {
         variable.name: 2.0 * width
         for name, width in effect.widths.items()

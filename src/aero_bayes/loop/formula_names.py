@@ -34,7 +34,7 @@ def with_plain_names(result: LoopResult) -> LoopResult:
 
 
 def _mapped(value: T, change: Callable[[str], str]) -> T:
-    """The same value with all its texts changed."""
+    """Return the same value with all its texts changed."""
     found: object = value
     if isinstance(value, str):
         found = change(value)

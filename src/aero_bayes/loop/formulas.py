@@ -127,14 +127,14 @@ def propose_formulas(
 
 
 def _with_process_noise(plain: Calibration, states: Sequence[str]) -> Calibration:
-    """The first model on few samples, but not too few, with process noise of some states."""
+    """Return the first model on few samples, but not too few, with process noise of some states."""
     few = plain.thinned(MAX_SAMPLES)
     finer = replace(few, experiments=tuple(map(_with_samples_between, few.experiments)))
     return finer.with_process_noise(finer.noise.with_process(states))
 
 
 def _with_samples_between(e: Experiment) -> Experiment:
-    """The experiment with further samples, without readings, where it has few."""
+    """Return the experiment with further samples, without readings, where it has few."""
     parts = -(-MIN_SAMPLES // max(e.time.size, 1))
     if parts < 2 or e.measured is None:
         return e
@@ -165,7 +165,7 @@ def _bounded(calibration: Calibration, sizes: Mapping[str, float], noise: Mappin
 
 
 def _filter_fit(objective: Objective, starts: Sequence[Mapping[str, float]], free: set[str]) -> Optimum:
-    """The filter's optimum over noise and the first model's parameters, from the best of some starts.
+    """Return the filter's optimum over noise and the first model's parameters, from the best of some starts.
 
     Each start is tried with little and with much process noise: what the first model lacks may be as large as the rest
     of a balance, and its fit may have ended anywhere.
@@ -232,7 +232,7 @@ def _at(
     state: int,
     seen: tuple[Mapping[str, Signal], SignalValues],
 ) -> list[_Scored]:
-    """All formulas at one place, with their gains: the largest with as much process noise as fitted, or less.
+    """Return all formulas at one place, with their gains: the largest with as much process noise as fitted, or less.
 
     With the right term less process noise is left, and the less there is the more a wrong term loses.
     """
@@ -272,7 +272,7 @@ def _at(
 
 
 def _value(objective: Objective, fit: Optimum, parameter: str) -> float:
-    """The fitted value of a parameter, by whose share a formula changes it; one where there is none."""
+    """Return the fitted value of a parameter, by whose share a formula changes it; one where there is none."""
     if not parameter:
         return 1.0
     return float(objective.parameters.from_search(fit.coordinates)[objective.parameters.index(parameter)]) or 1.0
@@ -325,7 +325,7 @@ def _with_less_diffusion(objective: Objective, fit: Optimum) -> Iterator[_Filter
 
 
 def _best(found: Sequence[_Scored]) -> tuple[ProposedFormula, ...]:
-    """The best proposals, some of the simplest among them; of many that are alike only a few.
+    """Return the best proposals, some of the simplest among them; of many that are alike only a few.
 
     Of those that are the same at several places one is taken. A parameter is a function only where that does better
     than what may be added anywhere.
@@ -339,7 +339,7 @@ def _best(found: Sequence[_Scored]) -> tuple[ProposedFormula, ...]:
 
 
 def _different(offered: Sequence[_Scored], chosen: Sequence[_Scored], most: int) -> list[_Scored]:
-    """The first of some proposals, beside chosen ones, that are not too much alike."""
+    """Return the first of some proposals, beside chosen ones, that are not too much alike."""
     found = [*chosen]
     for one in offered:
         if len(found) == most:

@@ -66,7 +66,7 @@ class FoundProcessNoise:
         )
 
     def to_dict(self) -> dict[str, object]:
-        """As ``loop.process_noise`` in result.json."""
+        """Return it as ``loop.process_noise`` in result.json."""
         return {
             "states": list(self.states),
             "explains": self.explains,

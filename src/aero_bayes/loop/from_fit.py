@@ -15,14 +15,14 @@ from aero_bayes.simulation.interface import ParameterTarget
 
 
 def recordings_of(fit: Fit) -> Sequence[Recording]:
-    """The recordings of a fit; InputError for one that was made without them."""
+    """Return the recordings of a fit; InputError for one that was made without them."""
     if not fit.calibration.recordings:
         raise InputError("the fit holds no recordings: give them, and the model, in place of the fit")
     return fit.calibration.recordings
 
 
 def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
-    """The settings of a loop that begins at a fit: free parameters, their bounds and priors, and fixed values.
+    """Return the settings of a loop that begins at a fit: free parameters, their bounds and priors, and fixed values.
 
     Free ones keep their declared values, from which the search fits structures too. What the settings say themselves
     of free and fixed parameters and of overrides counts. Inputs are read as the fit read them, unless the settings

@@ -70,7 +70,7 @@ def find_process_noise(context: LoopContext, conclusion: Conclusion, states: Seq
 
 
 def _model(context: LoopContext, conclusion: Conclusion, states: Sequence[str]) -> CandidateModel:
-    """The model that came out, on few readings and with process noise of some states."""
+    """Return the model that came out, on few readings and with process noise of some states."""
     plain, written, last = (
         conclusion.base.plain.thinned(MAX_FILTER_READINGS),
         conclusion.written,

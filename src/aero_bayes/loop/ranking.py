@@ -39,7 +39,7 @@ class Step:
     why: str
 
     def to_dict(self) -> dict[str, object]:
-        """The entry of result.json."""
+        """Return the entry of result.json."""
         candidates = [
             {
                 "id": rival.id,
@@ -61,7 +61,7 @@ class Step:
 
 
 def steps_of(choice: Choice) -> tuple[Step, ...]:
-    """One step for each chosen term, and one more that says what was tried beside them."""
+    """Return one step for each chosen term, and one more that says what was tried beside them."""
     found: list[Step] = []
     base = choice.structure.minus(*choice.structure.terms)
     for id_ in (*choice.terms, None):

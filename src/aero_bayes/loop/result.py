@@ -224,7 +224,9 @@ class LoopResult:
         return plot_backend().rounds_figure(self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
-        """A row for each candidate of each round: port, share of the left-out error, wins, whether it was chosen.
+        """Return a row for each candidate of each round.
+
+        Port, share of the left-out error, wins, whether it was chosen.
 
         Examples
         --------
@@ -245,7 +247,7 @@ class LoopResult:
         return f"<LoopResult {self.base}: {self.outcome}{f' by {found}' if found else ''}; {self._errors()}>"
 
     def _repr_html_(self) -> str:
-        """The errors as a table, and the page below it; where a viewer shows no frames, the table alone."""
+        """Return the errors as a table, and the page below it; where a viewer shows no frames, the table alone."""
         rows = [
             (role, output, f"{rms:.4g}", f"{self.predicted_after.pooled(role)[output]:.4g}")
             for role in ("train", "test")
@@ -263,7 +265,7 @@ class LoopResult:
         return f"RMS on {role} data: {', '.join(words)}"
 
     def to_dict(self) -> dict[str, object]:
-        """The ``loop`` entry of result.json."""
+        """Return the ``loop`` entry of result.json."""
         return {
             "outcome": self.outcome,
             "sentence": self.sentence,

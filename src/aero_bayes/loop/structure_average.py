@@ -68,7 +68,7 @@ class StructureAverage:
     scale: Mapping[str, FloatArray]
 
     def with_draws(self, values: Mapping[str, FloatArray]) -> StructureAverage:
-        """The same with draws (n,) of a sampler, in SI units by name, for the chosen structure."""
+        """Return the same with draws (n,) of a sampler, in SI units by name, for the chosen structure."""
         known = [j for j, p in enumerate(self.parameters) if p.name in values]
         part = ParameterSet(tuple(self.parameters.items[j] for j in known))
         points = part.to_search(np.column_stack([values[name] for name in part.names]))
@@ -76,11 +76,11 @@ class StructureAverage:
         return replace(self, parameters=part, draws=draws, mean={n: float(np.mean(d)) for n, d in draws.items()})
 
     def chosen(self, name: str) -> Spread:
-        """A parameter under the chosen structure alone."""
+        """Return a parameter under the chosen structure alone."""
         return self._spread(name, self.draws[name][np.newaxis], np.ones(1))
 
     def mixture(self, name: str) -> Spread:
-        """A parameter under all structures."""
+        """Return a parameter under all structures."""
         mean = self.mean[name]
         centred = self.scale[name][:, np.newaxis] * (self.draws[name] - mean)
         return self._spread(name, mean + self.shift[name][:, np.newaxis] + centred, np.array(self.wins))
@@ -105,7 +105,7 @@ class StructureAverage:
         return found
 
     def to_dict(self) -> dict[str, object]:
-        """As ``loop.averaged`` in result.json."""
+        """Return it as ``loop.averaged`` in result.json."""
         return {
             "structures": [{"terms": list(t), "wins": w} for t, w in zip(self.structures, self.wins, strict=True)],
             "parameters": {
@@ -116,7 +116,7 @@ class StructureAverage:
 
 
 def structure_average(choice: Choice, parameters: ParameterSet, refit: Optimum) -> StructureAverage | None:
-    """The chosen structure and those with an equivalent term in place of one of its own; None without any.
+    """Return the chosen structure and those with an equivalent term in place of one of its own; None without any.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from aero_bayes.scratch import ScratchFolder
 
 
 def loop_page(loop: LoopResult) -> str:
-    """The page of a loop: HTML that loads nothing from elsewhere."""
+    """Return the page of a loop: HTML that loads nothing from elsewhere."""
     from aero_bayes.workflow.commands import write_page  # a second of imports that other figures do not need
 
     with ScratchFolder() as scratch:

@@ -32,7 +32,7 @@ def view(
     posterior: Mapping[str, FloatArray] | None = None,
     **result: object,
 ) -> RunDirectory:
-    """A run directory that is on no disk; ``result`` are further keys of result.json."""
+    """Return a run directory that is on no disk; ``result`` are further keys of result.json."""
     variables = (*model.inputs, *model.states, *model.outputs) if model is not None else ()
     described = {v.name: {"unit": v.unit, "description": v.description} for v in variables}
     units = {name: unit for recording, _ in recordings for name, unit in recording.units.items()}
@@ -43,7 +43,7 @@ def view(
 
 
 def fit_view(fit: Fit) -> RunDirectory:
-    """A fit with its curves; what ripple was taken out of the readings is no part of what it leaves."""
+    """Return a fit with its curves; what ripple was taken out of the readings is no part of what it leaves."""
     recordings = fit.calibration.recordings
     if not recordings:
         raise InputError("a fit to experiments without recordings has nothing to be drawn over")
@@ -52,7 +52,7 @@ def fit_view(fit: Fit) -> RunDirectory:
 
 
 def posterior_view(posterior: Posterior) -> RunDirectory:
-    """A posterior with its fit's curves, its bands and its draws."""
+    """Return a posterior with its fit's curves, its bands and its draws."""
     base = fit_view(posterior.fit)
     bands = posterior.predictive
     names, outputs = posterior.calibration.names, posterior.fit.outputs
@@ -64,7 +64,7 @@ def posterior_view(posterior: Posterior) -> RunDirectory:
 
 
 def loop_view(loop: LoopResult) -> RunDirectory:
-    """A closed loop with both models' curves over its recordings."""
+    """Return a closed loop with both models' curves over its recordings."""
     given = loop.recordings
     if given is None:
         raise InputError("this loop's result carries no recordings to be drawn over")
@@ -83,5 +83,5 @@ def loop_view(loop: LoopResult) -> RunDirectory:
 
 
 def loop_json(loop: LoopResult) -> LoopJson:
-    """A closed loop as result.json has it."""
+    """Return a closed loop as result.json has it."""
     return LoopJson.model_validate(plain(loop.to_dict()))

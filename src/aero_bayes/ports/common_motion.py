@@ -54,7 +54,7 @@ def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) ->
 
 
 def distances(equations: Sequence[FlatEquation], moving: SignedRepresentatives) -> dict[str, frozenset[str]]:
-    """For each variable that an equation defines as the difference or sum of two others, these two."""
+    """Return, for each variable that an equation defines as the difference or sum of two others, these two."""
     found: dict[str, frozenset[str]] = {}
     for e in equations:
         terms = _sum(e, moving.keys()) if isinstance(e.left, Name) else None

@@ -171,7 +171,10 @@ def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, insi
 
 
 def _rows_of(s: AliasStructure, states: Sequence[str]) -> dict[tuple[int, str], int]:
-    """The preferred row of each state in a vector equation: the first row for the first of its states, and so on."""
+    """Return the preferred row of each state in a vector equation.
+
+    The first row for the first of its states, and so on.
+    """
     found: dict[tuple[int, str], int] = {}
     for equation in {index for index, row, _ in s.origins if row}:
         whole = {n for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == equation for n in _driving(e)}
@@ -269,7 +272,10 @@ def driver_names(s: AliasStructure, state: str) -> list[str]:
 
 
 def is_driver(name: str, *, whole: bool = False) -> Driver:
-    """A test whether an expression is the derivative of that name; with ``whole``, also the array that has it."""
+    """Return a test whether an expression is the derivative of that name.
+
+    With ``whole``, also the array that has it.
+    """
 
     def same(word: str, name: str) -> bool:
         return word == name or (whole and word.partition("[")[0] == name.partition("[")[0])
@@ -336,7 +342,10 @@ def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
 
 
 def replaceable_ports(found: Sequence[ReplaceableModel], names: Mapping[str, str]) -> tuple[Port, ...]:
-    """A port for each replaceable model. Its id is the declared name, if it is unique, or its name in snake case."""
+    """Return a port for each replaceable model.
+
+    Its id is the declared name, if it is unique, or its name in snake case.
+    """
     own = [snake_case(one.name) for one in found]
     given = [names.get(name, name) for name in own]
     ids = [to if given.count(to) == 1 else name for name, to in zip(own, given, strict=True)]

@@ -62,7 +62,10 @@ def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
 
 
 def _determined(s: AliasStructure, given: Collection[str]) -> list[Determined]:
-    """For each equation its index, its variables, and the variables that it determines; all of them if implicit."""
+    """Return, for each equation its index, its variables, and the variables that it determines.
+
+    All of them if implicit.
+    """
     rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
     found: list[Determined] = []
     for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
@@ -76,7 +79,7 @@ def _determined(s: AliasStructure, given: Collection[str]) -> list[Determined]:
 
 
 def _dependents(s: AliasStructure, told: Sequence[Determined]) -> dict[str, set[str]]:
-    """By alias class, the classes that it acts on directly."""
+    """Return, by alias class, the classes that it acts on directly."""
     found: dict[str, set[str]] = {}
     for _, names, heads in told:
         for name in names:

@@ -205,10 +205,7 @@ def simulated_signals(
 ) -> dict[str, list[FloatArray]]:
     """Simulate outputs of a model, by their names, at a fit.
 
-    Returns
-    -------
-    dict of str to list of ndarray, shape (n,)
-        One array a recording.
+    Each has one array (n,) a recording.
     """
     experiments = tuple(replace(e, outputs=tuple(names), measured=None) for e in calibration.experiments)
     values = calibration.parameters.from_search(fit.coordinates)
@@ -243,7 +240,10 @@ def signal_nominal(parts: Sequence[FloatArray]) -> float:
 
 
 def visited_range(signal: str, parts: Sequence[FloatArray]) -> dict[str, float]:
-    """The range of a signal but for rare extremes, by ``<signal>_low`` and ``<signal>_high``; empty without values."""
+    """Return the range of a signal but for rare extremes, by ``<signal>_low`` and ``<signal>_high``.
+
+    Empty without values.
+    """
     if not parts:
         return {}
     low, high = np.quantile(np.concatenate(parts), (1.0 - NOMINAL_QUANTILE, NOMINAL_QUANTILE))

@@ -68,7 +68,10 @@ def find_replaceable_models(known: Sources, model: str) -> tuple[ReplaceableMode
 
 
 def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStatement) -> ReplaceableModel | None:
-    """A statement ``replaceable model Name = Default constrainedby Partial "description"``; None for any other."""
+    """Return a statement ``replaceable model Name = Default constrainedby Partial "description"``.
+
+    None for any other.
+    """
     words = [t.word for t in s.tokens]
     kind = next((k for k in ("model", "block") if k in words[:4]), "")
     if s.section != "class" or "replaceable" not in words[:3] or not kind:

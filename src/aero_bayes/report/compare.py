@@ -85,7 +85,10 @@ def _shared(runs: Runs) -> dict[str, dict[str, ParameterJson]]:
 
 
 def interval_plate(runs: Runs) -> Plate | None:
-    """A row for each parameter that two runs estimate: values and 90 % intervals, each row on a scale of its own."""
+    """Return a row for each parameter that two runs estimate.
+
+    Values and 90 % intervals, each row on a scale of its own.
+    """
     rows = {
         name: known
         for name, entries in _shared(runs).items()
@@ -216,7 +219,7 @@ def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
 
 
 def settings_table(runs: Runs) -> Markup | None:
-    """Everything about how the runs were made that is not the same for all."""
+    """Return everything about how the runs were made that is not the same for all."""
     told = all(run.result.settings for run in runs.values())
     found = [dict(_flat("", run.result.settings) if told else ()) | dict(_circumstances(run)) for run in runs.values()]
     keys = [key for key in dict.fromkeys(k for f in found for k in f) if len({repr(f.get(key)) for f in found}) > 1]

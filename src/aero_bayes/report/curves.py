@@ -43,7 +43,9 @@ def named(signals: Sequence[str]) -> str:
 
 
 def summed(run: RunDirectory, recording: str, *terms: tuple[int, str]) -> tuple[FloatArray, Source] | None:
-    """A sum of series of one recording (sign, ``group/signal``), and where the script finds it; None if one is absent.
+    """Return a sum of series of one recording (sign, ``group/signal``), and where the script finds it.
+
+    None if one is absent.
 
     A series that is nowhere finite counts as absent.
     """
@@ -66,7 +68,7 @@ def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tup
 
 
 def opening_scene(run: RunDirectory) -> Scene | None:
-    """The output with the largest residual before or after, on unseen data if there are any."""
+    """Return the output with the largest residual before or after, on unseen data if there are any."""
     unseen = [(name, stretch) for name in run.recordings() if (stretch := run.unseen(name)) is not None]
     stretches = unseen or [(name, run.span(name)) for name in run.recordings()]
     best: tuple[float, Scene] | None = None
@@ -92,7 +94,7 @@ def scene_panels(run: RunDirectory, scene: Scene) -> list[Panel]:
 
 
 def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
-    """The first figure of the page: residuals, and below them the curves."""
+    """Return the first figure of the page: residuals, and below them the curves."""
     panels = scene_panels(run, scene)[::-1]
     low, high = scene.stretch
     whole = run.span(scene.recording) == scene.stretch
@@ -133,7 +135,7 @@ def recording_panels(
 
 
 def _state_panel(run: RunDirectory, recording: str, name: str) -> Panel:
-    """A state as all readings together have it, with its 90 % band."""
+    """Return a state as all readings together have it, with its 90 % band."""
     time = run.time(recording)
     mean, low, high = (
         summed(run, recording, (1, f"{group}/{name}")) for group in ("smoothed", "smoothed_lower", "smoothed_upper")
@@ -204,7 +206,7 @@ def _output_panels(
 
 
 def stretch_words(run: RunDirectory, scene: Scene) -> str:
-    """Which data the opening picture shows."""
+    """Return which data the opening picture shows."""
     unseen = run.unseen(scene.recording)
     if unseen is None:
         return f"{scene.recording}, fitted"
@@ -214,7 +216,7 @@ def stretch_words(run: RunDirectory, scene: Scene) -> str:
 
 
 def role_of(run: RunDirectory, recording: str) -> str:
-    """How a recording was used, for its heading."""
+    """Return how a recording was used, for its heading."""
     unseen = run.unseen(recording)
     if unseen is not None and unseen != run.span(recording):
         return f"fitted up to {unseen[0]:.4g} s"

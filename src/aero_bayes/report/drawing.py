@@ -41,7 +41,7 @@ class Source:
         return {self.time, *(key for _, key in (*self.terms, *self.upper))}
 
     def spec(self, kind: str, label: str, *, held: bool = False) -> dict[str, object]:
-        """As the script reads it; ``kind`` is line, area, mean or dots."""
+        """Return it as the script reads it; ``kind`` is line, area, mean or dots."""
         found: dict[str, object] = {"k": kind, "t": self.time, "y": self.terms}
         return found | ({"u": self.upper} if self.upper else {}) | ({"n": label} if label else {}) \
             | ({"held": 1} if held else {})  # fmt: skip
@@ -200,7 +200,7 @@ def nice_ticks(low: float, high: float, most: int) -> list[float]:
 
 
 def tick_text(value: float) -> str:
-    """A tick's value without rounding dust."""
+    """Return a tick's value without rounding dust."""
     return "0" if abs(value) < 1e-12 else f"{value:.6g}".replace("-", "−")
 
 

@@ -30,7 +30,9 @@ def embedded(series: Mapping[str, FloatArray]) -> Markup:
 
 
 def pack_series(values: FloatArray, bits: int = BITS) -> dict[str, object]:
-    """A series as base64 of deflated byte planes of the differences between whole numbers; zero stands for a gap.
+    """Return a series as base64 of deflated byte planes of the differences between whole numbers.
+
+    Zero stands for a gap.
 
     Evenly spaced values are only described.
     """

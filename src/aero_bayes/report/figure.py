@@ -69,7 +69,10 @@ def plate(
 
 
 def data_table(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None:
-    """The labelled layers of a figure as a table: means over equal stretches of the x axis, RMS for residuals."""
+    """Return the labelled layers of a figure as a table.
+
+    Means over equal stretches of the x axis, RMS for residuals.
+    """
     shown = [
         (panel, layer) for panel in panels for layer in panel.layers if isinstance(layer, Line | Band) and layer.label
     ]

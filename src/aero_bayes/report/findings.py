@@ -59,7 +59,7 @@ def diagnosis_table(run: RunDirectory) -> Markup | None:
 
 
 def noise_model_table(run: RunDirectory) -> Markup | None:
-    """The noise model of every output."""
+    """Return the noise model of every output."""
     rows = [
         (
             symbol(output), *(significant(size) for size in (found.sd, found.sd_white, found.sd_ou)),
@@ -75,7 +75,7 @@ def noise_model_table(run: RunDirectory) -> Markup | None:
 
 
 def process_noise_table(run: RunDirectory) -> Markup | None:
-    """The diffusion of every state that has one."""
+    """Return the diffusion of every state that has one."""
     rows = [
         (
             symbol(state), significant(found.value),
@@ -109,7 +109,7 @@ def sampler_table(mcmc: McmcJson) -> Markup | None:
 
 
 def sampler_facts(mcmc: McmcJson) -> list[tuple[str, str]]:
-    """The sampler's run in a few words and numbers; without those at the head of the page."""
+    """Return the sampler's run in a few words and numbers; without those at the head of the page."""
     facts = [
         ("independent ensembles", count(mcmc.ensembles)), ("walkers per ensemble", count(mcmc.walkers)),
         ("steps per walker", count(mcmc.draws)), ("simulations", count(mcmc.evaluations)),
@@ -158,7 +158,7 @@ def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
 
 
 def probability(p: float | None) -> str:
-    """A p-value; below 0.0001 only that."""
+    """Return a p-value; below 0.0001 only that."""
     if p is None:
         return NO_VALUE
     return "< 0.0001" if p < 1e-4 else significant(p, 2)

@@ -42,7 +42,10 @@ def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
 
 
 def rounds_plates(loop: LoopJson, words: Mapping[str, str]) -> list[Plate]:
-    """A row for each candidate, a column for each round, bars of how far the error falls: the best, then all others."""
+    """Return a row for each candidate, a column for each round, bars of how far the error falls.
+
+    The best, then all others.
+    """
     steps, ids, shown = rounds(loop)
     if not steps:
         return []
@@ -143,7 +146,7 @@ def _candidate_cell(found: CandidateJson | None, step: StepJson) -> Markup:
 
 
 def fall(found: CandidateJson | EffectJson) -> float:
-    """By how much the error on left-out readings falls, in %; minus infinity where that is not known."""
+    """Return by how much the error on left-out readings falls, in %; minus infinity where that is not known."""
     return -math.inf if found.share is None else 100.0 * (1.0 - found.share)
 
 

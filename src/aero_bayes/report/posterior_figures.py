@@ -83,7 +83,7 @@ def drawn(posterior: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
 
 
 def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) -> list[Plate]:
-    """For every parameter the running median and 90 % range of each ensemble, over its draws."""
+    """Return, for every parameter the running median and 90 % range of each ensemble, over its draws."""
     plates = []
     for name, draws in posterior.items():
         if draws.shape[1] < 8 or not np.isfinite(draws).all():

@@ -30,7 +30,7 @@ def significant(value: float | None, digits: int = 3) -> str:
 
 
 def tidy(value: float | None, digits: int = 4) -> str:
-    """As ``significant``, without zeros that only pad; whole numbers in full."""
+    """Write a number as ``significant`` does, without zeros that only pad; whole numbers in full."""
     if value is not None and float(value).is_integer() and abs(value) < 1e15:
         return count(value) if abs(value) >= 1e4 else minus(f"{value:.0f}")
     mantissa, times, power = significant(value, digits).partition("×")

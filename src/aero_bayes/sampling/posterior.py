@@ -90,7 +90,7 @@ class Posterior(PosteriorDraws, EstimateTable):
     mode_draws: tuple[ModeDraws, ...] = ()
 
     def to_dict(self) -> Json:
-        """The keys of result.json that a posterior fills, those of its fit included."""
+        """Return the keys of result.json that a posterior fills, those of its fit included."""
         base = self.fit.to_dict()
         failures = {o.key: self.fit.outcomes.get(o, 0) + self.outcomes.get(o, 0) for o in Outcome}
         return base | {

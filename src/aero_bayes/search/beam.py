@@ -162,7 +162,7 @@ class StructureSearch:
         return self._result()
 
     def alone(self, fitted: FittedModel) -> FittedModel:
-        """The same fit on the model that has its terms and no others; as it is where that cannot be had."""
+        """Return the same fit on the model that has its terms and no others; as it is where that cannot be had."""
         with suppress(CannotFinishError):
             if self.cache.of(fitted.structure) is not fitted.model:
                 found = self._fit_alone(fitted.structure, fitted.values)
@@ -214,7 +214,7 @@ class StructureSearch:
         return self._fits[order.simplest(allowed, self.settings.min_share)]
 
     def _frontier(self) -> list[FittedModel]:
-        """The best structure; where its residual is structured, also the best of its size."""
+        """Return the best structure; where its residual is structured, also the best of its size."""
         best = self._best()
         if best.structure not in self._expanded:
             if self._noise.adequate:
@@ -226,7 +226,10 @@ class StructureSearch:
         return self._beam(len(best.structure) + 1)
 
     def _beam(self, size: int) -> list[FittedModel]:
-        """The best structures of a size, of which none is materially worse than the best; without those expanded."""
+        """Return the best structures of a size, of which none is materially worse than the best.
+
+        Without those expanded.
+        """
         order, least = self._order(), self.settings.min_share
         own = [s for s in order.ranked if len(s) == size and s.contains_terms(self._root)]
         near = [s for s in own if s == own[0] or order.share(own[0], s).value > least]
@@ -291,7 +294,7 @@ class StructureSearch:
         return [s for s in dict.fromkeys((*tried, *starts)) if s in self._fits]
 
     def _base_model(self, structure: Structure, origin: Structure) -> FittedModel | None:
-        """The largest explored structure within this one, on the model of the new terms; None if it cannot be
+        """Return the largest explored structure within this one, on the model of the new terms; None if it cannot be
         simulated."""
         inside = [s for s in self._fits if structure.contains(s) and s != structure] or [origin]
         scores = self._order().scores
@@ -301,7 +304,7 @@ class StructureSearch:
         return self._with_candidates(self._fits[base], extra)
 
     def _with_candidates(self, fitted: FittedModel, extra: tuple[str, ...]) -> FittedModel | None:
-        """The same fit on a model that has further candidate terms built in, switched off."""
+        """Return the same fit on a model that has further candidate terms built in, switched off."""
         key = fitted.structure, extra
         if key not in self._candidate_fits:
             try:
@@ -330,7 +333,7 @@ class StructureSearch:
         return tuple(dict.fromkeys(t for s in self._order().ranked[:MAX_RIVALS] for t in s.terms))
 
     def _best_values(self) -> dict[str, dict[str, float]]:
-        """Values of each term in the best structure that has it."""
+        """Return values of each term in the best structure that has it."""
         found: dict[str, dict[str, float]] = {}
         for structure in self._order().ranked:
             for id_ in structure.terms:
@@ -418,7 +421,7 @@ class StructureSearch:
             root = structure
 
     def _time_is_up(self, what: str) -> bool:
-        """Whether the time limit has passed; what was being done then is kept."""
+        """Return whether the time limit has passed; what was being done then is kept."""
         if self.control.time_is_up() and not self._ended:
             self._ended = what
         return bool(self._ended)

@@ -53,7 +53,7 @@ class CommonNoise:
 
 
 def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -> CommonNoise:
-    """The noise of a fit, for all structures that are compared with it.
+    """Return the noise of a fit, for all structures that are compared with it.
 
     Parameters
     ----------

@@ -98,7 +98,7 @@ class Comparison:
         return np.asarray(np.log(np.maximum(squares, np.maximum(self.least, 1e-300))))
 
     def ahead(self, one: Structure, other: Structure) -> float:
-        """By how many standard errors one structure predicts better than another."""
+        """Return by how many standard errors one structure predicts better than another."""
         difference = self.scores[other] - self.scores[one]
         error = float(np.std(self._resampled[other] - self._resampled[one]))
         if not math.isfinite(difference):
@@ -110,11 +110,11 @@ class Comparison:
         return self.blocks >= MIN_BLOCKS and self.ahead(one, other) > 0.5 * self._needed
 
     def clearly_better(self, one: Structure, other: Structure) -> bool:
-        """Whether one structure predicts left-out readings better than another by two standard errors."""
+        """Return whether one structure predicts left-out readings better than another by two standard errors."""
         return self.blocks >= MIN_BLOCKS and self.ahead(one, other) > self._needed
 
     def better(self, one: Structure, other: Structure, min_share: float) -> bool:
-        """Whether one structure predicts better, clearly or by so much that one standard error is enough.
+        """Return whether one structure predicts better, clearly or by so much that one standard error is enough.
 
         The error of an output is then at most ``min_share`` of what it is with the other: by chance such a fall is
         rare, unless it rests on few blocks.
@@ -123,7 +123,7 @@ class Comparison:
         return self.likely_better(one, other) if much else self.clearly_better(one, other)
 
     def simplest(self, among: Sequence[Structure], min_share: float) -> Structure:
-        """The structure with the fewest terms of those that the best one does not beat.
+        """Return the structure with the fewest terms of those that the best one does not beat.
 
         This is the rule of one standard error (Breiman, Friedman, Olshen and Stone, 1984, Classification and
         Regression Trees, 3.4.3).
@@ -133,7 +133,7 @@ class Comparison:
         return min(near, key=lambda s: (len(s), len(s.freed), self.scores[s], s.terms))
 
     def best(self, among: Iterable[Structure]) -> Structure:
-        """The one with the least score; of equal ones the one with fewer terms."""
+        """Return the one with the least score; of equal ones the one with fewer terms."""
         return min(among, key=lambda s: (self.scores[s], len(s), s.terms))
 
     def share(self, one: Structure, other: Structure) -> Share:

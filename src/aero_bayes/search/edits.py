@@ -194,12 +194,12 @@ LAST_EDITS: tuple[Edit, ...] = (AddProcessNoise(),)
 
 
 def port_of(id_: str) -> str:
-    """The port of a term ``law@port``."""
+    """Return the port of a term ``law@port``."""
     return id_.rpartition("@")[2]
 
 
 def with_term(context: EditContext, structure: Structure, id_: str) -> Structure:
-    """A structure with a further term, which takes the place of what it refines."""
+    """Return a structure with a further term, which takes the place of what it refines."""
     coarse = context.refines.get(id_)
     return structure.minus(coarse).plus(id_) if coarse is not None else structure.plus(id_)
 

@@ -26,7 +26,7 @@ MIN_RELATIVE_INFORMATION = 0.5
 
 
 def informative_share(fitted: FittedModel) -> float:
-    """The smallest share of each recording, from its beginning, that tells as much per reading as the whole.
+    """Return the smallest share of each recording, from its beginning, that tells as much per reading as the whole.
 
     The information is Fisher's, of the free parameters and of the magnitudes of the candidates that the model has, at
     the fit. 1 where no beginning does.
@@ -59,7 +59,7 @@ def informative_share(fitted: FittedModel) -> float:
 def _compared(
     fitted: FittedModel, slopes: tuple[FloatArray, ...], residual: tuple[FloatArray, ...], share: float
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """For each series its readings in the part, and the information in the part and in the whole.
+    """Yield, for each series its readings in the part, and the information in the part and in the whole.
 
     The information (k + m,) is that of each of the k columns, and the squared residual of each of the m outputs.
     """

@@ -83,7 +83,7 @@ class CommonBlocks:
         return cls(outputs, tuple(folds), owner, least, whole)
 
     def readings(self, fold: int) -> Readings:
-        """All readings that are left out together."""
+        """Return all readings that are left out together."""
         return np.concatenate(self.folds[fold])
 
     def squares(self, fold: int, residual: FloatArray) -> FloatArray:
@@ -106,7 +106,7 @@ class CommonBlocks:
         return [k for k, j in enumerate(fitted.optimum.free) if not self.whole or items[j].recording is None]
 
     def linearised(self, fitted: FittedModel) -> LinearisedFit:
-        """The fit to first order in what moves."""
+        """Return the fit to first order in what moves."""
         return LinearisedFit.of(fitted.optimum, fitted.model.objective.parameters, self.moving(fitted))
 
 
@@ -171,7 +171,7 @@ def _leverage(fitted: FittedModel) -> FloatArray:
 
 
 def _without(objective: Objective, readings: Readings) -> Objective:
-    """The objective without some readings (columns of the whitened slopes), on the same simulator."""
+    """Return the objective without some readings (columns of the whitened slopes), on the same simulator."""
     measured = [y.copy() for y in objective.calibration.measured]
     for series, rows in _by_series(objective.series, readings):
         measured[series.experiment][series.sampling.index[rows], series.column] = np.nan

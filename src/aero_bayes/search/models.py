@@ -173,7 +173,7 @@ class FittedModel:
         return tuple(found)
 
     def with_noise(self, noise: FitNoise) -> FittedModel:
-        """The same fit under another noise, without a simulation."""
+        """Return the same fit under another noise, without a simulation."""
         optimum = self.optimum
         if any(optimum.noise[o] != n for o, n in noise.outputs.items()):
             optimum = optimum.with_noise(self.model.objective, noise.outputs)
@@ -182,7 +182,7 @@ class FittedModel:
         return replace(self, optimum=optimum, temperature=noise.temperature)
 
     def refitted(self, noise: FitNoise, settings: LocalFitSettings) -> FittedModel:
-        """The optimum under another noise, from here."""
+        """Return the optimum under another noise, from here."""
         return self.model.fit(self.structure, self.optimum.coordinates, noise, settings)
 
     def term_values(self, id_: str) -> dict[str, float]:
@@ -234,7 +234,7 @@ class ModelCache:
         self._built: dict[tuple[Structure, frozenset[str]], CandidateModel] = {}
 
     def of(self, structure: Structure, extra: Collection[str] = ()) -> CandidateModel:
-        """The model for a structure, with ``extra`` candidate terms built in.
+        """Return the model for a structure, with ``extra`` candidate terms built in.
 
         Raises
         ------
@@ -283,7 +283,7 @@ class ModelCache:
         return ModelCache(replace(self.source, plain=plain))
 
     def on_beginning(self, share: float) -> ModelCache:
-        """The same models on the first ``share`` of each recording."""
+        """Return the same models on the first ``share`` of each recording."""
         return ModelCache(replace(self.source, plain=self.source.plain.beginning(share)))
 
     def close(self, count: Callable[[Objective], None] = lambda objective: None) -> None:

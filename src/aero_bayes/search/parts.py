@@ -36,7 +36,7 @@ class Parts:
 
     @classmethod
     def of(cls, leave_out: Sequence[str] = ()) -> Parts:
-        """The standard parts but for those left out.
+        """Return the standard parts but for those left out.
 
         Raises
         ------
@@ -55,13 +55,13 @@ class Parts:
         )
 
     def with_restart(self, restart: Restart, top: int = 1) -> Parts:
-        """With a further restart, of so many of the best structures of a level."""
+        """Return the parts with a further restart, of so many of the best structures of a level."""
         return replace(self, restarts=(*self.restarts, (restart, top)))
 
     def with_edit(self, edit: Edit) -> Parts:
-        """With a further edit."""
+        """Return the parts with a further edit."""
         return replace(self, edits=(*self.edits, edit))
 
     def with_start_rule(self, rule: StartRule) -> Parts:
-        """With a further start rule."""
+        """Return the parts with a further start rule."""
         return replace(self, start_rules=(*self.start_rules, rule))

@@ -122,7 +122,7 @@ def fit_process_noise(
 def _base_fit(
     model: CandidateModel, values: Mapping[str, float], floors: Mapping[tuple[str, str], float], fit: LocalFitSettings
 ) -> FittedModel:
-    """The fit without process noise, under the noise of what it leaves."""
+    """Return the fit without process noise, under the noise of what it leaves."""
     at = model.coordinates_of(values, ())
     squares = replace(fit, hold_noise=False).least_squares(model.objective.outputs)
     found = FittedModel(model, Structure(), local_fit(model.objective, at, model.free_base_columns, settings=squares))

@@ -40,7 +40,7 @@ def refit(
 def own_noise_fits(
     base: FittedModel, structure: Structure, points: Sequence[FloatArray], fit: LocalFitSettings
 ) -> list[Optimum]:
-    """Where local fits of a structure from several points end.
+    """Return where local fits of a structure from several points end.
 
     The noise of each is the one that it leaves itself, so that the weight of the priors and of the outputs among each
     other does not depend on how bad another model is. The results are given under the noise of ``base``. A fit that
@@ -79,14 +79,14 @@ def settle(fitted: FittedModel, fit: LocalFitSettings) -> Optimum:
 
 
 def refit_from_here(fitted: FittedModel, noise: FitNoise, settings: LocalFitSettings) -> Optimum | None:
-    """The optimum of a fitted structure under another noise, from where it is."""
+    """Return the optimum of a fitted structure under another noise, from where it is."""
     return fit_from(fitted.model, fitted.structure, fitted.optimum.coordinates, noise, settings)
 
 
 def fit_from(
     model: CandidateModel, structure: Structure, point: FloatArray, noise: FitNoise, settings: LocalFitSettings
 ) -> Optimum | None:
-    """The optimum of a structure on a model from a point (p,) in search coordinates; None where that fails."""
+    """Return the optimum of a structure on a model from a point (p,) in search coordinates; None where that fails."""
     with suppress(CannotFinishError):
         return model.fit(structure, point, noise, settings).optimum
     return None

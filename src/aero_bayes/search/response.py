@@ -95,7 +95,7 @@ class LinearResponse:
         self.remaining: FloatArray = residual - self.free_step @ slopes
 
     def gain_under_white_noise(self, gain: float) -> float:
-        """A predicted gain in log-likelihood if the rest of the residual were white noise.
+        """Return a predicted gain in log-likelihood if the rest of the residual were white noise.
 
         Under the present noise, which includes the structure of the residual, no gain exceeds half of the effective
         samples. Under the noise that the right term leaves it may be much larger.

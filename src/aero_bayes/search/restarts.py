@@ -19,7 +19,7 @@ class Restart(Protocol):
     """Looks for a better optimum of the same structure."""
 
     def refit(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
-        """A fit from another start under the same noise, better or not; None if there is none."""
+        """Return a fit from another start under the same noise, better or not; None if there is none."""
         ...
 
 

@@ -36,11 +36,11 @@ class Structure:
         return len(self.terms)
 
     def plus(self, *terms: str) -> Structure:
-        """With further terms."""
+        """Return the structure with further terms."""
         return replace(self, terms=(*self.terms, *terms))
 
     def minus(self, *terms: str) -> Structure:
-        """Without some terms."""
+        """Return the structure without some terms."""
         return replace(self, terms=tuple(t for t in self.terms if t not in terms))
 
     def new_terms(self, beside: Structure) -> tuple[str, ...]:
@@ -48,20 +48,20 @@ class Structure:
         return tuple(t for t in self.terms if t not in beside.terms)
 
     def same_setting(self, other: Structure) -> bool:
-        """Whether all but the terms is the same."""
+        """Return whether all but the terms is the same."""
         return replace(self, terms=()) == replace(other, terms=())
 
     def contains(self, other: Structure) -> bool:
-        """Whether it has all terms of another structure, and perhaps more."""
+        """Return whether it has all terms of another structure, and perhaps more."""
         return self.same_setting(other) and set(other.terms) <= set(self.terms)
 
     def contains_terms(self, other: Structure) -> bool:
-        """As :meth:`contains`, for any freed parameters and interpolation."""
+        """Return whether it does, as :meth:`contains`, for any freed parameters and interpolation."""
         return set(other.terms) <= set(self.terms)
 
 
 def law_of(term: str) -> str:
-    """The law of a term, which is named ``law@port``; empty where it has none."""
+    """Return the law of a term, which is named ``law@port``; empty where it has none."""
     return term.rpartition("@")[0]
 
 

@@ -109,12 +109,12 @@ class NoiseModel:
         return replace(self, process={state: "estimated" for state in states})
 
     def kind(self, output: str) -> NoiseKind:
-        """The correlation over time that an output's noise may have."""
+        """Return the correlation over time that an output's noise may have."""
         declared = self.declared(output)
         return "white" if self.process or declared == "rounded" else declared if declared in ("white", "ou") else "auto"
 
     def spread_kind(self, output: str) -> Literal["auto", "constant", "relative", "student"]:
-        """How the noise of an output may differ from reading to reading."""
+        """Return how the noise of an output may differ from reading to reading."""
         declared = self.declared(output)
         if self.process or declared in ("white", "ou", "rounded"):
             return "constant"

@@ -35,7 +35,7 @@ def quantum(values: FloatArray) -> float:
 def thin_constant_readings(
     time: FloatArray, values: FloatArray, longest: float = 0.5, keep: int = 3, spacing: float = 2.5
 ) -> NDArray[np.bool_]:
-    """Which readings to keep where a reading is constant for long, because equal readings are not independent.
+    """Return which readings to keep where a reading is constant for long, because equal readings are not independent.
 
     Parameters
     ----------

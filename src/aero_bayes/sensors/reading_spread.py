@@ -132,7 +132,7 @@ def _student_scale(residual: FloatArray, freedom: float) -> float:
 
 
 def choose_spread(residuals: Sequence[FloatArray], predictions: Sequence[FloatArray]) -> SpreadModel:
-    """The kind of spread that predicts left-out readings best; constant unless another one is clearly better.
+    """Return the kind of spread that predicts left-out readings best; constant unless another one is clearly better.
 
     Parameters
     ----------

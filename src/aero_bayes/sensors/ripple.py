@@ -60,7 +60,7 @@ class Ripple:
     noise_with: OutputNoise
 
     def to_dict(self) -> dict[str, object]:
-        """As it goes into result.json."""
+        """Return it as it goes into result.json."""
         return {
             "orders": {
                 str(o.order): {"amplitude": o.amplitude, "law": o.law, "log_evidence": o.log_evidence}
@@ -145,7 +145,7 @@ def find_ripples(
 
 
 def is_rotor_speed(readings: FloatArray, unit: str) -> bool:
-    """Whether readings (n,) are the speed of a rotor, fast enough to separate its ripple from other motion."""
+    """Return whether readings (n,) are the speed of a rotor, fast enough to separate its ripple from other motion."""
     seen = readings[np.isfinite(readings)]
     return unit == "rad/s" and seen.size > 100 and float(np.max(np.abs(seen))) >= MIN_ROTOR_SPEED
 

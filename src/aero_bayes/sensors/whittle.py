@@ -33,7 +33,7 @@ class BinnedPeriodogram:
     def of(
         cls, residual: FloatArray, time: FloatArray, interval: float, even: bool, bins: int = 80
     ) -> BinnedPeriodogram:
-        """The periodogram of a residual (n,) at times (n,) in s with median step ``interval``. Gaps are
+        """Return the periodogram of a residual (n,) at times (n,) in s with median step ``interval``. Gaps are
         interpolated.
         """
         values = residual
@@ -142,7 +142,9 @@ class _Spectrum:
 
 
 def _best_of_grid(spectrum: _Spectrum, taus: FloatArray, smallest: float, fast: float) -> tuple[FloatArray, float]:
-    """The best of a grid of correlation times (k,) in s: logarithms of the variances and the time (3,), and the cost.
+    """Return the best of a grid of correlation times (k,) in s.
+
+    Logarithms of the variances and the time (3,), and the cost.
 
     The cost has several local optima, so both variances are found for each correlation time, all at once, by the
     monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009). ``smallest`` is

@@ -18,7 +18,7 @@ _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplemented
 
 
 def read_texts(path: Path, *optional: str) -> tuple[set[str], list[bytes]]:
-    """The members' names of an FMU, its model description, and further members, empty where they are not there.
+    """Return the members' names of an FMU, its model description, and further members, empty where they are not there.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def read_texts(path: Path, *optional: str) -> tuple[set[str], list[bytes]]:
 
 
 def first_bytes(path: Path, name: str, count: int) -> bytes:
-    """The beginning of a member."""
+    """Return the beginning of a member."""
     try:
         with zipfile.ZipFile(path) as archive, archive.open(name) as member:
             return member.read(count)

@@ -79,7 +79,7 @@ class Batches:
     def trajectories(
         self, values: FloatArray, active: NDArray[np.int64] | None = None, mode: int = TRAJECTORY
     ) -> Trajectories:
-        """Of checked values; with ``active`` also sensitivities to those columns."""
+        """Simulate checked values; with ``active`` also sensitivities to those columns."""
         columns = np.zeros(0, dtype=np.int64) if active is None else active
         n, q = len(values), len(columns)
         shapes = self._shapes(mode)

@@ -41,7 +41,7 @@ class Confinement:
     trusted: bool
 
     def lines(self) -> tuple[str, ...]:
-        """What a model's code is kept from on this machine, and what not, a line each."""
+        """Return what a model's code is kept from on this machine, and what not, a line each."""
         if self.trusted:
             return (f"{TRUST} is set: models run with all rights of their user",)
         rows = (
@@ -54,7 +54,7 @@ class Confinement:
 
 
 def available() -> Confinement:
-    """What this machine can do.
+    """Return what this machine can do.
 
     Raises
     ------
@@ -66,5 +66,5 @@ def available() -> Confinement:
 
 
 def is_trusted() -> bool:
-    """Whether the user has switched the confinement off."""
+    """Return whether the user has switched the confinement off."""
     return os.environ.get(TRUST, "") not in ("", "0")

@@ -143,7 +143,9 @@ class CosimulationRuns:
         return Outcome.OK
 
     def _checked(self, number: int, values: FloatArray) -> FloatArray:
-        """One run, begun by a reset only where that was seen to do as much as a new instance: compared once, at the
+        """Return one run, begun by a reset only where that was seen to do as much as a new instance.
+
+        Compared once, at the
         first run with other values than the one before it; where there can be no new instance, at the second run.
         """
         instance, once = self.instance, self.problem.model.needs_instance_per_process
@@ -243,7 +245,7 @@ class CosimulationEngine:
 def communication_points(
     samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int, *, any_step: bool = True
 ) -> tuple[FloatArray, FloatArray]:
-    """Where an FMU stops, and at what time its inputs are read for each step between two stops.
+    """Return where an FMU stops, and at what time its inputs are read for each step between two stops.
 
     It stops at the samples, so many times between two of them, and, if it takes any step, where an input breaks. An
     input is constant over a step: at its value in the middle, so that states are right to second order. An output

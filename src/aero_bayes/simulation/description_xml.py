@@ -21,7 +21,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def parse_description(path: Path, text: bytes) -> Element:
-    """The root of a model description; InputError for what is no XML or declares entities."""
+    """Return the root of a model description; InputError for what is no XML or declares entities."""
     parser = ElementTree.XMLParser(target=_Builder())
     try:
         parser.feed(text)
@@ -34,12 +34,12 @@ def parse_description(path: Path, text: bytes) -> Element:
 
 
 def is_true(element: Element, key: str) -> bool:
-    """A Boolean attribute, false where it is missing."""
+    """Return a Boolean attribute, false where it is missing."""
     return element.get(key, "false") in ("true", "1")
 
 
 def checked_identifier(path: Path, interface: Element) -> str:
-    """The name of the binary."""
+    """Return the name of the binary."""
     identifier = interface.get("modelIdentifier", "")
     if not identifier or "/" in identifier or "\\" in identifier:
         raise InputError(f"{path}: the model identifier {identifier!r} is not a file name")

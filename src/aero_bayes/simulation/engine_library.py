@@ -11,7 +11,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 
 @cache
 def engine_path() -> Path:
-    """The compiled engine; CannotFinishError where the package was installed without it."""
+    """Return the compiled engine; CannotFinishError where the package was installed without it."""
     folder = Path(__file__).parent
     for name in ("_engine.abi3.so", "_engine" + str(sysconfig.get_config_var("EXT_SUFFIX")), "_engine.so"):
         if (folder / name).is_file():

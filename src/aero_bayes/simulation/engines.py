@@ -14,7 +14,7 @@ Engine = Literal["native", "fmpy"]
 
 
 def engine_of(simulator: Simulator) -> str:
-    """What runs the problem, in words for a report, which may not be what was asked for."""
+    """Return what runs the problem, in words for a report, which may not be what was asked for."""
     return str(getattr(simulator, "engine", type(simulator).__name__))
 
 

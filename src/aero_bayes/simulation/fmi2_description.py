@@ -80,7 +80,7 @@ def _settable(scalar: Element, own: Element | None) -> bool:
 
 
 def read_fmi2_description(path: Path, root: Element) -> ModelDescription:
-    """The model description of a checked archive, from the root element of its XML.
+    """Return the model description of a checked archive, from the root element of its XML.
 
     Raises
     ------

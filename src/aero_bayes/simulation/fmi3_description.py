@@ -21,7 +21,7 @@ _KINDS: dict[str, Kind] = {"Float64": "real", "Int32": "integer", "Boolean": "bo
 
 
 def read_fmi3_description(path: Path, root: Element) -> ModelDescription:
-    """The model description of a checked archive, from the root element of its XML.
+    """Return the model description of a checked archive, from the root element of its XML.
 
     Variables that are arrays, or of types other than 64-bit reals, 32-bit integers and Booleans, are left out.
 

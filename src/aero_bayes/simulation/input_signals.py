@@ -52,5 +52,5 @@ def value_at(signal: InputSignal, t: float, segment: float) -> float:
 
 
 def linear_signals(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
-    """Those that are interpolated linearly."""
+    """Return those that are interpolated linearly."""
     return tuple(signal for signal in signals if signal.interpolation == "linear")

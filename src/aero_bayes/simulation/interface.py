@@ -109,7 +109,7 @@ class Experiment:
     spread: FloatArray | None = None
 
     def at_samples(self, chosen: slice | NDArray[np.int_]) -> Experiment:
-        """The experiment at some of its sample times, with what was measured there."""
+        """Return the experiment at some of its sample times, with what was measured there."""
         measured, spread = (None if a is None else a[chosen] for a in (self.measured, self.spread))
         return replace(self, time=np.ascontiguousarray(self.time[chosen]), measured=measured, spread=spread)
 
@@ -342,5 +342,5 @@ class Filter(Simulator, Protocol):
         ...
 
     def filtered_states(self, values: FloatArray) -> tuple[FilteredStates, ...]:
-        """The states in each recording at one parameter vector (p,); CannotFinishError where a run fails."""
+        """Return the states in each recording at one parameter vector (p,); CannotFinishError where a run fails."""
         ...

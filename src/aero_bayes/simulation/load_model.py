@@ -15,13 +15,13 @@ from aero_bayes.simulation.model import Model, ModelicaSource
 
 
 def session_folder() -> Path:
-    """A new folder that stays until this process ends."""
+    """Return a new folder that stays until this process ends."""
     return Path(tempfile.mkdtemp(dir=_session().path))
 
 
 @cache
 def _session() -> ScratchFolder:
-    """Where built models stay until this process ends."""
+    """Return where built models stay until this process ends."""
     return ScratchFolder()
 
 

@@ -156,11 +156,11 @@ class Model(ModelDescription):
         return f"{varies} {kind}" if kind == "local" and varies in ("fixed", "constant") else kind
 
     def verified_copies(self) -> Mapping[str, int]:
-        """Those of ``candidate_copies`` that equal their state in simulations; found once a process."""
+        """Return those of ``candidate_copies`` that equal their state in simulations; found once a process."""
         return verified_copies(self)
 
     def to_frame(self) -> pandas.DataFrame:
-        """A row for each parameter, input, output and state: kind, unit, start, min, max (SI), description.
+        """Return a row for each parameter, input, output and state: kind, unit, start, min, max (SI), description.
 
         Examples
         --------

@@ -73,15 +73,15 @@ class ModelDescription:
     interpolates_inputs: bool = False
 
     def parameter(self, name: str) -> Variable:
-        """The parameter of this name; InputError with the names there are otherwise."""
+        """Return the parameter of this name; InputError with the names there are otherwise."""
         return self._find("parameter", self.parameters, name)
 
     def input(self, name: str) -> Variable:
-        """The input of this name."""
+        """Return the input of this name."""
         return self._find("input", self.inputs, name)
 
     def output(self, name: str) -> Variable:
-        """The output of this name; a state may be asked for by its own name too."""
+        """Return the output of this name; a state may be asked for by its own name too."""
         for variable in self.states:
             if variable.name == name:
                 return variable
@@ -110,7 +110,10 @@ class ModelDescription:
         return self.verified_copies().get(output) if output in dict(self.candidate_copies) else None
 
     def verified_copies(self) -> Mapping[str, int]:
-        """Those of ``candidate_copies`` that are known to equal their state; none, as long as nothing runs the FMU."""
+        """Return those of ``candidate_copies`` that are known to equal their state.
+
+        None, as long as nothing runs the FMU.
+        """
         return {}
 
     def copies_by_name(self) -> Mapping[str, int]:
@@ -132,7 +135,7 @@ class ModelDescription:
         return self.binary_in(folder)
 
     def binary_in(self, folder: Path | str) -> Path:
-        """Where the binary is in a folder into which the FMU was unpacked."""
+        """Return where the binary is in a folder into which the FMU was unpacked."""
         return Path(folder) / BINARY_FOLDERS[self.fmi_version] / f"{self.identifier}{this_machine().suffix}"
 
 
@@ -142,6 +145,6 @@ def outputs_named_by_states(states: Sequence[Variable]) -> dict[str, int]:
 
 
 def listed(variables: Sequence[Variable]) -> str:
-    """Names for a message, at most twenty of them."""
+    """Return names for a message, at most twenty of them."""
     names = [v.name for v in variables]
     return ", ".join(names[:20]) + (", ..." if len(names) > 20 else "") if names else "none"

@@ -33,7 +33,7 @@ def check_variables(path: Path, variables: Sequence[Variable]) -> None:
 def jacobian_pattern(
     depends: Sequence[set[int] | None], position: Mapping[int, int]
 ) -> tuple[tuple[int, ...], ...] | None:
-    """For each state the states whose derivative depends on it, from the knowns of each derivative."""
+    """Return, for each state the states whose derivative depends on it, from the knowns of each derivative."""
     if not depends or any(d is None for d in depends):
         return None
     rows = [{position[k] for k in d if k in position} for d in depends if d is not None]

@@ -152,7 +152,7 @@ class NativeSimulator(ClosedAtExit):
         )
 
     def filtered_states(self, values: FloatArray) -> tuple[FilteredStates, ...]:
-        """The filter's states at one parameter vector. See :class:`Filter`."""
+        """Return the filter's states at one parameter vector. See :class:`Filter`."""
         values = self._check_filter(np.asarray(values)[np.newaxis])
         found = self._open_batches().trajectories(values, None, FILTER_STATES)
         for outcome in found.outcomes[0]:
@@ -171,7 +171,7 @@ class NativeSimulator(ClosedAtExit):
 
 
 def _filtered_states(rows: FloatArray, m: int, s: int) -> FilteredStates:
-    """The numbers (n, ...) that the engine gives for each sample, by what they are."""
+    """Return the numbers (n, ...) that the engine gives for each sample, by what they are."""
     n = len(rows)
     predicted, variance, mean, covariance, transition, slopes = np.split(
         rows, list(accumulate((m, m, s, s * s, s * s))), axis=1

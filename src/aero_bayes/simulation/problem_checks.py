@@ -111,7 +111,7 @@ def _check_target(model: ModelDescription, experiment: Experiment, target: Probl
 
 
 def target_scale(model: ModelDescription, experiment: Experiment, target: ProblemTarget | None) -> float:
-    """A natural size of a column, for finite differences at zero."""
+    """Return a natural size of a column, for finite differences at zero."""
     variable: Variable | None = None
     if isinstance(target, ParameterTarget):
         variable = model.parameter(target.name)

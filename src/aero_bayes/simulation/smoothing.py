@@ -30,7 +30,10 @@ class SmoothedStates:
         return self.mean - NORMAL_HALF_WIDTH * self.sd, self.mean + NORMAL_HALF_WIDTH * self.sd
 
     def at(self, time: FloatArray, samples: FloatArray) -> SmoothedStates:
-        """The states at times (k,) in s, along straight lines between the ``samples`` (n,); NaN outside of them."""
+        """Return the states at times (k,) in s, along straight lines between the ``samples`` (n,).
+
+        NaN outside of them.
+        """
         mean, sd = (
             np.column_stack([np.interp(time, samples, row, np.nan, np.nan) for row in rows.T])
             for rows in (self.mean, self.sd)

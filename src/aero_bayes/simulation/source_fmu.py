@@ -20,7 +20,7 @@ BUILD_TIME_LIMIT = 600.0
 
 
 def built_from_source(path: Path, model: ModelDescription, names: Collection[str]) -> Path:
-    """The FMU with a binary for this machine, compiled from the source inside it.
+    """Return the FMU with a binary for this machine, compiled from the source inside it.
 
     Parameters
     ----------

@@ -73,7 +73,10 @@ def _find(model: ModelDescription, names: tuple[str, ...]) -> dict[str, tuple[st
 def _only_starts(
     model: ModelDescription, name: str, values: FloatArray, states: NDArray[np.intp], at: FloatArray
 ) -> bool:
-    """Whether a parameter changes nothing once the states that it starts are given; ``at`` (n,) are their starts."""
+    """Return whether a parameter changes nothing once the states that it starts are given.
+
+    ``at`` (n,) are their starts.
+    """
     starts = {model.states[s].name: float(at[s]) for s in states}
     found = [_run(model, values[:, None], (name,), starts, horizon) for horizon in HORIZONS]
     ran = [y for y in found if y is not None]
@@ -83,7 +86,10 @@ def _only_starts(
 def _run(
     model: ModelDescription, rows: FloatArray, names: tuple[str, ...], start: Mapping[str, float], horizon: float
 ) -> FloatArray | None:
-    """All states, then outputs, of parameter rows (n, p) at three times: shape (n, 3, m); None where a run fails."""
+    """Return all states, then outputs, of parameter rows (n, p) at three times: shape (n, 3, m).
+
+    None where a run fails.
+    """
     watched = tuple(dict.fromkeys([*(s.name for s in model.states), *(v.name for v in model.outputs)]))
     time = np.linspace(0.0, horizon, 3)
     inputs = tuple(InputSignal(u.name, time[:1], np.array([u.start or 0.0])) for u in model.inputs)

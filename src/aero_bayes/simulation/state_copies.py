@@ -32,7 +32,7 @@ _lock = Lock()
 
 
 def verified_copies(model: ModelDescription) -> Mapping[str, int]:
-    """The candidates that equalled a state in every run, and the position of that state.
+    """Return the candidates that equalled a state in every run, and the position of that state.
 
     Runs the FMU in a worker process, once for each file.
     """
@@ -77,7 +77,7 @@ def _verify(model: ModelDescription) -> dict[str, int]:
 
 
 def _points(model: ModelDescription, parameters: list[float]) -> FloatArray:
-    """The model's own values, then others nearby: states and parameters, all moved at once."""
+    """Return the model's own values, then others nearby: states and parameters, all moved at once."""
     rng = np.random.default_rng(0)
     own = np.array([*((s.start or 0.0) for s in model.states), *parameters])
     size = np.array([*((s.nominal or abs(s.start or 0.0) or 1.0) for s in model.states), *np.abs(parameters)])

@@ -47,13 +47,16 @@ class WorkerGroup:
         return worker.replies
 
     def forget(self, problem: bytes) -> None:
-        """A problem is no longer needed."""
+        """Free a problem that is no longer needed."""
         for worker in self.workers:
             if worker is not None:
                 worker.send(worker_main.FORGET, 0, 0, 0, 0, problem)
 
     def task_of(self, index: int, count: int) -> tuple[int, bool]:
-        """The task that a worker is at, NO_TASK, or INVALID_TASK beyond `count`; and whether it never had any."""
+        """Return the task that a worker is at, NO_TASK, or INVALID_TASK beyond `count`.
+
+        And whether it never had any.
+        """
         task, started = (int(v) for v in self.memory.slots[index, :2])
         return (task if NO_TASK <= task < count else INVALID_TASK), (task, started) == (NO_TASK, 0)
 

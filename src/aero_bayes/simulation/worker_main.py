@@ -46,7 +46,7 @@ def read_exactly(fd: int, size: int) -> bytes:
 
 
 def load_engine(path: str) -> ctypes.CDLL:
-    """The engine with its argument types."""
+    """Return the engine with its argument types."""
     engine = ctypes.CDLL(path)
     engine.ab_open.restype = ctypes.c_void_p
     engine.ab_open.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t]

@@ -110,7 +110,7 @@ class WorkerPool(ClosedAtExit):
         self.size = min(self.size, 1)
 
     def binary(self, model: ModelDescription) -> Path:
-        """The model's binary, unpacked once into a private folder."""
+        """Return the model's binary, unpacked once into a private folder."""
         with self.lock:
             if model.sha256 not in self._binaries:
                 folder = Path(tempfile.mkdtemp(prefix="fmu-", dir=self.folder))
@@ -118,13 +118,13 @@ class WorkerPool(ClosedAtExit):
             return self._binaries[model.sha256]
 
     def new_path(self) -> Path:
-        """A name for a new problem file."""
+        """Return a name for a new problem file."""
         with self.lock:
             self._counter += 1
             return self.folder / f"problem-{os.getpid()}-{self._counter}"
 
     def forget(self, path: Path) -> None:
-        """The problem at this path is no longer needed."""
+        """Free the problem at this path, which is no longer needed."""
         with self.lock:
             key = os.fsencode(path)
             if self._engine is not None and key in self._problems:

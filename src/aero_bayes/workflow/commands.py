@@ -227,7 +227,7 @@ def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
 
 
 def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
-    """The model with all values of a fit; none where it came as an FMU."""
+    """Return the model with all values of a fit; none where it came as an FMU."""
     return found.calibrated if job.modelica else None
 
 

@@ -100,7 +100,7 @@ def band_series(
 
 
 def only_measured(series: Mapping[str, FloatArray]) -> Series:
-    """Without curves of outputs that no sensor recorded."""
+    """Leave out curves of outputs that no sensor recorded."""
     measured = {key.partition("/")[2] for key in series if key.startswith("measured/")}
     return {
         key: values

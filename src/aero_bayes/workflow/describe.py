@@ -21,7 +21,7 @@ LABEL = "simulated.json"
 
 
 def preamble(job: Job, command: str) -> Json:
-    """The keys that every result.json starts with."""
+    """Return the keys that every result.json starts with."""
     recordings = (*job.recordings, *job.tests)
     units = {name: unit for recording in recordings for name, unit in recording.units.items()}
     return {
@@ -46,14 +46,17 @@ def preamble(job: Job, command: str) -> Json:
 
 
 def is_simulated(recording: Recording) -> bool:
-    """Whether the simulated bench wrote the recording, by the label beside its file; nothing else of it is read."""
+    """Return whether the simulated bench wrote the recording, by the label beside its file.
+
+    Nothing else of it is read.
+    """
     if recording.path is None or not (label := recording.path.with_name(LABEL)).is_file():
         return False
     return recording.path.stem in json.loads(label.read_text("utf-8")).get("recordings", [])
 
 
 def recording_row(recording: Recording, role: str) -> Json:
-    """The entry of a recording in result.json, with the noise floors that are known."""
+    """Return the entry of a recording in result.json, with the noise floors that are known."""
     floor = {output: sd for (_, output), sd in noise_floors([recording], list(recording.outputs)).items()}
     return {
         "name": recording.name,
@@ -112,17 +115,17 @@ def fit_verdict(
 
 
 def cause_sentence(row: Mapping[str, Any]) -> str:
-    """A row of a diagnosis as text: the cause, what was found, where, and what was done."""
+    """Return a row of a diagnosis as text: the cause, what was found, where, and what was done."""
     where = f" ({row['where']})" if row["where"] else ""
     text = f"{row['cause'].capitalize()}: {row['what'].removesuffix('.')}{where}. {row['done']}".strip()
     return f"{text}{more_words(row.get('more', ()))}"
 
 
 def diagnosis_line(diagnosis: Sequence[Mapping[str, Any]]) -> str:
-    """One line for a terminal: the state of each cause."""
+    """Return one line for a terminal: the state of each cause."""
     return "diagnosis: " + ", ".join(f"{row['cause']} {'FOUND' if row['found'] else 'clear'}" for row in diagnosis)
 
 
 def values_line(rows: Sequence[Mapping[str, Any]]) -> str:
-    """One line for a terminal: which of the listed values is reported, and how much worse the others are."""
+    """Return one line for a terminal: which of the listed values is reported, and how much worse the others are."""
     return trials_sentence([ValueTrial(**row) for row in rows])

@@ -174,7 +174,10 @@ def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
 def _with_effect(
     job: Job, base: Fit, family: ModelicaFamily, name: str, common: Sequence[str], progress: ProgressBar
 ) -> tuple[Fit, list[str]]:
-    """The base model with an effect (and those that both rivals have), written, built and fitted; its parameters."""
+    """Return the base model with an effect (and those that both rivals have), written, built and fitted.
+
+    Its parameters.
+    """
     ids = (*common, name)
     names = {id_: [p.name for p in family.parameters(id_)] for id_ in ids}
     rows = product(*(family.starts(id_) or (tuple(p.start for p in family.parameters(id_)),) for id_ in ids))

@@ -109,7 +109,10 @@ def model_ports(family: ModelicaFamily, options: RunOptions, data: Sequence[Path
 
 
 def visibility(response: float | None) -> str:
-    """Whether the data show a term at a port: ``yes``, ``barely`` or ``no`` by its response; ``unknown`` without."""
+    """Return whether the data show a term at a port: ``yes``, ``barely`` or ``no`` by its response.
+
+    ``unknown`` without.
+    """
     if response is None:
         return "unknown"
     if response >= MIN_VISIBLE_RESPONSE:
@@ -163,7 +166,10 @@ def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str
 
 
 def _noise_of_readings(found: Fit) -> dict[str, OutputNoise]:
-    """The noise of each output from its readings alone, the largest of all recordings; the fit's where unknown."""
+    """Return the noise of each output from its readings alone, the largest of all recordings.
+
+    The fit's where unknown.
+    """
     noise = dict(found.optimum.noise)
     for output in noise:
         floors = [output_noise_floor(r, output) for r in found.calibration.recordings if output in r.outputs]
