@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -11,6 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+# Recordings are simulated by the studies' packages.
+sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
 
 
 @dataclass(frozen=True)
