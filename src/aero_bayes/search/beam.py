@@ -13,9 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum
 from aero_bayes.parallel import Task, doubling_batches
@@ -23,15 +20,13 @@ from aero_bayes.search.common_noise import common_noise
 from aero_bayes.search.comparison import Comparison
 from aero_bayes.search.edits import Direction, EditContext, term_directions
 from aero_bayes.search.explored import Library, SearchControl, SearchResult
-from aero_bayes.search.left_out import CommonBlocks, newton_errors
 from aero_bayes.search.models import FittedModel, ModelCache
+from aero_bayes.search.order import LeftOutOrder
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.refit import fit_from, refit, refit_from_here
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import KnownTerms, Start, starting_points
 from aero_bayes.search.structure import Structure, by_size
-
-FloatArray = NDArray[np.float64]
 
 #: Number of the best structures whose terms are tried in place of others.
 MAX_RIVALS = 10
@@ -78,8 +73,6 @@ class StructureSearch:
         self._proposed_values: Mapping[str, Mapping[str, float]] = {}
         self._ended = ""
         self._completed: set[Structure] = set()
-        self._errors: dict[Structure, tuple[Optimum, FloatArray]] = {}
-        self._comparison: Comparison | None = None
 
     def run(self, root: FittedModel) -> SearchResult:
         """Search from the fit of the first model.
@@ -130,7 +123,7 @@ class StructureSearch:
         self._root = root.structure.plus(*self.settings.require)
         self._noise = common_noise(root, self.floors)
         self._fits[root.structure] = root.refitted(self._noise.noise, self._settings)
-        self._blocks = CommonBlocks.of([*self._fits.values()])
+        self._left_out = LeftOutOrder(self._fits[root.structure])
         if self.settings.require:
             self._fit_required(root.structure)
         self._update_noise()
@@ -199,14 +192,8 @@ class StructureSearch:
     # which structures to expand
 
     def _order(self) -> Comparison:
-        """Left-out errors of all fits, by one Newton step; those that are not finite are left out."""
-        if self._comparison is None:
-            for s, f in self._fits.items():
-                if s not in self._errors or self._errors[s][0] is not f.optimum:
-                    self._errors[s] = f.optimum, newton_errors(f, self._blocks)
-            squares = {s: e for s, (_, e) in self._errors.items() if np.all(np.isfinite(e))}
-            self._comparison = Comparison(squares, self._blocks.outputs, self._blocks.least)
-        return self._comparison
+        """Compare all fits by their left-out errors."""
+        return self._left_out.of(self._fits)
 
     def _best(self) -> FittedModel:
         order = self._order()
@@ -226,10 +213,7 @@ class StructureSearch:
         return self._beam(len(best.structure) + 1)
 
     def _beam(self, size: int) -> list[FittedModel]:
-        """Return the best structures of a size, of which none is materially worse than the best.
-
-        Without those expanded.
-        """
+        """Return those structures of a size that are to be expanded: the best, and none materially worse than it."""
         order, least = self._order(), self.settings.min_share
         own = [s for s in order.ranked if len(s) == size and s.contains_terms(self._root)]
         near = [s for s in own if s == own[0] or order.share(own[0], s).value > least]
@@ -353,7 +337,7 @@ class StructureSearch:
         """Keep the better fit of a structure; none where a term that is not required ends with a magnitude of zero."""
         known, off = self._fits.get(found.structure), set(found.off_terms) - set(self.settings.require)
         if not off and (known is None or found.log_posterior > known.with_noise(self._noise.noise).log_posterior):
-            self._fits[found.structure], self._comparison = found, None
+            self._fits[found.structure] = found
 
     # noise, restarts, time
 
@@ -367,9 +351,8 @@ class StructureSearch:
 
     def _compare_again(self) -> None:
         """Compare all structures under the present noise; fit the best of each size anew."""
-        self._fits, self._comparison = {s: f.with_noise(self._noise.noise) for s, f in self._fits.items()}, None
-        self._blocks = CommonBlocks.of([self._fits[self._root]])
-        self._errors.clear()
+        self._fits = {s: f.with_noise(self._noise.noise) for s, f in self._fits.items()}
+        self._left_out = LeftOutOrder(self._fits[self._root])
         again = {self._root, Structure()} | {self._best().structure.minus(t) for t in self._best().terms}
         for own in by_size(self._order().ranked).values():
             again |= set(own[: self.settings.beam_width])
