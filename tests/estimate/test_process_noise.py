@@ -19,7 +19,7 @@ from aero_bayes.check.residual_tests import check_residuals
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings
-from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import open_simulator
 
@@ -120,7 +120,7 @@ def test_fit_is_the_maximum_of_another_filters_likelihood(case):
 def test_score_and_information_are_of_the_likelihood(case):
     fit, _, _ = case
     with open_simulator(fit.calibration.problem(), workers=0) as simulator:
-        objective = Objective(fit.calibration, simulator)
+        objective = objective_of(fit.calibration, simulator)
         at = fit.calibration.parameters.to_search(fit.values) + 0.1
         white = objective.whiten(objective.evaluate(at, range(len(at))), {})
         rows = np.concatenate([at + 1e-4 * np.eye(len(at)), at - 1e-4 * np.eye(len(at))])

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings, levenberg_marquardt
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import Simulator
 
@@ -87,7 +87,7 @@ def profile_likelihood(
     if column not in fit.free:
         raise InputError(f"{name} was not fitted, so it has no profile")
     target = fit.target(simulator)
-    cost_function = target.cost_function(Objective(fit.calibration, simulator).noise_rows(fit.noise))
+    cost_function = target.cost_function(objective_of(fit.calibration, simulator).noise_rows(fit.noise))
     j = fit.free.index(column)
     centre, sd = fit.laplace.mean[: len(fit.free)], fit.laplace.sd[j]
     low, high = target.box

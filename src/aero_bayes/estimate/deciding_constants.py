@@ -9,9 +9,9 @@ import numpy as np
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.identifiability import Identifiability, collinear
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.simulation.interface import ParameterTarget
@@ -45,7 +45,7 @@ def name_deciding_constants(
     values = calibration.parameters.from_search(optimum.coordinates)
     wider = replace(calibration, parameters=calibration.parameters.extended(fixed.items))
     with open_simulator(wider.problem()) as simulator:
-        objective = Objective(wider, simulator)
+        objective = objective_of(wider, simulator)
         at = wider.parameters.to_search(np.concatenate([values, fixed.start]))
         run = objective.evaluate(at, [*optimum.free, *range(len(values), len(at))])
         if run is None or run.slopes is None:

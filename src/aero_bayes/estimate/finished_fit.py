@@ -186,7 +186,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         warnings=(here.reason.value,) if interrupted else told,
         seconds=seconds,
         engine=settings.engine,
-        states=objective.smoothed_states(values) if objective.filtered else (),
+        states=objective.smoothed_states(values),
     )
 
 

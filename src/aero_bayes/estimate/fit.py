@@ -24,6 +24,7 @@ from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
+from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
 from aero_bayes.estimate.global_search import (
     GlobalSearch,
@@ -34,7 +35,6 @@ from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.listed_values import ListedValue, ValueCombination, combinations, split_values
 from aero_bayes.estimate.modes import Mode, find_modes
 from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import ChosenParameters, chosen_parameters
 from aero_bayes.estimate.plausible import screened
@@ -259,7 +259,7 @@ def _without_outliers(
         if not findings:
             break
         with opened(cleaned.problem()) as simulator:
-            objective = Objective(cleaned, simulator, result_cache=cache)
+            objective = objective_of(cleaned, simulator, result_cache=cache)
             found = _refit_from(found, GlobalSearch(objective, settings.global_search, progress), settings)
     return found
 
@@ -276,7 +276,7 @@ def _with_sensors(
         cleaned, ripple = without_ripple(calibration, first.fitted)
         if ripple and subtract:
             with opened(cleaned.problem()) as simulator:
-                objective = Objective(cleaned, simulator, result_cache=cache)
+                objective = objective_of(cleaned, simulator, result_cache=cache)
                 found = _refit_from(first, GlobalSearch(objective, settings.global_search, progress), settings)
     rows = [(e.time, y, f) for e, y, f in zip(
         found.calibration.experiments, found.calibration.readings, found.fitted, strict=True
@@ -292,7 +292,7 @@ def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, 
         return first
     began = time.perf_counter()
     with opened(first.calibration.problem()) as simulator:
-        objective = Objective(first.calibration, simulator)
+        objective = objective_of(first.calibration, simulator)
         found = refit_with_spread(GlobalSearch(objective, settings.global_search, progress), first.optimum, models)
         if found is None:
             return first
@@ -367,7 +367,7 @@ def fit_calibration(
         if simulator is None:
             simulator = stack.enter_context(open_simulator(calibration.problem()))
         search = GlobalSearch(
-            Objective(calibration, simulator, result_cache=checkpoint), settings.global_search, progress
+            objective_of(calibration, simulator, result_cache=checkpoint), settings.global_search, progress
         )
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.free_if_identified)
         result = search.run(free, open_simulator, rng)
@@ -387,7 +387,7 @@ def fit_calibration(
 
 def _modes(search: GlobalSearch, found: Fit, result: GlobalSearchResult) -> tuple[Mode, ...]:
     """Other optima that fit as well, where the cost is a posterior and no filter's."""
-    if search.settings.cost != "posterior" or search.objective.filtered or search.progress.asked_to_end:
+    if search.settings.cost != "posterior" or search.objective.filters or search.progress.asked_to_end:
         return ()
     swarm = result.swarm if found.free == result.optimum.free else None
     return find_modes(search, found.optimum, swarm)

@@ -188,7 +188,7 @@ class GlobalSearch:
         error. Such outputs are weighted by the RMS of their residual instead, as in least squares, and the fit is
         repeated until no more are found.
         """
-        if not self.settings.check_noise or self.settings.cost != "posterior" or self.objective.filtered:
+        if not self.settings.check_noise or self.settings.cost != "posterior" or self.objective.filters:
             return here
         for _ in range(3):
             noise = estimate_output_noise(self.objective, here, self.white_outputs)
@@ -323,7 +323,7 @@ class GlobalSearch:
 
     def _stages(self, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
         """The user's stages, or stages by causality: parameters that move few outputs come first."""
-        if not self.settings.staged or self.objective.filtered:
+        if not self.settings.staged or self.objective.filters:
             return ()
         if self.settings.stages is not None:
             return self.settings.stages

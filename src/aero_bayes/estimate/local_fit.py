@@ -214,14 +214,13 @@ class _NegativeLogPosterior:
         found = self.objective.evaluate(x, self.free)
         if found is None:
             return None
-        if self.objective.filtered:
-            self.noise = self.objective.reading_noise(x)
+        self.noise = self.objective.reading_noise(x) or self.noise
         if self.noise is None:
             self.noise = fit_noise(self.objective, found.residual, self.settings)
         return self._quadratic(x, found, self.noise)
 
     def update_noise(self, here: _PosteriorModel) -> _PosteriorModel:
-        if self.settings.hold_noise or self.objective.filtered:
+        if self.settings.hold_noise or self.objective.filters:
             return here
         noise = fit_noise(self.objective, here.evaluation.residual, self.settings, self.noise)
         white = self.objective.whiten(replace(here.evaluation, slopes=None), noise)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,12 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.sensors.noise import OutputNoise, SampleTimes
 from aero_bayes.sensors.whitening import LOG_2PI, whiten
 from aero_bayes.simulation.interface import (
-    Filter,
     GaussNewton,
     Outcome,
-    ReadingNoiseTarget,
     Simulator,
     Trajectories,
 )
-from aero_bayes.simulation.smoothing import SmoothedStates, smooth
+from aero_bayes.simulation.smoothing import SmoothedStates
 
 FloatArray = NDArray[np.float64]
 #: Noise of an output that does not count, over its range.
@@ -98,7 +96,7 @@ class Whitened:
 
 
 class Objective:
-    """The likelihood of one calibration as a function of its parameters.
+    """The likelihood of one calibration as a function of its parameters; see :func:`objective_of`.
 
     Parameters
     ----------
@@ -113,6 +111,9 @@ class Objective:
         Keeps the results of searches.
     """
 
+    #: Whether predictions are a filter's, of each reading from those before it: then the noise is among the parameters.
+    filters: ClassVar[bool] = False
+
     def __init__(
         self,
         calibration: Calibration,
@@ -122,6 +123,8 @@ class Objective:
         outcomes: Counter[Outcome] | None = None,
         result_cache: ResultCache | None = None,
     ) -> None:
+        if (calibration.process is not None) != self.filters:
+            raise TypeError("process noise needs a FilterObjective, and only that: use objective_of")
         self.calibration, self.simulator, self.result_cache = calibration, simulator, result_cache
         self.parameters = calibration.parameters
         self.outputs = tuple(o for o in calibration.outputs if outputs is None or o in outputs)
@@ -136,7 +139,7 @@ class Objective:
         self, calibration: Calibration, simulator: Simulator, outputs: Sequence[str] | None = None
     ) -> Objective:
         """Another calibration, its simulations counted and its searches kept where those of this one are."""
-        return Objective(
+        return type(self)(
             calibration, simulator, outputs=outputs, outcomes=self.outcomes, result_cache=self.result_cache
         )
 
@@ -192,7 +195,7 @@ class Objective:
         values = self.parameters.from_search(coordinates)
         if active is not None:
             values = self.parameters.away_from_zero(values, active)
-        found = self._filter(values, active) if self.filtered else self._compare(values, active)
+        found = self._compare(values, active)
         if found is None or any(
             not np.max(np.abs(rows), initial=0.0) <= MAX_MAGNITUDE for rows in (*found.residual, *(found.slopes or ()))
         ):
@@ -216,32 +219,8 @@ class Objective:
                 slopes.append(np.ascontiguousarray(by.T) * scale[:, np.newaxis])
         return Evaluation(tuple(predicted), tuple(residual), tuple(slopes) if scale is not None else None)
 
-    def _filter(self, values: FloatArray, active: Sequence[int] | None) -> Evaluation | None:
-        columns = list(active) if active is not None else []
-        found = cast(Filter, self.simulator).filter(values[np.newaxis, :], active=columns)
-        self._count(found.outcomes)
-        if np.any(found.outcomes[0] != Outcome.OK):
-            return None
-        scale = self.parameters.jacobian(values)[columns][:, np.newaxis]
-        predicted, sd, slopes, log_sd_slopes = [], [], [], []
-        for s in self.series:
-            variance = found.variance[s.experiment][0, s.sampling.index, s.column]
-            by, variance_by = (a[s.experiment][0, s.sampling.index, s.column].T for a in (
-                found.predicted_slopes, found.variance_slopes
-            ))  # fmt: skip
-            predicted.append(found.predicted[s.experiment][0, s.sampling.index, s.column])
-            sd.append(np.sqrt(variance))
-            slopes.append(by * scale)
-            log_sd_slopes.append(variance_by * scale / (2.0 * variance))
-        residual = tuple(s.measured - y for s, y in zip(self.series, predicted, strict=True))
-        if active is None:
-            return Evaluation(tuple(predicted), residual, None, tuple(sd))
-        return Evaluation(tuple(predicted), residual, tuple(slopes), tuple(sd), tuple(log_sd_slopes))
-
     def residuals(self, coordinates: FloatArray) -> list[Evaluation | None]:
         """Comparisons, without slopes, of several parameter vectors (rows) with the data; None where one failed."""
-        if self.filtered:
-            return [self.evaluate(row) for row in coordinates]
         found = self.simulate(self.parameters.from_search(coordinates))
         return [
             self._residual([found.outputs[s.experiment][k, s.sampling.index, s.column] for s in self.series])
@@ -255,9 +234,7 @@ class Objective:
         return Evaluation(tuple(predicted), residual, None)
 
     def whiten(self, found: Evaluation, noise: Mapping[str, OutputNoise]) -> Whitened:
-        """Whiten residual and sensitivities by the noise of each output, or by a filter's own standard deviations."""
-        if found.sd is not None:
-            return _whiten_innovations(found, found.sd, self.readings)
+        """Whiten residual and sensitivities by the noise of each output."""
         residual, slopes = found.residual, found.slopes
         white, by, log_det = [], [], 0.0
         for k, series in enumerate(self.series):
@@ -270,34 +247,23 @@ class Objective:
             by.append(out[1:])
         return Whitened(np.concatenate(white), np.concatenate(by, axis=1), log_det, self.readings)
 
-    @property
-    def filtered(self) -> bool:
-        """Whether the likelihood is a filter's: there is process noise, and the parameters include the readings'."""
-        return self.calibration.process is not None
-
-    def reading_noise(self, coordinates: FloatArray) -> dict[str, OutputNoise]:
-        """Noise of each output where it is among the parameters, at search coordinates (p,) of all of them."""
-        values = self.parameters.from_search(coordinates)
-        return {
-            p.target.output: OutputNoise(float(value), white_identified=False)
-            for p, value in zip(self.parameters, values, strict=True)
-            if isinstance(p.target, ReadingNoiseTarget)
-        }
-
     def predictions(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """Outputs (n, m) of each experiment at SI values (p,), simulated or predicted by the filter.
+        """Outputs (n, m) of each experiment at SI values (p,).
 
         Raises
         ------
         CannotFinishError
             Where a run fails.
         """
-        rows = values[np.newaxis, :]
-        if not self.filtered:
-            return tuple(y[0] for y in self.simulate(rows).outputs)
-        found = cast(Filter, self.simulator).filter(rows)
-        self._count(found.outcomes)
-        return tuple(y[0] for y in found.predicted)
+        return tuple(y[0] for y in self.simulate(values[np.newaxis, :]).outputs)
+
+    def smoothed_states(self, values: FloatArray) -> tuple[SmoothedStates, ...]:
+        """States of each recording at SI values (p,) given all its readings: none without process noise."""
+        return ()
+
+    def reading_noise(self, coordinates: FloatArray) -> dict[str, OutputNoise]:
+        """Noise of each output that is among the parameters, at search coordinates (p,): none without process noise."""
+        return {}
 
     def by_output(self, rows: FloatArray) -> dict[str, FloatArray]:
         """Values (N,) of all series end to end, by output."""
@@ -306,12 +272,6 @@ class Objective:
         for series, values in zip(self.series, np.split(rows, ends[:-1]), strict=True):
             parts[series.output].append(values)
         return {output: np.concatenate([*values, np.zeros(0)]) for output, values in parts.items()}
-
-    def smoothed_states(self, values: FloatArray) -> tuple[SmoothedStates, ...]:
-        """States of each recording at SI values (p,), given all its readings; only with process noise."""
-        found = cast(Filter, self.simulator).filtered_states(values)
-        self._count(np.zeros(len(found), dtype=np.uint8))
-        return tuple(smooth(states, y) for states, y in zip(found, self.calibration.measured, strict=True))
 
     # reduced in the engine
 
@@ -329,30 +289,9 @@ class Objective:
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
         """Likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values."""
-        if self.filtered:
-            return self._filter_products(values, active)
         found = self.simulator.gauss_newton(self.parameters.away_from_zero(values, active), noise, active=active)
         self._count(found.outcomes)
         return found
-
-    def _filter_products(self, values: FloatArray, active: Sequence[int]) -> GaussNewton:
-        n, q = len(values), len(active)
-        result = GaussNewton(
-            np.full(n, np.inf), np.full((n, q), np.nan), np.full((n, q, q), np.nan), np.full(n, -np.inf),
-            np.zeros((n, len(self.calibration.experiments)), dtype=np.uint8),
-        )  # fmt: skip
-        for k, coordinates in enumerate(self.parameters.to_search(values)):
-            before = Counter(self.outcomes)
-            found = self.evaluate(coordinates, active)
-            result.outcomes[k] = max((self.outcomes - before).elements())
-            if found is None:
-                continue
-            white = self.whiten(found, {})
-            by = 1.0 / self.parameters.jacobian(values[k])[list(active)]
-            result.cost[k] = 0.5 * float(white.residual @ white.residual)
-            result.log_likelihood[k] = white.log_likelihood
-            result.gradient[k], result.hessian[k] = -white.score * by, white.information * np.outer(by, by)
-        return result
 
     def noise_rows(self, noise: Mapping[str, OutputNoise]) -> FloatArray:
         """Noise triples as the engine takes them, shape (1, 1, m, 3); outputs that do not count get large noise."""
@@ -367,15 +306,6 @@ class Objective:
         codes, counts = np.unique(outcomes, return_counts=True)
         for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
             self.outcomes[Outcome(code)] += count
-
-
-def _whiten_innovations(found: Evaluation, sd: Sequence[FloatArray], readings: int) -> Whitened:
-    width = np.concatenate(sd)
-    slopes, by_width = np.zeros((0, readings)), None
-    if found.slopes is not None and found.log_sd_slopes is not None:
-        slopes, by_width = (np.concatenate(rows, axis=1) for rows in (found.slopes, found.log_sd_slopes))
-    log_det = 2.0 * float(np.sum(np.log(width)))
-    return Whitened(np.concatenate(found.residual) / width, slopes / width, log_det, readings, by_width)
 
 
 def _series(calibration: Calibration) -> list[Series]:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.levenberg_marquardt import FixedCost, QuadraticModel
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Outcome, Simulator
 
@@ -142,7 +142,7 @@ class Target:
         spread: CurvatureAdjustment | None = None,
     ) -> None:
         self.calibration, self.simulator, self.prior, self.spread = calibration, simulator, prior, spread
-        self.objective = Objective(calibration, simulator)
+        self.objective = objective_of(calibration, simulator)
         self.base, self.free = np.asarray(base, dtype=np.float64), tuple(free)
         items = calibration.parameters.items
         self.parameters = type(calibration.parameters)(tuple(items[j] for j in self.free))

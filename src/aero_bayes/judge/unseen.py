@@ -14,10 +14,10 @@ from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
+from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.new_recording import first_reading, typical
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.recording_parameters import for_recordings, templates
 from aero_bayes.judge.prediction import Prediction, RmsError, rms_error
@@ -185,7 +185,7 @@ class Unseen:
         settled, ends = rows.copy(), []
         beginning = whole.beginning(INITIAL_STATE_SHARE)
         with self.open_simulator(beginning.problem()) as simulator:
-            objective = Objective(beginning, simulator)
+            objective = objective_of(beginning, simulator)
             for k, at in enumerate(whole.parameters.to_search(rows)):
                 with suppress(CannotFinishError):
                     settings = LocalFitSettings(hold_noise=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
@@ -112,7 +113,7 @@ class LoopContext:
 
     def objective(self, calibration: Calibration, simulator: Simulator) -> Objective:
         """A calibration on a simulator that is open."""
-        return Objective(calibration, simulator)
+        return objective_of(calibration, simulator)
 
     @property
     def map(self) -> ParallelMap:

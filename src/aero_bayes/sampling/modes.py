@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.finished_fit import at_optimum
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.modes import is_another, likelihood_temperature
-from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget
 from aero_bayes.sampling.diagnostics import Convergence
@@ -51,7 +51,7 @@ def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:
 
     A mode that leads back to another one under the noise of the fit is left out.
     """
-    objective = Objective(fit.calibration, simulator)
+    objective = objective_of(fit.calibration, simulator)
     parameters = objective.parameters
     settings = LocalFitSettings(floors=fit.calibration.floors, hold_noise=True)
     known, found = [fit.optimum], [fit]

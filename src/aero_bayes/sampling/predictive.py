@@ -50,7 +50,7 @@ def posterior_predictive(
     CannotFinishError
         If no draw can be simulated.
     """
-    if joint.target.objective.filtered:
+    if joint.target.objective.filters:
         return _filtered(joint, points[:, : len(joint.target.free)], band_factors, rng, stored, blocks)
     free = len(joint.target.free)
     noise = joint.layout.unpack(points[:, free:])[:, 0]
