@@ -39,11 +39,11 @@ from aero_bayes.simulation import Model, open_simulator
 from simulated_aero import Parameters, Truth, paper_step, simulate_recording, white
 
 GROUPS = ("sampling", *bench_pints.GROUPS)
-#: Seconds after which each sampler is stopped; effective samples are counted by the second.
-TIME_LIMIT = 90.0
-OURS = SampleSettings(max_steps=400, ess=1e9, time_limit=TIME_LIMIT)
+#: Minutes after which each sampler is stopped; effective samples are counted by the second.
+TIME_LIMIT = 1.5
+OURS = SampleSettings(max_steps=400, ess=1e9, max_minutes=TIME_LIMIT)
 STRETCH = SampleSettings(
-    burn_in=600, max_rounds=1, max_steps=2500, ess=1e9, lengths=100.0, time_limit=TIME_LIMIT
+    burn_in=600, max_rounds=1, max_steps=2500, ess=1e9, lengths=100.0, max_minutes=TIME_LIMIT
 )  # fmt: skip
 
 
@@ -53,7 +53,9 @@ def paper_fit(folder: Path) -> Fit:
     truth = Truth("one_dof", Parameters(), (), 0.006)
     rng = np.random.default_rng(2)
     recording = simulate_recording(truth, paper_step(), white(1.0), rng, duration=40.0, rate_hz=50.0)
-    settings = FitSettings(method="local", calibration=CalibrationSettings(start="reading"), noise=NoiseModel("white"))
+    settings = FitSettings(
+        method="local", calibration=CalibrationSettings(initial_states="reading"), noise=NoiseModel("white")
+    )
     return fit(recording, model, settings=settings)
 
 
@@ -63,8 +65,8 @@ def posterior_with_delay(folder: Path) -> Posterior:
     truth = Truth("one_dof", Parameters(), (), 0.00405)
     rng = np.random.default_rng(4)
     recording = simulate_recording(truth, paper_step(), white(1.0), rng, duration=20.0, rate_hz=250.0)
-    settings = FitSettings(method="local", calibration=CalibrationSettings(start="reading"))
-    return sample(fit(recording, model, settings=settings), settings=SampleSettings(time_limit=TIME_LIMIT), seed=1)
+    settings = FitSettings(method="local", calibration=CalibrationSettings(initial_states="reading"))
+    return sample(fit(recording, model, settings=settings), settings=SampleSettings(max_minutes=TIME_LIMIT), seed=1)
 
 
 def sampled(fit: Fit, settings: SampleSettings, moves: MakeMoves = standard_moves) -> tuple[Chain, float]:

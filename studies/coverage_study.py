@@ -188,7 +188,7 @@ def best_of_wrong(plan: StudyPlan, fmu: Path) -> dict[str, float]:
 
 def fitted(recordings: list[Recording], model: Model, rng: np.random.Generator) -> Fit:
     """Fit recordings as any user does, the noise chosen by the data."""
-    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="free", delay_limit=DELAY_LIMIT))
+    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="free", max_input_delay=DELAY_LIMIT))
     return fit(
         recordings, model, parameters=free_parameters(model), settings=settings, seed=int(rng.integers(2**31)),
         workers=0,
@@ -280,7 +280,7 @@ def sampled(fit: Fit, simulator: Simulator, found: WeightedSample, rng: np.rando
     proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance)
     if found.ess > 50.0:
         proposal = WarpedStudentT.of(found.mean, found.covariance)
-    settings = SampleSettings(ess=800.0, max_steps=1500, time_limit=45.0)
+    settings = SampleSettings(ess=800.0, max_steps=1500, max_minutes=0.75)
     chain = run_chain(fit.joint_target(simulator), proposal, settings, int(rng.integers(2**31)))
     return chain.points.reshape(-1, chain.points.shape[-1]) if chain.converged or chain.r_hat < 1.05 else None
 

@@ -65,7 +65,7 @@ RECORDINGS, LONG = 26, 20.0
 SAMPLED_EVERY, PREDICTING = 5, 2
 #: ``posterior`` are quantiles of the program's draws; all others stand in the contract.
 METHODS = ("ours", "curve_fit", "mcmc_white", "posterior")
-SHORT = SampleSettings(ess=200.0, max_steps=400, time_limit=40.0, predictive=20)
+SHORT = SampleSettings(ess=200.0, max_steps=400, max_minutes=0.67, predictive=20)
 
 
 @dataclass(frozen=True)

@@ -81,8 +81,8 @@ class Rig:
     def fit(self, given: Faulty) -> aero_bayes.Fit:
         """Fit the complete model as the configuration of the rig says, by a small swarm: it starts near the truth."""
         tolerance = given.tolerance or SolverSettings().relative_tolerance
-        calibration = CalibrationSettings(start="estimated", solver=SolverSettings(tolerance, tolerance))
-        settings = aero_bayes.FitSettings(swarm=SWARM, swarm_samples=SWARM_SAMPLES, calibration=calibration)
+        calibration = CalibrationSettings(initial_states="estimated", solver=SolverSettings(tolerance, tolerance))
+        settings = aero_bayes.FitSettings(pso=SWARM, swarm_samples=SWARM_SAMPLES, calibration=calibration)
         return aero_bayes.fit(given.recording, self.model, parameters=self.free, settings=settings, workers=0)
 
 

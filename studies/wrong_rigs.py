@@ -69,7 +69,7 @@ class Aero:
     duration: float = 120.0
     rate_hz: float = 20.0
     calibration: CalibrationSettings = field(
-        default_factory=lambda: CalibrationSettings(delay="free", delay_limit=0.02)
+        default_factory=lambda: CalibrationSettings(delay="free", max_input_delay=0.02)
     )
 
     @property
@@ -130,7 +130,7 @@ class TrialRig:
     pushed: str
     push: float
     noise: Mapping[str, SensorNoise]
-    calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(start="estimated"))
+    calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(initial_states="estimated"))
 
     @property
     def name(self) -> str:

@@ -39,7 +39,7 @@ def test_expression_and_time_are_named(tmp_path: Path, rng: np.random.Generator)
     # h of A = 1, k = 0.1 runs empty at 2 A sqrt(h0 / 2) / k = 14.1 s, of A = 0.3 at 4.2 s
     h = np.square(np.maximum(1.0 - 0.1 * time / np.sqrt(2.0), 0.0)) + 1e-3 * rng.standard_normal(time.size)
     recording = Recording("run", time, {"q": np.zeros(time.size)}, {"h": h}, {})
-    fit = aero_bayes.fit(recording, model, parameters=["A", "k"], settings=FitSettings("chain"), workers=0)
+    fit = aero_bayes.fit(recording, model, parameters=["A", "k"], settings=FitSettings(), workers=0)
     row = fit.diagnosis["solver"]
     assert row.found
     assert "sqrt of h" in row.what

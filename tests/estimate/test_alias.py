@@ -61,7 +61,7 @@ def test_a_resonance_is_not_taken_for_its_alias(tmp_path):
     source.write_text(OSCILLATOR, encoding="utf-8")
     model = Model.load(export_fmu("Oscillator", tmp_path / "o.fmu", sources=[source]))
     free = parameters_from_model(model, overrides={name: Override() for name in ("m", "d", "a")})
-    held = calibrate([record()], model, free, settings=CalibrationSettings(start="estimated"))
+    held = calibrate([record()], model, free, settings=CalibrationSettings(initial_states="estimated"))
     with open_simulator(held.problem(), workers=0) as simulator:
         search = GlobalSearch(Objective(held, simulator), GlobalSearchSettings(swarm=None))
         columns = tuple(range(len(held.parameters)))

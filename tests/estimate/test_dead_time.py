@@ -45,7 +45,7 @@ def room(seed: int) -> Recording:
 def fitted(modelica, recordings, limit) -> aero_bayes.Fit:
     model = modelica(ROOM)
     settings = aero_bayes.FitSettings(
-        method="local", calibration=CalibrationSettings(start="reading", delay_limit=limit)
+        method="local", calibration=CalibrationSettings(initial_states="reading", max_input_delay=limit)
     )
     free = parameters_from_model(model, overrides={name: Override() for name in ("tau", "gain")})
     return aero_bayes.fit(recordings, model, parameters=free, settings=settings, workers=0)

@@ -42,7 +42,7 @@ def test_linear_gaussian_posterior_is_the_closed_form() -> None:
         ["y"],
         [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 0.5)), parameter("b", 0.0, -9.0, 9.0, Normal(0.0, 0.3))],
     )
-    found = fit_calibration(problem, lambda p: FormulaSimulator(p, line), FitSettings(swarm=SMALL))
+    found = fit_calibration(problem, lambda p: FormulaSimulator(p, line), FitSettings(pso=SMALL))
     design = np.stack([np.ones_like(T), T], axis=1)
     sd = found.noise["y"].sd_white
     precision = design.T @ design / sd**2 + np.diag([1 / 0.5**2, 1 / 0.3**2])
@@ -83,7 +83,7 @@ def test_swarm_finds_the_basin_that_a_local_search_misses() -> None:
     rng = np.random.default_rng(13)
     y = wave(T, np.array([7.0])) + 0.05 * rng.normal(size=(T.size, 1))
     problem = calibration([(T, y)], ["y"], [parameter("w", 1.0, 0.1, 30.0, LogUniform(0.1, 30.0), "log")])
-    settings = FitSettings(swarm=SwarmSettings(particles=30, iterations=40))
+    settings = FitSettings(pso=SwarmSettings(particles=30, iterations=40))
     alone = fit_calibration(problem, lambda p: FormulaSimulator(p, wave), FitSettings(method="local"))
     chain = fit_calibration(problem, lambda p: FormulaSimulator(p, wave), settings)
     assert abs(alone.values[0] - 7.0) > 1.0
@@ -101,7 +101,7 @@ def test_a_parameter_without_effect_is_unidentified_and_gets_no_error_bar() -> N
         parameter("L_a", 0.3, 0.1, 9.0, LogUniform(0.1, 9.0), "log"),
     ]
     found = fit_calibration(
-        calibration([(T, y)], ["y"], items), lambda p: FormulaSimulator(p, blind), FitSettings(swarm=SMALL)
+        calibration([(T, y)], ["y"], items), lambda p: FormulaSimulator(p, blind), FitSettings(pso=SMALL)
     )
     estimate = found["L_a"]
     assert estimate.status is Status.UNIDENTIFIED
@@ -142,7 +142,7 @@ def test_an_optional_parameter_is_freed_only_where_the_data_shows_it() -> None:
             parameter("L_a", 0.03, 0.003, 0.3, LogUniform(0.003, 0.3), "log", free_if_identified=True),
         ]
         found = fit_calibration(
-            calibration([(times, y)], ["y"], items), lambda p: FormulaSimulator(p, two_speeds), FitSettings(swarm=SMALL)
+            calibration([(times, y)], ["y"], items), lambda p: FormulaSimulator(p, two_speeds), FitSettings(pso=SMALL)
         )
         assert (found["L_a"].sd is not None) == shown
         assert found["L_a"].value == (pytest.approx(0.02, rel=0.3) if shown else 0.03)
@@ -174,5 +174,5 @@ def test_a_model_that_never_runs_is_said_in_one_line() -> None:
     problem = calibration([(T, T[:, None])], ["y"], [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 3.0))])
     with pytest.raises(CannotFinishError, match="not a finite number"):
         fit_calibration(
-            problem, lambda p: FormulaSimulator(p, lambda t, v: t[:, None] * np.nan), FitSettings(swarm=SMALL)
+            problem, lambda p: FormulaSimulator(p, lambda t, v: t[:, None] * np.nan), FitSettings(pso=SMALL)
         )

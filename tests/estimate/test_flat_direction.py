@@ -39,7 +39,7 @@ end Drive;
 """
 TRUTH = {"R": 1.3, "K": 0.05, "J": 3e-4, "J_l": 6e-4, "c": 28.0, "b": 0.002, "F_c": 0.06}
 FREE = ["R", "K", "J", "J_l", "c", "F_c"]
-SETTINGS = FitSettings("local", calibration=CalibrationSettings(interpolation="hold", start="reading"))
+SETTINGS = FitSettings("local", calibration=CalibrationSettings(interpolation="hold", initial_states="reading"))
 
 
 @pytest.fixture(scope="module")

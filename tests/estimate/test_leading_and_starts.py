@@ -146,7 +146,7 @@ def test_starts_of_states_that_no_one_measured_are_found(modelica):
     ]  # fmt: skip
     model = modelica(TANKS)
     parameters = parameters_from_model(model, overrides={"k1": Override(), "k2": Override()})
-    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", start="estimated"))
+    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", initial_states="estimated"))
     found = fit(recordings, model, parameters=parameters, settings=settings, workers=0)
     assert found.warnings == ()
     truth = {"k1": k1, "k2": k2}
@@ -179,8 +179,8 @@ def test_a_wave_of_many_periods_is_found_from_its_beginning():
         opened = lambda asked: FormulaSimulator(asked, wave)  # noqa: E731
         return fit_calibration(problem, opened, settings, np.random.default_rng(1)).values[1]
 
-    assert abs(found(FitSettings(swarm=None)) - 3.7) > 0.1
-    assert found(FitSettings(swarm=SwarmSettings(particles=2, iterations=1))) == pytest.approx(3.7, abs=0.01)
+    assert abs(found(FitSettings(pso=None)) - 3.7) > 0.1
+    assert found(FitSettings(pso=SwarmSettings(particles=2, iterations=1))) == pytest.approx(3.7, abs=0.01)
 
 
 def test_a_start_is_not_called_as_a_parameter_of_the_model(modelica):
@@ -192,7 +192,7 @@ def test_a_start_is_not_called_as_a_parameter_of_the_model(modelica):
     time = np.arange(200) * 0.05
     y = 1.0 - 0.7 * np.exp(-time / 2.0) + 0.002 * np.random.default_rng(3).standard_normal(time.size)
     free = parameters_from_model(model, overrides={"T": Override(), "y_start": Override()})
-    settings = CalibrationSettings(delay="none", start="estimated")
+    settings = CalibrationSettings(delay="none", initial_states="estimated")
     made = calibrate([Recording("step", time, {"u": np.ones(time.size)}, {"y": y})], model, free, settings=settings)
     assert made.parameters.names == ("T", "y_start")  # searched as the initial value that it is
     held = calibrate([made.recordings[0]], model, free.without(["y_start"]), settings=settings)

@@ -9,7 +9,7 @@ from closed_form import FormulaSimulator, calibration, parameter
 from aero_bayes.estimate import FitSettings, NoiseModel, SwarmSettings, Uniform, fit_calibration
 
 TIME = np.linspace(0.0, 10.0, 120)
-SETTINGS = FitSettings(swarm=SwarmSettings(particles=16, iterations=40))
+SETTINGS = FitSettings(pso=SwarmSettings(particles=16, iterations=40))
 SEEDS = range(6)
 
 

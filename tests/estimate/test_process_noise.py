@@ -79,7 +79,7 @@ def settings(**noise: object) -> aero_bayes.FitSettings:
     return aero_bayes.FitSettings(
         method="local",
         noise=NoiseModel(**({"process": {"x": "estimated"}} | noise)),
-        calibration=CalibrationSettings(start="reading", may_start_at_rest=()),
+        calibration=CalibrationSettings(initial_states="reading", may_start_at_rest=()),
     )
 
 

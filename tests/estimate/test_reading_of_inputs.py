@@ -55,7 +55,7 @@ def house(heater_is: Interpolation, at_night: bool) -> Recording:
 def fitted(modelica, recording: Recording, interpolation) -> aero_bayes.Fit:
     model = modelica(HOUSE)
     settings = aero_bayes.FitSettings(
-        method="local", calibration=CalibrationSettings(start="reading", interpolation=interpolation)
+        method="local", calibration=CalibrationSettings(initial_states="reading", interpolation=interpolation)
     )
     free = parameters_from_model(model, overrides={name: Override() for name in ("tau", "gain")})
     return aero_bayes.fit(recording, model, parameters=free, settings=settings, workers=0)
@@ -86,7 +86,7 @@ def test_a_reading_by_name_and_what_may_move(modelica) -> None:
     recording = Recording("house", TIME, {**recording.inputs, "heater": steps}, recording.outputs)
     model = modelica(HOUSE)
     free = parameters_from_model(model, overrides={"tau": Override()})
-    settings = CalibrationSettings(start="reading", interpolation={"T_amb": "linear"})
+    settings = CalibrationSettings(initial_states="reading", interpolation={"T_amb": "linear"})
     calibration = calibrate([recording], model, free, settings=settings)
     assert calibration.interpolation == {"T_amb": "linear", "heater": "hold"}
     assert moving_inputs(calibration) == ("T_amb",)

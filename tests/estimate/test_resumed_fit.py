@@ -16,7 +16,7 @@ from aero_bayes.simulation import Likelihoods, Problem, Trajectories
 pytestmark = pytest.mark.fast
 
 T = np.linspace(0.0, 4.0, 80)
-SETTINGS = FitSettings(swarm=SwarmSettings(particles=12, iterations=20))
+SETTINGS = FitSettings(pso=SwarmSettings(particles=12, iterations=20))
 
 
 def waves(t: np.ndarray, v: np.ndarray) -> np.ndarray:

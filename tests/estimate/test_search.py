@@ -42,7 +42,7 @@ def quadratic(point: np.ndarray) -> QuadraticModel:
     return QuadraticModel(0.5 * float(r @ r), j.T @ r, j.T @ j)
 
 
-TIGHT = LocalSettings(max_iterations=200, tolerance=1e-20, relative_tolerance=0)
+TIGHT = LocalSettings(iterations=200, tolerance=1e-20, relative_tolerance=0)
 
 
 @pytest.mark.parametrize(
@@ -208,12 +208,12 @@ def test_a_valley_that_is_straight_in_the_values_is_walked_at_once() -> None:
 
     box = np.array([math.log(1e-4), -9.0, -9.0]), np.array([math.log(10.0), 9.0, 9.0])
     start = np.array([0.0, -1.1, 1.6])
-    bent = levenberg_marquardt(FixedCost(quadratic), start, *box, LocalSettings(max_iterations=200))
+    bent = levenberg_marquardt(FixedCost(quadratic), start, *box, LocalSettings(iterations=200))
     straight = levenberg_marquardt(
         FixedCost(quadratic),
         start,
         *box,
-        LocalSettings(max_iterations=200),
+        LocalSettings(iterations=200),
         shape=CostShape(logarithmic=np.array([True, False, False])),
     )
     assert straight.evaluations < 0.5 * bent.evaluations

@@ -27,7 +27,7 @@ equation
   tau * der(y) = (if limit < 1 then 1 else 3) * u - y;
 end Branch;
 """
-START_AT_READING = CalibrationSettings(start="reading")
+START_AT_READING = CalibrationSettings(initial_states="reading")
 
 
 def stepped(rng: np.random.Generator, gain: float) -> Recording:

@@ -71,7 +71,7 @@ def wrong(modelica):
     model = modelica(LINEAR_SPRING)
     parameters = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
     settings = FitSettings(
-        swarm=SwarmSettings(particles=16, iterations=30),
+        pso=SwarmSettings(particles=16, iterations=30),
         calibration=CalibrationSettings(delay="none", may_start_at_rest=()),
     )
     recording = Recording("spring", TIME, {"u": LEVELS}, {"x": readings})
@@ -126,7 +126,7 @@ def test_a_parameter_that_ends_on_its_bound_has_no_interval():
     ]
     problem = closed_form.calibration([(time, y)], ["y"], items)
     found = fit_calibration(
-        problem, lambda p: closed_form.FormulaSimulator(p, decay), FitSettings(swarm=SwarmSettings(16, 30))
+        problem, lambda p: closed_form.FormulaSimulator(p, decay), FitSettings(pso=SwarmSettings(16, 30))
     )
     estimate, inside = found["r"], found["A"]
     assert estimate.value == pytest.approx(1.2, rel=1e-6)

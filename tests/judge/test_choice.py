@@ -20,7 +20,7 @@ pytestmark = pytest.mark.fast
 
 TIME = np.arange(600) * 0.05
 NOISE = 0.3
-FIT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noise=True)
+FIT = LocalFitSettings(LocalSettings(iterations=40, tolerance=1e-9), hold_noise=True)
 #: What each parameter adds: two of the first model; three laws, of which the last two are alike; a curve of three.
 SINE, BEND = np.sin(TIME), np.sin(TIME) ** 2
 BASIS = np.stack(

@@ -16,7 +16,7 @@ from aero_bayes.simulation import ParameterTarget, open_simulator
 
 pytestmark = pytest.mark.fast
 
-EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-10), hold_noise=True)
+EXACT = LocalFitSettings(LocalSettings(iterations=40, tolerance=1e-10), hold_noise=True)
 PRIOR_SD = 3.0
 TIME = np.arange(200) * 0.05
 WAVE, NOTHING = Structure(("wave",)), Structure()

@@ -120,7 +120,7 @@ def posterior(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, np.
         layout = replace(NoiseLayout.of(calibration, found.noise), centre=np.full((2, 3), -1.0), sigma=1.0)
         density = JointTarget(Target(calibration, simulator, found.values, found.free), layout)
         proposal = WarpedStudentT.of(found.laplace.mean, found.laplace.covariance, 8.0)
-        chain = run_chain(density, proposal, SampleSettings(ess=2000.0, max_steps=6000, time_limit=900.0), seed=5)
+        chain = run_chain(density, proposal, SampleSettings(ess=2000.0, max_steps=6000, max_minutes=15.0), seed=5)
     assert chain.converged, chain.reason
     points = chain.points.reshape(-1, 8)
     values = calibration.parameters.from_search(points[:, :6])

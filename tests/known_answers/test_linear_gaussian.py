@@ -116,7 +116,7 @@ def test_importance_sampling_is_the_closed_form(case):
 def test_sampler_is_the_closed_form(case):
     fit, simulator, exact = case
     proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, 8.0)
-    chain = run_chain(fit.joint_target(simulator), proposal, SampleSettings(ess=1500.0, time_limit=900.0), seed=2)
+    chain = run_chain(fit.joint_target(simulator), proposal, SampleSettings(ess=1500.0, max_minutes=15.0), seed=2)
     assert chain.converged, chain.reason
     points = natural(chain.points.reshape(-1, 4))
     sd = np.append(np.sqrt(np.diag(exact.covariance)), exact.noise_sd)

@@ -114,7 +114,7 @@ def fit(name: str, start: int) -> tuple[np.ndarray, np.ndarray, float]:
     first = np.array(STRD[name]["starts"][start])
     logarithmic = name == "MGH10"
     settings = LocalSettings(
-        max_iterations=1000, tolerance=0.0, relative_tolerance=1e-15, step_tolerance=1e-13, damping=1e4
+        iterations=1000, tolerance=0.0, relative_tolerance=1e-15, step_tolerance=1e-13, damping=1e4
     )
     origin = np.log(first) if logarithmic else first
     width = np.full(first.size, 50.0) if logarithmic else 1e6 * np.maximum(np.abs(first), 1e-3)

@@ -122,7 +122,7 @@ def test_a_contact_yields_only_where_the_motion_turns(bounces: bool, tmp_path: P
     if bounces:
         height = 50.0 + 10.0 * time - 4.905 * time**2
     height += 0.02 * np.random.default_rng(4).normal(size=60)
-    settings = FitSettings(calibration=CalibrationSettings(start="estimated"))
+    settings = FitSettings(calibration=CalibrationSettings(initial_states="estimated"))
     run = Recording("run", time, {}, {"height": height})
     found = fit(run, load_model(path), parameters=["g"], settings=settings, seed=1)
     family = ModelicaFamily("Falling", (path,), tmp_path / "built")

@@ -55,7 +55,7 @@ def result(tmp_path_factory):
     settings = LoopSettings(
         structures=StructureSettings(max_effects=1), free=("m", "c", "k"), laws=("cubic_stiffness", "end_stop"),
         sources=(folder / "Spring.mo",), cache=folder / "fmus",
-        calibration=replace(LoopSettings().calibration, start="estimated"),
+        calibration=replace(LoopSettings().calibration, initial_states="estimated"),
     )  # fmt: skip
     train, test = recording("train", 1, 4000), recording("test", 2, 1500)
     return close_loop([train], [test], model="Spring", settings=settings, workers=0)

@@ -97,7 +97,7 @@ def test_a_sensor_may_be_off_by_far_more_than_its_noise(tmp_path) -> None:
         made.append(Recording(name, step * np.arange(inflow.size), {"q": inflow}, {"h": read}))
     settings = LoopSettings(
         structures=StructureSettings(max_effects=1),
-        calibration=CalibrationSettings(start="estimated"),
+        calibration=CalibrationSettings(initial_states="estimated"),
         free=("A", "c"),
         laws=("offset", "gain"),
         sources=(tmp_path / "Tank.mo",),

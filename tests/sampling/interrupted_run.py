@@ -18,7 +18,7 @@ SETTINGS = SampleSettings(
     settle=5,
     max_steps=150,
     checkpoint_seconds=0.0,
-    time_limit=1e9,
+    max_minutes=1e7,
     ess=1e9,
 )
 PROPOSAL = WarpedStudentT.of(np.array([0.5, 0.5]), 3.0 * np.eye(2))

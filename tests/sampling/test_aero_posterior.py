@@ -20,7 +20,7 @@ from simulated_aero import HALF_QUAD, Parameters, Sensors, Truth, effect, paper_
 REAL = Path(__file__).parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
 FREE = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp")
 TRUTH = Parameters(R_a=8.9, c_m=0.040, J_r=4.4e-6, k_d=2.6e-8, k_t=2.7e-7, D_p=0.0078, K_sp=0.035)
-SETTINGS = FitSettings(swarm=SwarmSettings(particles=24, iterations=40))
+SETTINGS = FitSettings(pso=SwarmSettings(particles=24, iterations=40))
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ end Squared;
     noise = SD * np.random.default_rng(4).standard_normal(time.size)
     reading = GAIN**2 * (1.0 - np.exp(-time / LAG)) + noise
     recording = aero_bayes.Recording("step", time, {"u": np.ones(time.size)}, {"y": reading})
-    settings = aero_bayes.FitSettings(swarm=SwarmSettings(particles=10, iterations=10))
+    settings = aero_bayes.FitSettings(pso=SwarmSettings(particles=10, iterations=10))
     found = aero_bayes.fit(
         recording, aero_bayes.load_model(path), parameters=["b", "tau"], settings=settings, workers=0
     )

@@ -46,7 +46,7 @@ BASIS = np.stack(
     [np.ones(600), TIME / 30.0, np.sin(TIME), np.sign(np.sin(1.7 * TIME)), np.sin(TIME) + 1e-9 * np.cos(TIME)]
 )
 NOISE = OutputNoise(0.3, 0.2, 0.2)
-EXACT = LocalFitSettings(LocalSettings(max_iterations=40, tolerance=1e-9), hold_noise=True)
+EXACT = LocalFitSettings(LocalSettings(iterations=40, tolerance=1e-9), hold_noise=True)
 
 
 class LinearSimulator:

@@ -279,7 +279,7 @@ def _with_starts(
             recording,
             experiment,
             model,
-            settings.start,
+            settings.initial_states,
             may_start_at_rest,
             index,
             recording_suffix(recordings, index),

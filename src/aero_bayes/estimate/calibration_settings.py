@@ -23,12 +23,12 @@ class CalibrationSettings:
     delay : {"auto", "free", "none"}
         A delay of the inputs: of all by one time, a nuisance parameter of each recording, or of single ones, a
         parameter of the rig. ``auto`` frees it where the input changes and the samples are closer than five times
-        ``delay_limit``.
-    delay_limit : float or mapping of str to float, optional
+        ``max_input_delay``.
+    max_input_delay : float or mapping of str to float, optional
         Upper bound of the delay in s, or of the delays of single inputs by name. A delay moves the recorded signal, so
         that it is exact however long. By default what the model's package declares, and where it declares none there
         is no delay.
-    start : {"auto", "reading", "estimated"}
+    initial_states : {"auto", "reading", "estimated"}
         Initial values of states, see :class:`StartPolicy`.
     may_start_at_rest : tuple of str, optional
         Outputs whose state may start anywhere, at rest; other states start at the model's own values unless the
@@ -53,8 +53,8 @@ class CalibrationSettings:
 
     outputs: tuple[str, ...] | None = None
     delay: DelayPolicy = "auto"
-    delay_limit: float | Mapping[str, float] | None = None
-    start: StartPolicy = "auto"
+    max_input_delay: float | Mapping[str, float] | None = None
+    initial_states: StartPolicy = "auto"
     may_start_at_rest: tuple[str, ...] | None = None
     most_readings: int | None = None
     keep_standstill_readings: bool = True

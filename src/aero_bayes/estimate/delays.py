@@ -75,7 +75,7 @@ class DelaySearchSettings:
     """
 
     max_starts: int = 6
-    settings: LocalSettings = field(default_factory=lambda: LocalSettings(tolerance=1e-2, max_iterations=20))
+    settings: LocalSettings = field(default_factory=lambda: LocalSettings(tolerance=1e-2, iterations=20))
 
 
 def search_delays(

@@ -147,7 +147,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
     calibration = objective.calibration
     if settings.cost != "posterior":
         search = GlobalSearch(
-            objective, replace(settings.global_search, cost="posterior", local=LocalSettings(max_iterations=0))
+            objective, replace(settings.global_search, cost="posterior", local=LocalSettings(iterations=0))
         )
         here = search.settle_noise(replace(here, noise=search.initial_noise()))
     optional = tuple(j for j, p in enumerate(calibration.parameters) if p.free_if_identified)

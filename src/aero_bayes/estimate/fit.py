@@ -19,7 +19,6 @@ from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
@@ -44,6 +43,7 @@ from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL, CostKind, GlobalSearchSettings
 from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.staged import Stage
+from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.estimate.value_comparison import best_values
 from aero_bayes.estimate.wrong_units import with_unit_finding
 from aero_bayes.progress import Progress, Watched, watching
@@ -65,8 +65,8 @@ class FitSettings(SettingsDisplay):
 
     Parameters
     ----------
-    method : {"chain", "pso", "local"}
-        ``chain``: the swarm, then the local search from its best particles.
+    method : {"pso+local", "pso", "local"}
+        ``pso+local``: the swarm, then the local search from its best particles.
     cost : {"posterior", "weighted", "eq6"}
         What is minimised: the negative log-posterior, with correlated noise where the data show it; squared errors
         weighted by each output's white noise; or the paper's Eq. 6, squared errors as they are. The last two leave
@@ -75,7 +75,8 @@ class FitSettings(SettingsDisplay):
         Let the local search fit in the direction of causality before it fits all together.
     stages : tuple of Stage, optional
         Stages in place of those that the model's own structure gives.
-    swarm : SwarmSettings
+    pso : SwarmSettings
+        Of the particle swarm.
     local : LocalSettings
         Of each local search of the whole model, as given.
     swarm_samples : int
@@ -100,11 +101,11 @@ class FitSettings(SettingsDisplay):
     True
     """
 
-    method: Literal["chain", "pso", "local"] = "chain"
+    method: Literal["pso+local", "pso", "local"] = "pso+local"
     cost: CostKind = "posterior"
     staged: bool = True
     stages: tuple[Stage, ...] | None = None
-    swarm: pso.SwarmSettings = field(default_factory=pso.SwarmSettings)
+    pso: SwarmSettings = field(default_factory=SwarmSettings)
     local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
     swarm_samples: int = 600
     starts: int = 3
@@ -118,8 +119,8 @@ class FitSettings(SettingsDisplay):
     @property
     def global_search(self) -> GlobalSearchSettings:
         """Settings of the search for the optimum."""
-        swarm = self.swarm if self.method != "local" else None
-        local = self.local if self.method != "pso" else replace(self.local, max_iterations=0)
+        swarm = self.pso if self.method != "local" else None
+        local = self.local if self.method != "pso" else replace(self.local, iterations=0)
         return GlobalSearchSettings(self.cost, self.staged, self.stages, swarm, local, self.swarm_samples, self.starts)
 
 
@@ -382,7 +383,7 @@ def fit_calibration(
             optimum = search.refit(result.optimum.coordinates, wider, result.optimum.noise)
             result = replace(result, optimum=optimum, iterations=search.iterations)
         found = finished_fit(search, result, settings, time.perf_counter() - began)
-        return found if settings.method != "chain" else replace(found, modes=_modes(search, found, result))
+        return found if settings.method != "pso+local" else replace(found, modes=_modes(search, found, result))
 
 
 def _modes(search: GlobalSearch, found: Fit, result: GlobalSearchResult) -> tuple[Mode, ...]:

@@ -89,7 +89,7 @@ class LocalSettings:
 
     Parameters
     ----------
-    max_iterations : int
+    iterations : int
     tolerance, relative_tolerance : float
         The search has converged when the predicted decrease of the cost is below ``tolerance`` (in the cost's own unit;
         nats for a log-posterior; see :attr:`QuadraticModel.unit`) or below ``relative_tolerance`` times the cost.
@@ -105,7 +105,7 @@ class LocalSettings:
         One of two steps in a row must lower the cost by at least this much: along a kink, steps become ever smaller.
     """
 
-    max_iterations: int = 60
+    iterations: int = 60
     tolerance: float = 1e-7
     relative_tolerance: float = 1e-13
     step_tolerance: float = 1e-11
@@ -227,7 +227,7 @@ def _iterate(
     point, here = start
     damping, growth, evaluations = settings.damping, 2.0, 1
     largest_curvature, rejected, idle = np.zeros(point.size), 0, 0
-    for iteration in range(1, settings.max_iterations + 1):
+    for iteration in range(1, settings.iterations + 1):
         if on_iteration is not None and on_iteration(iteration, here.cost) is True:
             return LocalResult(point, here, iteration - 1, Stop.INTERRUPTED, evaluations)
         np.maximum(largest_curvature, np.diag(here.hessian), out=largest_curvature)
@@ -263,7 +263,7 @@ def _iterate(
             return LocalResult(point, here, iteration, Stop.NO_PROGRESS, evaluations)
         if converged is not None and noise_gain < settings.min_noise_gain:
             return LocalResult(point, here, iteration, converged, evaluations)
-    return LocalResult(point, here, settings.max_iterations, Stop.ITERATION_LIMIT, evaluations)
+    return LocalResult(point, here, settings.iterations, Stop.ITERATION_LIMIT, evaluations)
 
 
 def _converged(

@@ -61,7 +61,7 @@ class LocalFitSettings:
 
     local: LocalSettings = field(
         default_factory=lambda: LocalSettings(
-            max_iterations=30, tolerance=0.02, min_noise_gain=0.1, max_rejections=6, min_decrease=0.1
+            iterations=30, tolerance=0.02, min_noise_gain=0.1, max_rejections=6, min_decrease=0.1
         )
     )
     kinds: Mapping[str, NoiseKind] = field(default_factory=dict)
@@ -70,9 +70,9 @@ class LocalFitSettings:
     hold_noise: bool = False
     prior: bool = True
 
-    def with_limits(self, max_iterations: int, tolerance: float) -> LocalFitSettings:
+    def with_limits(self, iterations: int, tolerance: float) -> LocalFitSettings:
         """Settings with other limits, for a fit that need not be exact."""
-        return replace(self, local=replace(self.local, max_iterations=max_iterations, tolerance=tolerance))
+        return replace(self, local=replace(self.local, iterations=iterations, tolerance=tolerance))
 
     def at_temperature(self, temperature: float) -> LocalFitSettings:
         """The same as exact in log-likelihood over ``temperature``: what counts less need not be found as closely."""

@@ -20,9 +20,9 @@ def largest_delay(
 ) -> float | Mapping[str, float]:
     """Largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs."""
     declared = model.declared.recording.max_input_delay
-    limit = declared if settings.delay_limit is None else settings.delay_limit
+    limit = declared if settings.max_input_delay is None else settings.max_input_delay
     if settings.delay == "free" and not limit:
-        raise InputError(f"model {model.name} declares no input delay: give its delay_limit")
+        raise InputError(f"model {model.name} declares no input delay: give its max_input_delay")
     driven = {variable.name for variable in model.inputs}
     for recording in recordings:
         missing = [name for name in recording.inputs if name not in driven]

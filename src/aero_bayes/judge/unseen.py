@@ -169,7 +169,7 @@ class Unseen:
         row = _values(_renamed(calibration, base_named, whole), fit, base_named, self._all_recordings, self._fitted)
         # A law at an output hides the initial value of its state.
         hidden = [p.target for p in base_named.parameters] != [p.target for p in whole.parameters]
-        all_starts, added = self.settings.start == "estimated" or hidden, {p.name for p in own_starts}
+        all_starts, added = self.settings.initial_states == "estimated" or hidden, {p.name for p in own_starts}
         return whole, row, [
             j for j, p in enumerate(whole.parameters)
             if p.recording is not None and p.recording >= self._fitted

@@ -141,7 +141,7 @@ def _advance(
     while True:
         now = time.perf_counter()
         ensembles.seconds = before + now - began
-        late = ensembles.seconds > settings.time_limit
+        late = ensembles.seconds > 60.0 * settings.max_minutes
         over = asked or late or ensembles.kept >= settings.max_steps
         if ensembles.kept >= ensembles.next_check or over:
             verdict = decide(ensembles.chain()[0], settings, coupled=ensembles.coupled)

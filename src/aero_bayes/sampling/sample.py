@@ -111,7 +111,7 @@ def _sample(
     fits = mode_fits(fit, simulator) if fit.modes else (fit,)
     joints = [one.joint_target(simulator) for one in fits]
     regions = [Region(joint, fits, k) for k, joint in enumerate(joints)]
-    own = replace(settings, time_limit=settings.time_limit / len(fits))
+    own = replace(settings, max_minutes=settings.max_minutes / len(fits))
     chains = [
         run_chain(
             joint if len(fits) == 1 else region,
@@ -162,7 +162,7 @@ def _sample(
 def _refuse_unsettled(chains: Sequence[Chain], settings: SampleSettings, progress: Watched) -> None:
     """Raise CannotFinishError if a chain ended before there were draws to look at."""
     if any(chain.points.shape[1] < 8 for chain in chains):
-        cause = f"the time limit of {settings.time_limit:g} s passed"
+        cause = f"the time limit of {settings.max_minutes:g} minutes passed"
         cause = "sampling was interrupted" if progress.asked_to_end else cause
         raise CannotFinishError(f"{cause} before the sampler had settled")
 

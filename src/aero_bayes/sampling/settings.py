@@ -21,8 +21,8 @@ class SampleSettings(SettingsDisplay):
         Most rounds. Burn-in ends earlier if the surrogate is good.
     settle : int
         Steps after burn-in that are thrown away.
-    max_steps, time_limit : int, float
-        Limits of the kept chain in steps and of the whole in s.
+    max_steps, max_minutes : int, float
+        Limits of the kept chain in steps and of the whole in minutes.
     r_hat, lengths, ess : float
         When to stop: rank-normalised R-hat across ensembles, length in autocorrelation times (never below
         50 where walkers move by each other), and effective samples in bulk and tails of every parameter.
@@ -37,8 +37,8 @@ class SampleSettings(SettingsDisplay):
 
     Examples
     --------
-    >>> aero_bayes.SampleSettings(ess=2000.0, time_limit=300.0)
-    SampleSettings(time_limit=300.0, ess=2000.0)
+    >>> aero_bayes.SampleSettings(ess=2000.0, max_minutes=5.0)
+    SampleSettings(max_minutes=5.0, ess=2000.0)
     """
 
     ensembles: int = 4
@@ -47,7 +47,7 @@ class SampleSettings(SettingsDisplay):
     max_rounds: int = 20
     settle: int = 3
     max_steps: int = 8000
-    time_limit: float = 900.0
+    max_minutes: float = 15.0
     r_hat: float = 1.01
     lengths: float = 20.0
     ess: float = 1000.0
@@ -65,5 +65,5 @@ class SampleSettings(SettingsDisplay):
         >>> aero_bayes.SampleSettings(ess=2000.0).identity == aero_bayes.SampleSettings().identity
         True
         """
-        kept = replace(self, max_steps=0, time_limit=0.0, checkpoint_seconds=0.0, r_hat=0.0, lengths=0.0, ess=0.0)
+        kept = replace(self, max_steps=0, max_minutes=0.0, checkpoint_seconds=0.0, r_hat=0.0, lengths=0.0, ess=0.0)
         return repr(asdict(kept))

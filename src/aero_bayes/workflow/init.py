@@ -269,7 +269,7 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     layout = layout_of(config, model.declared, model)
     left = {v.name: _usual(v) for v in model.inputs if v.name not in (config.data.inputs or ())}
     recording = read_recording(data, layout=replace(layout, constants=left), columns=columns_of(config))
-    settings = CalibrationSettings(delay="none", start="estimated")
+    settings = CalibrationSettings(delay="none", initial_states="estimated")
     calibration = calibrate([recording], model, parameters, settings=settings).thinned(SAMPLE_COUNT)
     with open_simulator(calibration.problem()) as simulator:
         objective = Objective(calibration, simulator)

@@ -84,12 +84,7 @@ class Job:
     @property
     def solver(self) -> SolverSettings:
         """Tolerances of every simulation in the job."""
-        section = self.config.solver
-        return SolverSettings(
-            relative_tolerance=section.relative_tolerance,
-            absolute_tolerance=section.absolute_tolerance,
-            time_limit=section.time_limit,
-        )
+        return SolverSettings(**self.config.solver.model_dump(exclude={"engine"}))
 
 
 def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = ()) -> Job:
@@ -205,14 +200,7 @@ def layout_of(config: Config, declared: PackageDeclaration, model: Model | None 
 
 def columns_of(config: Config) -> dict[str, ColumnMap]:
     return {
-        name: ColumnMap(
-            section.source or name,
-            section.unit,
-            section.scale,
-            section.offset,
-            section.counts_per_revolution,
-            section.unwrap,
-        )
+        name: ColumnMap(section.source or name, **section.model_dump(exclude={"source"}))
         for name, section in config.data.columns.items()
     }
 

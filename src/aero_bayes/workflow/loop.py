@@ -21,7 +21,7 @@ from aero_bayes.simulation import Model
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.workflow.curves import Series, state_series
 from aero_bayes.workflow.job import Job, later_of
-from aero_bayes.workflow.settings import fit_settings
+from aero_bayes.workflow.settings import filled, fit_settings
 
 if TYPE_CHECKING:  # the sampler takes a second to import
     from aero_bayes.sampling import Posterior
@@ -96,25 +96,13 @@ def loop_settings(job: Job) -> LoopSettings:
     )  # fmt: skip
     searched = [p for p in job.parameters if not p.free_if_identified]
     free_later = later_of(job)
-    return LoopSettings(
-        structures=replace(defaults.structures, max_effects=section.max_effects, require=section.require),
-        leave_out=section.leave_out,
-        min_share=section.min_share,
-        include_smaller=section.include_smaller,
-        formulas=section.formulas,
+    settings = LoopSettings(
+        structures=filled(defaults.structures, section),
         global_search=global_search,
         calibration=calibration,
         seed=job.options.seed,
-        effects=section.effects,
-        exclude=section.exclude,
-        ports=section.ports,
-        laws=section.laws,
         ripple=fitting.ripple == "subtract",
-        held_out=section.held_out,
-        max_minutes=section.max_minutes,
-        sources=job.config.model.sources,
         cache=job.options.cache,
-        libraries=job.config.model.libraries,
         fixed={
             **{p.name: p.start for p in job.parameters if p.free_if_identified},
             **{name: value for name, value in job.fixed.items() if name not in free_later},
@@ -128,6 +116,7 @@ def loop_settings(job: Job) -> LoopSettings:
         process_noise=tuple(job.config.noise.process) or None,
         initial_sd=job.config.noise.initial_sd,
     )
+    return filled(filled(settings, section), job.config.model)
 
 
 def _check(job: Job) -> None:

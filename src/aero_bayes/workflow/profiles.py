@@ -62,7 +62,7 @@ def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
             try:
                 curve = profile_likelihood(
                     found, name, simulator, points=PROFILE_POINTS,
-                    settings=LocalSettings(max_iterations=MAX_PROFILE_ITERATIONS, tolerance=1e-3),
+                    settings=LocalSettings(iterations=MAX_PROFILE_ITERATIONS, tolerance=1e-3),
                 )  # fmt: skip
             except CannotFinishError:
                 skipped.append(name)
