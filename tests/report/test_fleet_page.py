@@ -1,4 +1,4 @@
-"""The page of a fleet of ten thousand rigs: small, no long table, and every rig within reach of the cursor."""
+"""The page of a fleet of ten thousand rigs: small, no long table, and every rig is found by its name."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def made_up(path: Path, count: int) -> tuple[Path, FleetJson]:
         for k in range(count):
             centre = 0.05 * rng.normal() + (1.0 if k == 7 else 0.0)
             one = {"value": float(np.exp(centre)), "sd": 0.002, "unit": "ohm", "status": "identified", "log": True}
-            effects = [{"id": "friction@v", "alike": [], "strength": float(2 + rng.normal() / 2)}] if k % 3 == 0 else []
+            effects = [{"id": "friction@v", "alike": []}] if k % 3 == 0 else []
             row = {
                 "key": f"rig-{k:05}", "simulated": False,
                 "parameters": {"R_a": one | {"centre": centre, "width": 0.002}},
@@ -63,25 +63,6 @@ def _finds_rigs(page: Path, folder: Path) -> None:
             "const f = document.querySelector('.finder input'); f.value = 'rig-00007';"
             "f.dispatchEvent(new Event('input', {bubbles: true}))"
         )
-        marks = "document.querySelectorAll('g.readout').length"
-        for _ in range(100):
-            if browser.evaluate(marks):
-                break
-        assert "rig-00007" in browser.evaluate("document.querySelector('g.readout').textContent")
-        assert (
-            browser.evaluate("document.querySelector('.finder a').getAttribute('href')") == "rigs/rig-00007/report.html"
-        )
-        # The point under the cursor in the middle of the first figure is the rig of the middle rank.
-        browser.evaluate(
-            "const s = document.querySelector('.ranked').ownerSVGElement, b = s.getBoundingClientRect();"
-            "const d = JSON.parse(document.querySelector('.ranked').dataset.spec);"
-            "const k = b.width / s.viewBox.baseVal.width;"
-            "const x = d.box[0] + d.box[2] * (0 - d.x[0]) / (d.x[1] - d.x[0]), y = d.box[1] + d.box[3] / 2;"
-            "document.querySelectorAll('g.readout').forEach((g) => g.remove());"
-            "s.dispatchEvent(new PointerEvent('pointermove', {clientX: b.left + k * x, clientY: b.top + k * y}))"
-        )
-        for _ in range(100):
-            if browser.evaluate(marks):
-                break
-        assert browser.evaluate(marks) >= 3
+        address = browser.evaluate("document.querySelector('.finder a').getAttribute('href')")
+        assert address == "rigs/rig-00007/report.html"
     assert browser.complaints() == []

@@ -1,6 +1,6 @@
 """Many rigs of one model, on whatever workers the user brings.
 
-What fits and summarises is imported from its files (``whole``, ``task``, ``summary``, ``population``, ``prevalence``):
+What fits and summarises is imported from its files (``whole``, ``task``, ``summary``, ``population``):
 a worker that runs other tasks starts without it.
 """
 

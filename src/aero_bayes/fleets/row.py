@@ -13,10 +13,6 @@ from aero_bayes.fleets.table import Row
 from aero_bayes.schema import EffectJson, LoopJson, ParameterJson, RunJson
 from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
-#: Fall of the logarithm of the left-out error that makes an effect material: a quarter.
-MATERIAL_FALL = -math.log(0.75)
-#: Smallest share of the error that tells effects apart.
-MIN_ERROR_SHARE = 1e-3
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
 MIN_LIKELIHOOD_SHARE = 0.05
 
@@ -37,7 +33,7 @@ def fleet_row(name: str, result: RunJson, priors: Iterable[Parameter]) -> Row:
         ``parameters`` of the model and of what was added: by name ``value``, ``sd``, ``unit``, ``status``, ``log``
         (whether positive by nature), and ``centre`` and ``width`` of the likelihood, Gaussian in the value or its
         logarithm; ``over_floor``: the largest residual over the noise floor; ``outcome`` of the loop and ``effects``:
-        by each ``id`` those ``alike`` and the ``strength``, in ``words`` what each is; ``level`` of the verdict.
+        by each ``id`` those ``alike``, in ``words`` what each is; ``level`` of the verdict.
     """
     searched, loop, words = {item.name: item for item in priors}, result.loop, result.effect_words()
     effects = loop.effects if loop else []
@@ -89,9 +85,6 @@ def _without_prior(centre: float, sd: float, item: Parameter | None, *, log: boo
 
 
 def _named(effect: EffectJson, loop: LoopJson) -> dict[str, Any]:
-    """Describe an effect that the loop named: what its data cannot tell from it, how far its fall is above the bar."""
+    """Describe an effect that the loop named, and those that its data cannot tell from it."""
     alike = next((group for group in loop.equivalent if effect.id in group), [])
-    # An effect that is named because nothing but noise is left may lie below the bar.
-    fall = -math.log(max(effect.share, MIN_ERROR_SHARE)) if effect.share else 0.0
-    strength = max(math.log(fall / MATERIAL_FALL), 0.0) if fall > 0.0 else 0.0
-    return {"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id], "strength": strength}
+    return {"id": effect.id, "alike": [id_ for id_ in alike if id_ != effect.id]}

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import betaincinv
 
 from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO
 from aero_bayes.fleets.population import MIN_RIGS, Population, fit_population, stand_out
-from aero_bayes.fleets.prevalence import NamedEffect, estimate_prevalence, shared_out
 from aero_bayes.fleets.table import Row, Table
 from aero_bayes.report.fleet_page import FleetColumns, ParameterColumn
 from aero_bayes.schema import (
@@ -39,7 +38,7 @@ MAX_LISTED_RIGS = 100
 def summarise_fleet(
     table: Table, *, work: str, seed: int, versions: Mapping[str, str]
 ) -> tuple[FleetJson, FleetColumns]:
-    """Summarise parameters over the rigs, the prevalence of effects, and outliers.
+    """Summarise parameters over the rigs, the share of rigs with each effect, and outliers.
 
     Parameters
     ----------
@@ -155,26 +154,23 @@ def _residuals(over_floor: FloatArray, outliers: _Outliers) -> None:
 
 
 def _effects(rows: Sequence[Row]) -> list[FleetEffectJson]:
-    """Estimate the prevalence of each effect that some rig's loop named, the commonest first.
+    """Estimate the share of rigs whose loop names each effect, the commonest first.
 
-    A rig whose residual stays unexplained tells nothing of effects that it does not name.
+    A rig whose residual stays unexplained tells nothing of effects that it does not name. The share is binomial with
+    Jeffreys' prior; a name among others that do as well counts in equal parts.
     """
-    named = [[NamedEffect(e["id"], tuple(e["alike"]), e["strength"]) for e in row["effects"]] for row in rows]
-    times = Counter(one.id for effects in named for one in effects)
-    conclusive = [row["outcome"] in ("adequate", "extended") for row in rows]
+    times = Counter(effect["id"] for row in rows for effect in row["effects"])
+    conclusive = [row for row in rows if row["outcome"] in ("adequate", "extended")]
     words: dict[str, str] = {id_: text for row in rows for id_, text in row["words"].items()}
-    used: dict[str, dict[int, tuple[float, float]]] = defaultdict(dict)
-    for rig, (effects, split) in enumerate(zip(named, shared_out(named), strict=True)):
-        for one, share in zip(effects, split, strict=True):
-            for id_, weight in share.items() if conclusive[rig] else ():
-                used[id_][rig] = one.strength, weight
+    counts: dict[str, float] = defaultdict(float)
+    for effect in (effect for row in conclusive for effect in row["effects"]):
+        for id_ in (effect["id"], *effect["alike"]):
+            counts[id_] += 1.0 / (1 + len(effect["alike"]))
     found = []
     for id_ in sorted(times, key=lambda id_: (-times[id_], id_)):
-        known: dict[str, Any] = {}
-        if used[id_]:
-            strengths, weights = np.array(list(used[id_].values())).T
-            common = estimate_prevalence(strengths, weights, sum(conclusive))
-            known = {"share": _range(common.quantiles(QUANTILE_LEVELS)), "noticed": common.noticed}
+        others = max(len(conclusive) - counts[id_], 0.0)
+        share = betaincinv(counts[id_] + 0.5, others + 0.5, QUANTILE_LEVELS) if conclusive else None
+        known = {} if share is None else {"share": _range(share)}
         found.append(FleetEffectJson(id=id_, summary=words.get(id_, ""), named=times[id_], **known))
     return found
 

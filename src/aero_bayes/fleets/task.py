@@ -25,7 +25,7 @@ from aero_bayes.workflow.job import RunOptions, fit_parameters
 #: Folder of the rigs' run directories, and what each says while it runs.
 RUNS, LOG = "rigs", "log.txt"
 #: What a row is, so that rows of an older kind are computed anew.
-KIND = 2
+KIND = 3
 _COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
     "fit": lambda rig, options: run_fit(rig.train, options),
     "posterior": lambda rig, options: run_posterior(rig.train, options),

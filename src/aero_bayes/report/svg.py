@@ -80,15 +80,6 @@ class Canvas:
         )
         self._parts.append(where.format(x, y, size, anchor, colour, _subscripts(words)))
 
-    def link(self, address: str, label: str, x: float, y: float, size: float) -> None:
-        """A transparent round link; its visible mark is drawn separately."""
-        self._parts.append(
-            Markup(
-                '<a href="{}" aria-label="{}"><path d="M{:.1f} {:.1f}h0" style="fill:none;stroke:transparent;'
-                'stroke-width:{:g};stroke-linecap:round"><title>{}</title></path></a>'
-            ).format(address, label, x, y, size, label)
-        )
-
     def shape(self, outline: str, style: str) -> None:
         """SVG path data with a style."""
         self._path(outline, style)

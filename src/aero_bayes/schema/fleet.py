@@ -34,16 +34,15 @@ class FleetParameterJson(JsonTable):
 
 
 class FleetEffectJson(JsonTable):
-    """An effect over the fleet: rigs whose loop named it, the share of rigs that have it, and how surely it is noticed.
+    """An effect over the fleet: rigs whose loop named it, and the share of such rigs where a loop came to an end.
 
-    ``noticed`` is the probability that the loop names it in a rig that has it.
+    A rig whose data cannot tell it from other effects counts for a part of the share.
     """
 
     id: str
     summary: str = ""
     named: int = 0
     share: RangeJson = RangeJson()
-    noticed: JsonNumber = None
 
 
 class RigReasonJson(JsonTable):
