@@ -191,7 +191,7 @@ def _fitted(context: LoopContext, calibration: Calibration, begin: Mapping[str, 
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
         search = GlobalSearch(objective, settings.global_search)
-        rng = np.random.default_rng(settings.seed)
+        rng = np.random.default_rng(context.seed)
         first = np.array([begin.get(p.name, p.start) for p in objective.parameters])
         start = objective.parameters.to_search(first)
         found_fit = search.run(_columns_with_effect(objective), context.open, rng, start=start)

@@ -90,6 +90,7 @@ class LoopContext:
     folder: Path
     progress: Progress
     statistics: LoopStatistics
+    seed: int = 1
 
     @property
     def units(self) -> dict[str, str]:

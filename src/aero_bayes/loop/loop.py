@@ -58,6 +58,7 @@ def close_loop(
     *,
     model: str | Path | Model = DEFAULT_MODEL,
     settings: LoopSettings | None = None,
+    seed: int = 1,
     workers: int | None = None,
     out_dir: Path | str | None = None,
     progress: Progress | None = None,
@@ -74,6 +75,8 @@ def close_loop(
         Where no fit is given. A Modelica class, a ``.mo`` file or a model that was built from one; or an FMU
         (``.fmu``) with Model Exchange, around which laws are put.
     settings : LoopSettings, optional
+    seed : int
+        Of the swarm, and of the experiments that are proposed.
     workers : int, optional
         Worker processes; all cores by default, 0 for none beside this one.
     out_dir : path, optional
@@ -124,7 +127,7 @@ def close_loop(
         known = [v.name for v in family.base_model().outputs]
         train, test = (screened(recordings, family.base_model()) for recordings in (train, test))
         recordings = Recordings.of(train, test, settings.held_out, known)
-        context = LoopContext(family, recordings, settings, pool, folder, watched, LoopStatistics(watched))
+        context = LoopContext(family, recordings, settings, pool, folder, watched, LoopStatistics(watched), seed)
         states = states_of(family.base_model(), settings)
         base = fit_base_model(context, begin)
         cache, choice = search_structures(context, base)

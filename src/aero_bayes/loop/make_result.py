@@ -248,7 +248,7 @@ def _separating_experiments(
         try:
             apart = separating_experiment(
                 _FittedAlternative.of(chosen), _FittedAlternative.of(rival), workers=context.pool.size,
-                settings=replace(EXPERIMENT_SEARCH, seed=context.settings.seed),
+                settings=replace(EXPERIMENT_SEARCH, seed=context.seed),
             )  # fmt: skip
         except (InputError, CannotFinishError):
             continue

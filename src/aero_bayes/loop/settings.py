@@ -46,7 +46,6 @@ class LoopSettings(SettingsDisplay):
         Values of fixed parameters that differ from those of the model.
     overrides : mapping of str to Override
         Priors and bounds in place of the defaults.
-    seed : int
     free : tuple of str, optional
         Parameters of the base model to fit; by default those that its package declares to be searched.
     free_later : tuple of str
@@ -92,7 +91,6 @@ class LoopSettings(SettingsDisplay):
             most_readings=8000, keep_standstill_readings=False, solver=SolverSettings(1e-5, 1e-5)
         )
     )
-    seed: int = 1
     effects: tuple[str, ...] | None = None
     exclude: tuple[str, ...] = ()
     ports: tuple[str, ...] | None = None

@@ -42,6 +42,7 @@ def run_loop(job: Job, progress: ProgressBar, base: Fit | None = None) -> LoopRe
         job.tests,
         model=job.name if job.modelica else str(job.model.path),
         settings=loop_settings(job),
+        seed=job.options.seed,
         workers=job.options.workers,
         out_dir=job.options.out,
         progress=lambda what, share: progress(f"loop: {what}", share),
@@ -100,7 +101,6 @@ def loop_settings(job: Job) -> LoopSettings:
         structures=filled(defaults.structures, section),
         global_search=global_search,
         calibration=calibration,
-        seed=job.options.seed,
         ripple=fitting.ripple == "subtract",
         cache=job.options.cache,
         fixed={
