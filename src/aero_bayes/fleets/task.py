@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from aero_bayes.config import Config
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.files import whole_file
 from aero_bayes.fleets.rigs import Rig, Work
 from aero_bayes.fleets.row import fleet_row
 from aero_bayes.fleets.runner import failure
@@ -35,38 +32,6 @@ _COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
 
 
 @dataclass(frozen=True)
-class Parcel:
-    """A file that every machine gets once: where all can read it, and the hash that it is known by."""
-
-    source: Path
-    sha256: str
-
-    def here(self) -> Path:
-        """Return the file on this machine's own disk; the first task that asks for it copies it there.
-
-        Raises InputError if what stands at the source is not what was sent.
-        """
-        target = local_folder() / f"{self.sha256}{self.source.suffix}"
-        if not target.exists():
-            content = self.source.read_bytes()
-            if hashlib.sha256(content).hexdigest() != self.sha256:
-                raise InputError(f"{self.source}: has changed since the fleet was started")
-            with whole_file(target) as temporary:
-                temporary.write_bytes(content)
-        return target
-
-
-def local_folder() -> Path:
-    """Return this machine's folder of models. Raises InputError unless it is the user's: models are executed."""
-    folder = Path(tempfile.gettempdir()) / f"aero-bayes-models-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()
-    if found.st_uid != os.getuid() or folder.is_symlink() or found.st_mode & 0o022:
-        raise InputError(f"{folder}: expected a folder that only this user can write to")
-    return folder
-
-
-@dataclass(frozen=True)
 class RigTask:
     """Everything that a worker needs; the files must be readable on its machine.
 
@@ -80,8 +45,8 @@ class RigTask:
         The fleet's folder.
     seed : int
         The rig's own.
-    model : Parcel, optional
-        The FMU, or the one that was built from the class.
+    model : Path, optional
+        The FMU, or the one that was built from the class; its name is its hash.
     """
 
     rig: Rig
@@ -89,7 +54,7 @@ class RigTask:
     work: Work
     out: Path
     seed: int
-    model: Parcel | None = None
+    model: Path | None = None
 
     @property
     def key(self) -> str:
@@ -102,7 +67,7 @@ class RigTask:
         paths = (*self.rig.train, *self.rig.test)
         files = [(p.name, (s := p.stat()).st_size, s.st_mtime_ns) if p.exists() else p.name for p in paths]
         config = self.config if isinstance(self.config, str) else self.config.model_dump_json(exclude={"model"})
-        facts = (KIND, config, self.work, self.seed, self.model.sha256 if self.model is not None else "", files)
+        facts = (KIND, config, self.work, self.seed, self.model.stem if self.model is not None else "", files)
         return hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
 
 
@@ -114,12 +79,10 @@ def attempt(task: RigTask) -> Row:
     config, folder = task.config, task.out / RUNS / task.rig.name
     if isinstance(config, str):
         return failure(task.key, config)
-    fmu = built = task.model.here() if task.model is not None else None
+    fmu = built = task.model
     if fmu is not None and config.model.fmu is not None:
         config, built = config.model_copy(update={"model": config.model.model_copy(update={"fmu": fmu})}), None
-    options = RunOptions(
-        folder, config=config, seed=task.seed, workers=1, quiet=True, built=built, cache=local_folder() / "loop"
-    )
+    options = RunOptions(folder, config=config, seed=task.seed, workers=1, quiet=True, built=built)
     folder.mkdir(parents=True, exist_ok=True)
     try:
         with (

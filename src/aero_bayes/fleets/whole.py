@@ -20,7 +20,7 @@ from aero_bayes.fleets.rigs import FleetPlan, Rig, Work, read_fleet
 from aero_bayes.fleets.runner import Progress, run_tasks
 from aero_bayes.fleets.summary import summarise_fleet
 from aero_bayes.fleets.table import Table
-from aero_bayes.fleets.task import Parcel, RigTask, attempt
+from aero_bayes.fleets.task import RigTask, attempt
 from aero_bayes.report.fleet_page import write_fleet_page
 from aero_bayes.schema import FleetJson
 from aero_bayes.simulation.load_model import load_model
@@ -113,7 +113,7 @@ def tasks_of(plan: FleetPlan, out: Path, seed: int) -> Iterator[RigTask]:
     for name, times in Counter(rig.name for rig in plan.rigs).items():
         if times > 1:
             raise InputError(f"two rigs are called {name}")
-    models: dict[ModelSection, Parcel] = {}
+    models: dict[ModelSection, Path] = {}
     for number, rig in enumerate(plan.rigs):
         train, test = (tuple(path.resolve() for path in paths) for paths in (rig.train, rig.test))
         task = RigTask(Rig(rig.name, train, test), "", plan.work, out, rig.seed(seed))
@@ -129,7 +129,7 @@ def tasks_of(plan: FleetPlan, out: Path, seed: int) -> Iterator[RigTask]:
             yield replace(task, config=config, model=models[config.model])
 
 
-def _model(config: Config, out: Path) -> Parcel:
+def _model(config: Config, out: Path) -> Path:
     """Build or read the FMU of a configuration; it is kept under its hash where all workers find it."""
     name, fmu = which_model(config, RunOptions(out))
     model = load_model(fmu or name, sources=config.model.sources, libraries=config.model.libraries)
@@ -138,4 +138,4 @@ def _model(config: Config, out: Path) -> Parcel:
     if not kept.exists():
         with whole_file(kept) as temporary:
             shutil.copyfile(model.path, temporary)
-    return Parcel(kept, model.sha256)
+    return kept
