@@ -18,7 +18,7 @@ CHECKPOINT, RESULT = "checkpoint.npz", "result.json"
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A temporary name beside ``path`` that takes its place, once the disk holds it, only if the block ends well."""
+    """Yield a temporary name that takes the place of ``path``, once the disk holds it, if the block ends well."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
     os.close(handle)
     temporary = Path(name)

@@ -10,7 +10,7 @@ MAX_LISTED_NAMES = 20
 
 
 def closest_name(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str | None:
-    """The known name that is most similar to another one (Ratcliff and Obershelp's measure, as ``difflib`` has it).
+    """Find the known name that is most similar to another one (Ratcliff and Obershelp, as ``difflib`` has it).
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ INTERPRETER_BYTES = 2 << 30
 
 
 def is_one(path: Path) -> bool:
-    """Whether the file's content is that of a MATLAB file (its name matters for version 4 only, which has no mark)."""
+    """Return whether a file's content is MATLAB's; its name matters for version 4 only, which has no mark."""
     with path.open("rb") as file:
         head = file.read(7)
     return (

@@ -157,7 +157,7 @@ def write_csv(recording: Recording, path: Path | str) -> Path:
 def _in_unit(
     values: FloatArray, name: str, maps: Mapping[str, ColumnMap], named: Mapping[str, str], layout: Layout
 ) -> FloatArray:
-    """Values in the unit of the layout, from the unit that was given, or else from the one in the column's name."""
+    """Convert values to the unit of the layout, from the unit that was given or the one in the column's name."""
     column = maps.get(name, ColumnMap(name))
     called = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
     if column.unit is None and called and named[name] != column.source:

@@ -237,7 +237,7 @@ def experiment_times(fit: GaussianFit, duration: float, rate_hz: float | None) -
 def within_travel(
     predictor: ExperimentPredictor, values: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, dict[str, float]]:
-    """The signal, made smaller until draws of what is known keep to the travel, and the largest travel of each output.
+    """Make the signal smaller until draws of what is known keep to the travel; return each output's largest, too.
 
     Raises
     ------

@@ -74,7 +74,7 @@ def _moved_outputs(fit: Fit) -> dict[str, float]:
 
 
 def _changes_the_answer(fit: Fit, moved: dict[str, float], left: LeftOver) -> bool:
-    """Whether the solver's error moves a parameter by a clear share of its standard deviation, or is what is left."""
+    """Tell whether the solver's error moves a parameter by a clear share of its sd, or is what is left."""
     if max(fit.solver_shift.values(), default=0.0) > MAX_SHIFT:
         return True
     if any(size > EXPLAINING_SHARE * fit.rms[output] for output, size in moved.items()):

@@ -86,7 +86,7 @@ class Identifiability:
         return {step.name: step for step in self.steps}
 
     def with_steps(self, steps: tuple[StepParameter, ...]) -> Identifiability:
-        """The verdict with parameters that have no slope but act in steps told apart from those without an effect."""
+        """Tell parameters that act in steps, without a slope, apart from those without an effect."""
         names = {step.name for step in steps}
         return replace(self, steps=steps, no_effect=tuple(name for name in self.no_effect if name not in names))
 

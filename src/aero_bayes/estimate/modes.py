@@ -101,7 +101,7 @@ def likelihood_temperature(here: Optimum) -> float:
 
 
 def _images(objective: Objective, here: Optimum) -> list[FloatArray]:
-    """The best points (search coordinates) of those that a symmetry of the model may make as good as the optimum."""
+    """Return the best points (search coordinates) that a symmetry of the model may make as good as the optimum."""
     parameters = objective.parameters
     values = parameters.from_search(here.coordinates)
     shared = [j for j in here.free if parameters.items[j].recording is None]

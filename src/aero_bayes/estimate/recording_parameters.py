@@ -75,7 +75,7 @@ def templates(parameters: Iterable[Parameter]) -> list[Parameter]:
 
 
 def values_of_recordings(parameters: Iterable[Parameter], values: Iterable[float]) -> Mapping[str, dict[str, float]]:
-    """Values by the name of the model's parameter, then by their own, of those that have one in each recording."""
+    """List values that differ by recording, by the name of the model's parameter, then by their own."""
     found: dict[str, dict[str, float]] = {}
     for p, value in zip(parameters, values, strict=True):
         if p.recording is not None and isinstance(p.target, ParameterTarget):

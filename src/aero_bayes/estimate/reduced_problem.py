@@ -51,7 +51,7 @@ def with_few_samples(
 
 
 def with_loose_solver(calibration: Calibration) -> Calibration:
-    """The calibration with few solver steps and a loose tolerance, since models in the whole box may be very stiff."""
+    """Allow few solver steps and a loose tolerance, since models in the whole box may be very stiff."""
     samples = max(e.time.size for e in calibration.experiments)
     solver = replace(
         calibration.solver, max_steps=max(STEPS_PER_SAMPLE * samples, MIN_STEPS), relative_tolerance=LOOSE_TOLERANCE

@@ -148,7 +148,7 @@ class Fit(FittedSimulation, OtherTools):
         return Target(self.calibration, simulator, self.values, self.free, spread=self.spread)
 
     def joint_target(self, simulator: Simulator) -> JointTarget:
-        """The log-posterior over the free and the noise parameters, through a ``simulator`` of the same problem."""
+        """Return the log-posterior over free and noise parameters, through a ``simulator`` of the same problem."""
         return JointTarget(self.target(simulator), NoiseLayout.of(self.calibration, self.noise))
 
     @cached_property

@@ -163,7 +163,7 @@ def _index(recording: Recording, calibration: Calibration) -> int | None:
 
 
 def _first_readings(recording: Recording, calibration: Calibration) -> dict[str, float]:
-    """Where a recording that was not fitted starts, of the states that started at a reading in those that were."""
+    """Read the start of states of a new recording, where they started at a reading in those that were fitted."""
     begun = {state for experiment in calibration.experiments for state in experiment.start}
     readings = {state: first_reading(recording, StartTarget(state), calibration) for state in sorted(begun)}
     return {state: first.level for state, first in readings.items() if first is not None}

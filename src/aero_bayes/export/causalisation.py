@@ -197,7 +197,7 @@ def _constraint(system: EquationSystem, equations: Sequence[Node], unknowns: Seq
 
 
 def _dummy_derivative(system: EquationSystem, equation: Node, dynamic: Sequence[str]) -> tuple[str, Node]:
-    """A state of ``equation`` that need not be one, and the equation of its derivative in terms of the others'."""
+    """Find a state of ``equation`` that need not be one, and its derivative's equation in terms of the others'."""
     b = system.builder
     by_name = {v.name: v for v in system.variables}
     constants = frozenset(b.symbol(p.name) for p in system.parameters)

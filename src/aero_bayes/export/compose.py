@@ -234,7 +234,7 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
 
 
 def separate_elements(flat: FlatModel, element: str) -> FlatModel:
-    """The model with an array input or output separated, element by element, from the array that the equations use.
+    """Separate an array input or output, element by element, from the array that the equations use.
 
     ``u[1]`` and its like are then named in one equation each, ``u_acting[1] = u[1]`` or ``y[1] = y_true[1]``; all else
     is about the other array. A model where this is so already, or ``element`` is a variable by itself, stays as it is.

@@ -126,7 +126,7 @@ def _index(root: Path, stamp: str) -> dict[str, list[str]]:
 
 
 def _reachable(index: Mapping[str, Iterable[str]], words: set[str]) -> frozenset[str]:
-    """The parts of a library that hold a class to which words lead, those of the classes that are reached included."""
+    """Find the parts of a library that hold a class to which words lead, directly or by other classes."""
     paths = {p: set(p.split("/")) - {""} for p in index}
     found: set[str] = set()
     grown = {p for p in index if paths[p] <= words}

@@ -77,7 +77,7 @@ def call_table(b: Builder, function: str, args: Sequence[Value], events: Events 
 
 
 def with_search_from_first_row(function: str, args: tuple[Expression, ...]) -> tuple[Expression, ...]:
-    """The arguments, where the search for a row of ``TimeTable`` starts at the first one and not at the last found.
+    """Let the search for a row of ``TimeTable`` start at the first one and not at the last found.
 
     It finds the same, and its number of turns is known.
     """

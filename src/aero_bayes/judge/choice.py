@@ -232,7 +232,7 @@ class Choice:
         return [s for s in self._alternatives if len(fits[s].optimum.free) <= most or scores[s] < own]
 
     def _claims_the_same(self, structure: Structure, term: str, other: str, rivals: Sequence[Structure]) -> bool:
-        """Whether another term has the law of this one, if at another place, or may be told beside it at its place.
+        """Tell whether another term has this one's law, if at another place, or may be told beside it at its place.
 
         A curve claims its place only. Refinements of one law claim that law. Two other laws at one place are told as
         alternatives if one can take the place of the other, all else the same.

@@ -14,7 +14,7 @@ from aero_bayes.language.tokens import Token, find_outside, one_line, skip_group
 
 
 def inline_base_classes(known: Sources, file: SourceFile, cls: ClassText) -> tuple[SourceFile, ClassText]:
-    """A file that holds only ``cls``, the declarations and equations of its base classes in place of ``extends``.
+    """Write a file of ``cls`` alone, with declarations and equations of base classes in place of ``extends``.
 
     Names that mean something in the packages around a class are given in full.
 

@@ -137,7 +137,7 @@ class ClassText:
         return {c.word for a, b, c in triples if (a.word, b.word) == ("der", "(")}
 
     def aliases(self) -> dict[str, str]:
-        """Names of short class definitions, such as replaceable models, and of the classes that they stand for."""
+        """List short class definitions, such as replaceable models, and the classes that they stand for."""
         found = {}
         for s in (s for s in self.statements if s.section == "class"):
             at = next(k for k, t in enumerate(s.tokens) if t.word == "=")

@@ -25,7 +25,7 @@ class OwnClasses:
         self.top = next((c for c in classes if c.full_name == model), None)
 
     def sets(self, parameter: str) -> bool:
-        """Whether a parameter is declared in a class of the user's, or a class of the user's gives it a value."""
+        """Tell whether a class of the user's declares a parameter, or gives it a value."""
         if self.top is None:
             return True
         *path, name = [re.sub(r"\[.*?\]", "", part) for part in parameter.split(".")]

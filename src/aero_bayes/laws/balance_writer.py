@@ -105,7 +105,7 @@ class BalanceWriter:
         return max(known, default=0)
 
     def _entry(self, port: Port, cls: ClassText, prefix: str) -> InsertionPoint:
-        """Where a term enters, among the equations of a class whose names stand behind ``prefix`` in the flat model."""
+        """Find where a term enters in the equations of a class, whose names have a ``prefix`` in the flat model."""
         flat = self.structure.flat
         values = {n.removeprefix(prefix): v for n, v in parameter_values(flat).items()}
         constants = frozenset(v.name.removeprefix(prefix) for v in flat.variables if v.constant)

@@ -52,7 +52,7 @@ def curve_variable(placed: PlacedLaw) -> str:
 
 
 def isolated_curve(flat: FlatModel, placed: PlacedLaw) -> tuple[PlacedLaw, LawModels]:
-    """A curve in a replaceable model as a law of its own, from a flat model in which it is the only law there."""
+    """Take a curve out of a replaceable model, from a flat model in which it is the only law there."""
     prefix = f"{component_path(placed, [placed])}."
     kept = {
         placed.law.curve_input,

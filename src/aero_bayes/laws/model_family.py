@@ -251,7 +251,7 @@ class ModelFamily(Protocol):
         ...
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
-        """A calibration of the base model, for another model of the family, whose states may have other names."""
+        """Transfer a calibration of the base model to another model, whose states may have other names."""
         ...
 
     def describe(self, id_: str) -> str:

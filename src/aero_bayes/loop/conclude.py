@@ -80,7 +80,7 @@ class Conclusion:
 
 
 def other_cause(base: BaseFit, settings: LoopSettings) -> DiagnosisRow | None:
-    """The cause other than the model that may explain what is left, so that no missing effect is looked for in it."""
+    """Name the cause beside the model that may explain what is left, so that no missing effect is looked for."""
     return None if settings.structures.require else base.diagnosis.explanation
 
 

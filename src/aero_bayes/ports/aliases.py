@@ -161,7 +161,7 @@ def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
 
 
 def _without_one(tree: Expression, flat: FlatModel, variables: Mapping[str, FlatVariable]) -> Expression:
-    """The second factor of a product, if the first one is a parameter of value 1, such as the gain of an integrator."""
+    """Leave out the first factor of a product if it is a parameter of value 1, such as an integrator's gain."""
     match tree:
         case Call("*", (Name(gain, ()), Name() as inner)):
             v = variables.get(gain)

@@ -34,7 +34,7 @@ def _potential(s: AliasStructure, connector: str) -> str:
 
 
 def node_port(s: AliasStructure, state: str, position: str) -> Port | None:
-    """A port at a node whose potential is the state or its position, first at the component that has the state."""
+    """Find a port at a node whose potential is the state or its position, first at the state's own component."""
     owner = owner_of(s, state)
     choices: list[tuple[bool, int, list[str], str]] = []
     for i, flows in _flow_sums(s):

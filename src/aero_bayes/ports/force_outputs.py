@@ -84,7 +84,7 @@ def _is_name(name: str) -> Driver:
 
 
 def _one_signal(s: AliasStructure, tree: Expression, wanted: Dimension) -> str:
-    """The only difference of two variables of a dimension in an expression, else the only variable, or input at all.
+    """Find the only difference of two variables of a dimension in an expression, else the only variable or input.
 
     Empty if there is none, or more than one.
     """

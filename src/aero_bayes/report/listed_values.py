@@ -10,7 +10,7 @@ from aero_bayes.report.text import NO_VALUE, significant, symbol
 
 
 def listed_values_table(run: RunDirectory) -> Markup | None:
-    """Every combination of listed values with its probability, and how far its log-posterior is below the best."""
+    """List every combination of values with its probability, and how far its log-posterior is below the best."""
     trials = run.result.fit.values
     if not trials:
         return None

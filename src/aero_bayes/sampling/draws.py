@@ -81,7 +81,7 @@ class PosteriorDraws:
         return estimates
 
     def _marginal(self, estimate: Estimate, item: Parameter, prior_sd: float) -> Estimate:
-        """An estimate from the draws of its parameter, whose prior has a standard deviation in search coordinates."""
+        """Estimate a parameter from its draws; its prior has a standard deviation in search coordinates."""
         x = self.samples(item.name)
         axis = np.log(x) if item.scale == "log" else x / (item.upper - item.lower)
         status = self.fit.identifiability.capped(item.name, status_of(float(np.std(axis)) / prior_sd))

@@ -327,7 +327,7 @@ class StructureSearch:
     # which structures are worth a fit
 
     def _may_matter(self, base: FittedModel, starts: Sequence[Start], best: float) -> bool:
-        """Whether a start predicts enough of the gain that leads to the log-likelihood of the best of its level."""
+        """Tell whether a start predicts enough of the gain up to the log-likelihood of the best of its level."""
         predicted = _max_gain(starts)
         needed = max(best - base.optimum.log_likelihood, 0.0)
         likely = base.response.gain_under_white_noise(predicted) >= self.settings.min_predicted_gain

@@ -106,7 +106,7 @@ class Comparison:
         return difference / error if error > 0.0 else 0.0
 
     def likely_better(self, one: Structure, other: Structure) -> bool:
-        """Whether one structure predicts left-out readings better than another by half of what makes it clear."""
+        """Tell whether a structure predicts left-out readings better than another by half of what makes it clear."""
         return self.blocks >= MIN_BLOCKS and self.ahead(one, other) > 0.5 * self._needed
 
     def clearly_better(self, one: Structure, other: Structure) -> bool:

@@ -145,7 +145,7 @@ def refitted_errors(fitted: FittedModel, common: CommonBlocks, fold: int, settin
 
 
 def _start(fitted: FittedModel, common: CommonBlocks, fold: int) -> FloatArray:
-    """The optimum of all readings, or the point after the Newton step, whichever leaves less of the other readings."""
+    """Choose the optimum of all readings or the point after the Newton step: what leaves less of the others."""
     optimum, own, moving = fitted.optimum, fitted.model.objective, common.moving(fitted)
     columns = [optimum.free[k] for k in moving]
     out = common.readings(fold)

@@ -149,7 +149,7 @@ def _fits(
 def _noise_fit(
     model: CandidateModel, structure: Structure, values: Mapping[str, float], settings: LocalFitSettings
 ) -> Optimum | None:
-    """The optimum of a structure's process noise and reading noise, all else held at SI values of another fit."""
+    """Fit a structure's process noise and reading noise, all else held at SI values of another fit."""
     parameters = model.objective.parameters
     columns = [j for j, p in enumerate(parameters) if isinstance(p.target, DiffusionTarget | ReadingNoiseTarget)]
     with suppress(CannotFinishError):

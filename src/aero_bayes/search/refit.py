@@ -25,7 +25,7 @@ MIN_OWN_NOISE_SHARE = 0.5
 def refit(
     base: FittedModel, structure: Structure, points: Sequence[FloatArray], fit: LocalFitSettings
 ) -> Optimum | None:
-    """The best local fit of a structure from several points (p,) on the model of ``base``, given under its noise.
+    """Fit a structure locally from several points (p,) on the model of ``base``; the best, under its noise.
 
     Where all end below ``base``, which is a part of the structure, the fit begins there, new terms off.
     """

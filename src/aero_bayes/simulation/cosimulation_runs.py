@@ -159,7 +159,7 @@ class CosimulationRuns:
         return found
 
     def _compare(self, number: int, values: FloatArray) -> tuple[Begin, FloatArray]:
-        """A run after a reset against the same one on a new instance, or after one more reset where there is none."""
+        """Compare a run after a reset with the same one on a new instance, or after one more reset if there is none."""
         once = self.problem.model.needs_instance_per_process
         try:
             reset = self._run(number, values, new=False)

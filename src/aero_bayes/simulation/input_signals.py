@@ -21,7 +21,7 @@ from aero_bayes.simulation.interface import (
 def signals_of_run(
     experiment: Experiment, row: Sequence[ProblemTarget | None], values: FloatArray
 ) -> tuple[InputSignal, ...]:
-    """The input signals of an experiment with the delays and the additions to grid values of one parameter vector."""
+    """Apply one parameter vector's delays and additions to grid values to the input signals of an experiment."""
     signals = []
     for signal in experiment.inputs:
         level, delay = signal.values.astype(float).copy(), 0.0

@@ -191,7 +191,7 @@ class Model(ModelDescription):
 
 
 def _is_shared_library(header: bytes, here: Platform) -> bool:
-    """Whether a file that begins so is an ELF file of 64 bits, little-endian, of the type DYN, for this machine."""
+    """Tell whether a file that begins so is an ELF file of 64 bits, little-endian, of type DYN, for this machine."""
     machine = b"\xb7\x00" if here.name == "aarch64-linux" else b"\x3e\x00"
     return header[:6] == b"\x7fELF\x02\x01" and header[16:20] == b"\x03\x00" + machine
 
