@@ -215,6 +215,19 @@ def test_a_law_that_acts_twice_is_not_told_by_a_shared_place(monkeypatch):
     assert set(told.undecided) == {"lag@v", "other@w"}
 
 
+def test_a_curve_beside_a_law_tells_no_further_place():
+    size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
+    errors = {(): 1.0, ("dry@u",): 0.5, ("curve@v",): 0.6, ("curve@v", "dry@u"): 0.2}
+    comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
+    choice = chosen(1.5 * BASIS[2], 1)
+    fits = {s: replace(choice.explored.first_model, structure=s) for s in comparison.squares}
+    both = Structure(("dry@u", "curve@v"))
+    explored = replace(choice.explored, fits=fits, curves=("curve@v",))
+    told = replace(choice, fitted=fits[both], near=(both,), comparison=comparison, explored=explored).told()
+    assert told.terms == ("dry@u",)
+    assert told.undecided == ("curve@v",)
+
+
 def test_finalists_have_other_laws_before_the_same_laws_elsewhere():
     laws = [Structure(t) for t in (("gain@a", "lag@b"), ("gain@b", "lag@a"), ("curve@a",), ("curve@b",), ("gain@b",))]
     assert one_of_each(laws, ("curve@a", "curve@b")) == [laws[0], *laws[2:]]

@@ -208,10 +208,15 @@ class Choice:
         return self.comparison.best(material or [s for s in inside if set(s.terms) == required])
 
     def _told_terms(self, structure: Structure, rivals: Sequence[Structure]) -> tuple[str, ...]:
-        """Terms of a structure whose place or law is in all others."""
-        required = self.settings.require
+        """Terms of a structure whose place or law is in all others.
+
+        A curve explains almost anything that a law leaves, so that beside a law it does not tell a further place.
+        """
+        required, curves = self.settings.require, self.explored.curves
         shared = [self._shared_terms(structure, s, rivals) for s in rivals]
-        return tuple(t for t in structure.terms if t in required or all(t in own for own in shared))
+        told = tuple(t for t in structure.terms if t in required or all(t in own for own in shared))
+        laws = tuple(t for t in told if t not in curves or t in required)
+        return laws if set(laws) - set(required) else told
 
     def _shared_terms(self, structure: Structure, other: Structure, rivals: Sequence[Structure]) -> set[str]:
         """Terms of a structure for each of which another one has a term of its own that claims the same."""

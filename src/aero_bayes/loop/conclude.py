@@ -274,7 +274,8 @@ def _extended_text(context: LoopContext, choice: Choice, extended: ExtendedFit, 
         for e in asked
     ]
     if choice.undecided:
-        falls.append(f" What else is missing, the data do not tell: {_one_of(choice.undecided)}.")
+        what = f"perhaps {choice.undecided[0]}" if len(choice.undecided) == 1 else _one_of(choice.undecided)
+        falls.append(f" What else is missing, the data do not tell: {what}.")
     sentence = f"The model {', and '.join(clauses)}: {describe_error_change(before, extended.after, context.units)}"
     structured = structured_residuals(extended.reports)
     return (
