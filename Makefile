@@ -2,6 +2,9 @@
 # BLAS threads would fight the simulation workers for the cores.
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
+# Python keeps what it has compiled of the modules that are used, a third of those that are installed; else each process
+# compiles them anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -43,7 +46,6 @@ setup: $(VENV)/.installed
 $(VENV)/.installed: pyproject.toml requirements.lock $(wildcard src/aero_bayes/simulation/native/*.[ch])
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check -c requirements.lock -e .
-	-$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib # what pip would do, on all cores
 	touch $@
 
 $(VENV)/.tested: $(VENV)/.installed
