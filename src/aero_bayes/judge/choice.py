@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
+from aero_bayes.laws.formula import FUNCTION
 from aero_bayes.search.comparison import Comparison, Share
 from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
@@ -343,7 +344,7 @@ class Judge:
 
         They are material; without any that is, they are those without a term beside the required ones. The chosen one
         has the fewest terms, listed laws before formulas and these before curves, then the fewest parameters. A formula
-        gives way to listed laws that do as well with no more terms.
+        gives way to listed laws that do as well with no more terms, and a function of a parameter to a term.
         """
         required = set(self.settings.require)
         allowed = [s for s in self.comparison.squares if required <= set(s.terms)]
@@ -351,10 +352,21 @@ class Judge:
         among = among or [s for s in allowed if set(s.terms) == required]
         best = self.comparison.best(among)
         near = [s for s in among if s == best or not self.comparison.clearly_better(best, s)]
+        formulas, functions = self._formulas, self._functions
+        added = min((len(s) for s in near if formulas(s) and not functions(s)), default=math.inf)
+        near = [s for s in near if len(s) < added or not functions(s)]
         listed = min((len(s) for s in near if self._unlisted(s) == 0), default=math.inf)
-        near = [s for s in near if len(s) < listed or not set(s.terms) & set(self.explored.formulas)]
+        near = [s for s in near if len(s) < listed or not formulas(s)]
         order = {s: (len(s), self._unlisted(s), len(self.explored.fits[s].optimum.free)) for s in near}
         return sorted(near, key=lambda s: (*order[s], self.comparison.scores[s]))
+
+    def _formulas(self, structure: Structure) -> set[str]:
+        """Terms of a structure that are formulas."""
+        return set(structure.terms) & set(self.explored.formulas)
+
+    def _functions(self, structure: Structure) -> set[str]:
+        """Formulas that make a function of a parameter."""
+        return {t for t in self._formulas(structure) if law_of(t).startswith(FUNCTION)}
 
     def _unlisted(self, structure: Structure) -> int:
         """Return how far a structure is from listed laws: one for each formula, two for each curve."""

@@ -29,8 +29,10 @@ FloatArray = NDArray[np.float64]
 #: signal, whose exponent is fitted.
 Way = Literal["added", "share", "power"]
 
-#: What the law of every formula is called; a number follows where several are tried at one port.
+#: What the law of every formula is called; a number follows where several are tried.
 FORMULA = "formula"
+#: What a formula of a parameter is called while it is tried.
+FUNCTION = "function"
 #: Largest magnitude of a coefficient, and the one that a search starts from, in the largest term of the balance over
 #: the largest value of the product: a missing term is seldom much larger than those that are there.
 MAX_COEFFICIENT, START_COEFFICIENTS = 100.0, (0.3, 1.0)

@@ -9,7 +9,16 @@ from dataclasses import dataclass, field
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.laws.compose import law_models
-from aero_bayes.laws.formula import DISTURBANCE, FORMULA, Formula, disturbances, formula_law, formula_starts, told
+from aero_bayes.laws.formula import (
+    DISTURBANCE,
+    FORMULA,
+    FUNCTION,
+    Formula,
+    disturbances,
+    formula_law,
+    formula_starts,
+    told,
+)
 from aero_bayes.laws.formula_places import STATE_AND_TERM, FormulaPort, formula_ports, near_signals, parameter_ports
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.model_family import (
@@ -132,7 +141,8 @@ class FormulaTerms(LawPlaces, ABC):
         taken = self._taken() | {n for p in self._placed.values() for n in (p.instance, *p.names.values())}
         added: list[PlacedLaw] = []
         for number, one in enumerate(proposed, 1):
-            here, id_ = self._formula_ports[one.port], FORMULA if number == 1 else f"{FORMULA}_{number}"
+            here = self._formula_ports[one.port]
+            id_ = f"{FUNCTION if here.parameter else FORMULA}_{number}"
             law, port = formula_law(one.formula, here.port, id_, one.largest, self._own_signal(here))
             local = {given: name for name, given in port.signals.items() if name != "u"}
             sizes = {f"{local.get(s.name, 'u')}_n": s.size for s in one.formula.signals}

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import TypeVar, cast
 
-from aero_bayes.laws.formula import FORMULA
+from aero_bayes.laws.formula import FORMULA, FUNCTION
 from aero_bayes.loop.result import LoopResult
 
 T = TypeVar("T")
@@ -27,7 +27,7 @@ def with_plain_names(result: LoopResult) -> LoopResult:
         return result
 
     def renamed(text: str) -> str:
-        return re.sub(rf"\b{FORMULA}(_\d+)?@[\w.]*\w", lambda m: names.get(m[0], m[0]), text)
+        return re.sub(rf"\b({FORMULA}|{FUNCTION})(_\d+)?@[\w.]*\w", lambda m: names.get(m[0], m[0]), text)
 
     told = {key: _mapped(getattr(result, key), renamed) for key in _TOLD}
     return replace(result, **told)

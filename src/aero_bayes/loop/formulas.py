@@ -48,8 +48,9 @@ MAX_AT_PLACE = 8
 SIMPLE_SHARE, MAX_SIMPLE = 0.5, 4
 #: Largest change of a parameter that is a function, over its value, and largest exponent: gains are of first order.
 MAX_PARAMETER_CHANGE, MAX_EXPONENT = 3.0, 4.0
-#: Score by which a function of a parameter must exceed all added terms: most of them are a term of a balance as well.
-MIN_LEAD_OF_PARAMETER = 8.0
+#: Functions of parameters that are tried where the best of them does about as well as what is added: most of them are a
+#: term of a balance as well, and the gains are of first order.
+MAX_FUNCTIONS, MIN_SHARE_OF_ADDED = 3, 0.5
 #: Cosine between the responses to two terms from which on they are alike, and how many that are alike are tried.
 ALIKE, MAX_ALIKE = 0.999, 3
 #: Cosine from which on terms at two places are one and the same written in two ways.
@@ -325,17 +326,21 @@ def _with_less_diffusion(objective: Objective, fit: Optimum) -> Iterator[_Filter
 
 
 def _best(found: Sequence[_Scored]) -> tuple[ProposedFormula, ...]:
-    """Return the best proposals, some of the simplest among them; of many that are alike only a few.
+    """The best proposals, some of the simplest among them; of many that are alike only a few.
 
-    Of those that are the same at several places one is taken. A parameter is a function only where that does better
-    than what may be added anywhere.
+    Of those that are the same at several places one is taken.
     """
-    added = max((one.score for one in found if one.proposal.formula.way == "added"), default=-math.inf)
-    kept = [f for f in found if f.proposal.formula.way == "added" or f.score > added + MIN_LEAD_OF_PARAMETER]
-    by_score = sorted(kept, key=lambda f: (-round(f.score, 1), f.order))
-    gains = [f for f in by_score if f.score > SIMPLE_SHARE * by_score[0].score]
-    simple = sorted(gains, key=lambda f: f.proposal.formula.complexity)
-    return tuple(one.proposal for one in _different(by_score, _different(simple, (), MAX_SIMPLE), MAX_PROPOSALS))
+    added = [one for one in found if one.proposal.formula.way == "added"]
+    least = MIN_SHARE_OF_ADDED * max((one.score for one in added), default=0.0)
+    functions = [one for one in found if one.proposal.formula.way != "added" and one.score > least]
+    chosen = list[_Scored]()
+    for kept, most in ((added, MAX_PROPOSALS - min(len(functions), MAX_FUNCTIONS)), (functions, MAX_PROPOSALS)):
+        by_score = sorted(kept, key=lambda f: (-round(f.score, 1), f.order))
+        good = [f for f in by_score if f.score > SIMPLE_SHARE * by_score[0].score]
+        simple = sorted(good, key=lambda f: f.proposal.formula.complexity)
+        first = min(MAX_SIMPLE, (most - len(chosen) + 1) // 2)
+        chosen = _different(by_score, _different(simple, chosen, len(chosen) + first), most)
+    return tuple(one.proposal for one in chosen)
 
 
 def _different(offered: Sequence[_Scored], chosen: Sequence[_Scored], most: int) -> list[_Scored]:
@@ -346,7 +351,7 @@ def _different(offered: Sequence[_Scored], chosen: Sequence[_Scored], most: int)
             break
         near = [(abs(float(one.direction @ other.direction)), other) for other in found]
         elsewhere = any(near_by > SAME and other.proposal.port != one.proposal.port for near_by, other in near)
-        alike = sum(near_by > ALIKE for near_by, _ in near)
+        alike = sum(near_by > ALIKE and other.proposal.port == one.proposal.port for near_by, other in near)
         there = sum(other.proposal.port == one.proposal.port for other in found)
         if one not in found and not elsewhere and alike < MAX_ALIKE and there < MAX_AT_PLACE:
             found.append(one)
