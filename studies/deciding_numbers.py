@@ -26,9 +26,10 @@ from unittest.mock import patch
 import play_drive
 from aero_bayes.check import residual_tests
 from aero_bayes.cli import main as run_program
-from aero_bayes.judge import choose, comparison, prediction, validation
+from aero_bayes.judge import choose, prediction, validation
 from aero_bayes.judge.choice import Choice
 from aero_bayes.loop import conclude, extend, loop, make_result
+from aero_bayes.search import comparison
 from real_rigs import RECORDINGS, RigCase, cases, copy_model, loop_arguments
 from real_rigs_table import judge_names
 from trial_runs import Row, code, markdown_table, write_summary
