@@ -78,7 +78,7 @@ def close(
     (tmp_path / "Rig.mo").write_text(source, encoding="utf-8")
     settings = LoopSettings(
         sources=(tmp_path / "Rig.mo",), free=free, laws=laws, cache=tmp_path / "fmu",
-        calibration=replace(LoopSettings().calibration, start=start),
+        calibration=replace(LoopSettings().calibration, initial_states=start),
     )  # fmt: skip
     return close_loop([drawn("train", 41)], [drawn("test", 42)], model=name, settings=settings, workers=0)
 

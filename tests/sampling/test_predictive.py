@@ -21,7 +21,7 @@ def test_draws_that_all_fail_are_one_line() -> None:
         return SimpleNamespace(outcomes=np.full((len(values), 1), Outcome.SOLVER_FAILED), outputs=())
 
     target = SimpleNamespace(
-        objective=SimpleNamespace(filtered=False),
+        objective=SimpleNamespace(filters=False),
         free=(0,),
         calibration=SimpleNamespace(experiments=()),
         simulator=SimpleNamespace(simulate=simulate),

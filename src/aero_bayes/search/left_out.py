@@ -89,9 +89,11 @@ class CommonBlocks:
     def squares(self, fold: int, residual: FloatArray) -> FloatArray:
         """Sums of squares (blocks, m) of the residual (n,) of a fold's readings, by block and output."""
         first = np.concatenate(([0], np.cumsum([block.size for block in self.folds[fold]])))
+        with np.errstate(over="ignore"):  # a prediction may grow without bounds: its error is infinite
+            square = residual**2
         return np.array(
             [
-                np.bincount(self.owner[block], weights=residual[a : a + block.size] ** 2, minlength=len(self.outputs))
+                np.bincount(self.owner[block], weights=square[a : a + block.size], minlength=len(self.outputs))
                 for a, block in zip(first[:-1].tolist(), self.folds[fold], strict=True)
             ],
             dtype=np.float64,
@@ -159,7 +161,9 @@ def _start(fitted: FittedModel, common: CommonBlocks, fold: int) -> FloatArray:
         return optimum.coordinates
     after = own.whiten(there, optimum.noise).residual
     before = optimum.whitened.residual
-    return moved if np.sum(after[others] ** 2) < np.sum(before[others] ** 2) else optimum.coordinates
+    with np.errstate(over="ignore"):  # the step may end where the model grows without bounds
+        better = np.sum(after[others] ** 2) < np.sum(before[others] ** 2)
+    return moved if better else optimum.coordinates
 
 
 def _leverage(fitted: FittedModel) -> FloatArray:
