@@ -9,10 +9,19 @@ import numpy as np
 import pytest
 
 from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
-from aero_bayes.judge import Choice, ChoiceSettings, Chooser, Comparison, Judge
+from aero_bayes.judge import Choice, ChoiceSettings, Chooser, Judge
 from aero_bayes.judge.choose import one_of_each
 from aero_bayes.laws import CandidateTerm
-from aero_bayes.search import CandidateModel, FitNoise, Library, Parts, Structure, StructureSearch, StructureSettings
+from aero_bayes.search import (
+    CandidateModel,
+    Comparison,
+    FitNoise,
+    Library,
+    Parts,
+    Structure,
+    StructureSearch,
+    StructureSettings,
+)
 from aero_bayes.sensors import OutputNoise
 from aero_bayes.simulation import DelayTarget, ParameterTarget, open_simulator
 

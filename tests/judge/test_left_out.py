@@ -8,9 +8,16 @@ import pytest
 
 from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
 from aero_bayes.estimate.leave_out import BLOCK_COUNT
-from aero_bayes.judge import CommonBlocks, Comparison, newton_errors, refitted_errors
 from aero_bayes.laws import CandidateTerm
-from aero_bayes.search import CandidateModel, FitNoise, Structure
+from aero_bayes.search import (
+    CandidateModel,
+    CommonBlocks,
+    Comparison,
+    FitNoise,
+    Structure,
+    newton_errors,
+    refitted_errors,
+)
 from aero_bayes.sensors import OutputNoise
 from aero_bayes.simulation import ParameterTarget, open_simulator
 

@@ -135,7 +135,7 @@ class Choice:
         much = [
             s
             for s in self.comparison.squares
-            if len(s) == 1 and self.comparison.share(s, self.structure).value <= self.settings.min_share
+            if len(s) == 1 and self.comparison.much_better(s, self.structure, self.settings.min_share)
         ]
         return self.comparison.best(much) if much and not self.structure.terms else None
 
@@ -144,7 +144,7 @@ class Choice:
         rest, squares = self.structure.minus(term), self.ranking.squares
         without = best_within(self.ranking, rest)
         there = self.explored.laws_in_place_of(term, rest, squares)
-        laws = [s for s in there if self.ranking.share(s, without).value <= self.settings.min_share]
+        laws = [s for s in there if self.ranking.much_better(s, without, self.settings.min_share)]
         return self.ranking.best(laws).new_terms(rest)[0] if laws else ""
 
     def share_of_smaller(self, term: str) -> Share:
@@ -333,11 +333,11 @@ class Judge:
         return [s for s in found if s in known]
 
     def _matters(self, structure: Structure, rest: Structure) -> bool:
-        if self.comparison.share(structure, rest).value <= self.settings.min_share:
-            # One standard error: a quarter may come by chance where it rests on few blocks.
-            return self.comparison.likely_better(structure, rest)
-        clear = self.comparison.clearly_better(structure, rest)
-        return clear and self.only_noise(structure) and not self.only_noise(rest)
+        least = self.settings.min_share
+        if not self.comparison.better(structure, rest, least):
+            return False
+        much = self.comparison.much_better(structure, rest, least)
+        return much or (self.only_noise(structure) and not self.only_noise(rest))
 
     def near(self) -> list[Structure]:
         """Structures that the best one does not clearly beat, the chosen one first.
@@ -380,7 +380,7 @@ class Judge:
             for s in self.comparison.squares
             if s != structure
             and len(s) == len(structure)
-            and self.comparison.share(structure, s).value > self.settings.min_share
+            and not self.comparison.much_better(structure, s, self.settings.min_share)
             and self.material(s)
         ]
         return sorted(found, key=lambda s: self.comparison.scores[s])

@@ -285,19 +285,7 @@ def _terms(every: Iterable[Formula], series: SignalValues) -> tuple[list[Formula
     terms: list[list[FloatArray]] = [[] for _ in series]
     with np.errstate(all="ignore"):
         for formula in every:
-            values = []
-            for one in series:
-                seen = {s.name: (s, one[s.name]) for s in formula.signals}
-                values.append(
-                    np.array(
-                        [
-                            formula.values(
-                                {n: np.clip(getattr(own, when), s.low, s.high) for n, (s, own) in seen.items()}
-                            )
-                            for when in ("before", "at", "after")
-                        ]
-                    )
-                )
+            values = [np.array([_values(formula, one, when) for when in ("before", "at", "after")]) for one in series]
             if all(np.all(np.isfinite(v)) for v in values) and max(float(np.ptp(v)) for v in values) > 0.0:
                 offered.append(formula)
                 for own, v in zip(terms, values, strict=True):
@@ -305,6 +293,11 @@ def _terms(every: Iterable[Formula], series: SignalValues) -> tuple[list[Formula
     if not offered:
         return [], []
     return offered, [SampledTerms(*np.moveaxis(np.array(own), (1, 0), (0, 2))) for own in terms]
+
+
+def _values(formula: Formula, series: Mapping[str, SampledTerms], when: str) -> FloatArray:
+    """Return a formula (n,) along a recording, its signals within their ranges, before, at or after each reading."""
+    return formula.values({s.name: np.clip(getattr(series[s.name], when), s.low, s.high) for s in formula.signals})
 
 
 def _with_less_diffusion(objective: Objective, fit: Optimum) -> Iterator[_Filtered]:

@@ -2,8 +2,10 @@
 
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.common_noise import common_noise
+from aero_bayes.search.comparison import Comparison, Share
 from aero_bayes.search.edits import EDITS, Edit, EditContext, likely_pairs, term_directions
 from aero_bayes.search.explored import Library, SearchControl, SearchResult
+from aero_bayes.search.left_out import CommonBlocks, newton_errors, refitted_errors
 from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel, ModelCache, ModelSource
 from aero_bayes.search.parts import PARTS, Parts
 from aero_bayes.search.restarts import Restart
@@ -16,6 +18,8 @@ __all__ = [
     "PARTS",
     "START_RULES",
     "CandidateModel",
+    "CommonBlocks",
+    "Comparison",
     "Edit",
     "EditContext",
     "FitNoise",
@@ -27,6 +31,7 @@ __all__ = [
     "Restart",
     "SearchControl",
     "SearchResult",
+    "Share",
     "Start",
     "StartRule",
     "Structure",
@@ -34,6 +39,8 @@ __all__ = [
     "StructureSettings",
     "common_noise",
     "likely_pairs",
+    "newton_errors",
+    "refitted_errors",
     "starting_points",
     "term_directions",
 ]

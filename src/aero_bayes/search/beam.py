@@ -216,7 +216,7 @@ class StructureSearch:
         """Return those structures of a size that are to be expanded: the best, and none materially worse than it."""
         order, least = self._order(), self.settings.min_share
         own = [s for s in order.ranked if len(s) == size and s.contains_terms(self._root)]
-        near = [s for s in own if s == own[0] or order.share(own[0], s).value > least]
+        near = [s for s in own if s == own[0] or not order.much_better(own[0], s, least)]
         return [self._fits[s] for s in near[: self.settings.beam_width] if s not in self._expanded]
 
     # neighbours

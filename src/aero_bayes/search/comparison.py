@@ -119,8 +119,17 @@ class Comparison:
         The error of an output is then at most ``min_share`` of what it is with the other: by chance such a fall is
         rare, unless it rests on few blocks.
         """
-        much = self.share(one, other).value <= min_share
+        much = self.much_better(one, other, min_share)
         return self.likely_better(one, other) if much else self.clearly_better(one, other)
+
+    def much_better(self, one: Structure, other: Structure, min_share: float) -> bool:
+        """Tell whether with one structure the error of an output is at most ``min_share`` of that with another."""
+        return float(np.exp(self._log_ratios(one, other).min())) <= min_share
+
+    def _log_ratios(self, one: Structure, other: Structure) -> FloatArray:
+        """Return the logarithm of the error with one structure over that with another, by output (m,)."""
+        first, second = (self._logs(self.squares[s].sum(axis=0)) for s in (one, other))
+        return np.asarray(0.5 * (first - second))
 
     def simplest(self, among: Sequence[Structure], min_share: float) -> Structure:
         """Return the structure with the fewest terms of those that the best one does not beat.
@@ -138,8 +147,7 @@ class Comparison:
 
     def share(self, one: Structure, other: Structure) -> Share:
         """Error with one structure over that with another, in the output where it falls most."""
-        with_it, without = self.squares[one], self.squares[other]
-        logs = 0.5 * (self._logs(with_it.sum(axis=0)) - self._logs(without.sum(axis=0)))
+        logs = self._log_ratios(one, other)
         k = int(np.argmin(logs))
         drawn = 0.5 * (
             self._logs(self._draws @ self.squares[one])[:, k] - self._logs(self._draws @ self.squares[other])[:, k]

@@ -190,13 +190,6 @@ class FittedModel:
         names = self.model.objective.parameters.names
         return {names[j]: self.values[names[j]] for j in self.model.candidates[id_].columns}
 
-    def rms(self) -> dict[str, float]:
-        """Root mean square of the residual by output, in the output's unit."""
-        parts: dict[str, list[FloatArray]] = {}
-        for series, residual in zip(self.model.objective.series, self.optimum.evaluation.residual, strict=True):
-            parts.setdefault(series.output, []).append(residual)
-        return {output: float(np.sqrt(np.mean(np.concatenate(p) ** 2))) for output, p in parts.items()}
-
 
 @dataclass(frozen=True, eq=False)
 class ModelSource:
