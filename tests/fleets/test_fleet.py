@@ -72,6 +72,8 @@ def test_a_rig_gives_the_same_row_alone_and_again(folder: Path, done: tuple[Path
     *_, task = (t for t in tasks_of(read_fleet(folder / "fleet.toml"), tmp_path, 3) if t.key == "cart-2")
     with Table(out / "rigs.sqlite") as table:
         assert json.loads(json.dumps(attempt(task))) == table.get("cart-2")
+    task.model.write_bytes(b"another model")
+    assert f"{task.model}: has changed" in attempt(task)["error"]
     before = {path: path.stat().st_mtime_ns for path in out.glob("rigs/*/result.json")}
     fleet(folder / "fleet.toml", out, seed=3)
     assert {path: path.stat().st_mtime_ns for path in out.glob("rigs/*/result.json")} == before

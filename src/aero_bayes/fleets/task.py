@@ -80,9 +80,13 @@ def attempt(task: RigTask) -> Row:
     if isinstance(config, str):
         return failure(task.key, config)
     fmu = built = task.model
+    if fmu is not None and hashlib.sha256(fmu.read_bytes()).hexdigest() != fmu.stem:
+        return failure(task.key, f"{fmu}: has changed since the fleet was started")
     if fmu is not None and config.model.fmu is not None:
         config, built = config.model_copy(update={"model": config.model.model_copy(update={"fmu": fmu})}), None
-    options = RunOptions(folder, config=config, seed=task.seed, workers=1, quiet=True, built=built)
+    # Rigs of one model share the extended models that their loops export.
+    cache = fmu.parent / "loop" if fmu is not None else None
+    options = RunOptions(folder, config=config, seed=task.seed, workers=1, quiet=True, built=built, cache=cache)
     folder.mkdir(parents=True, exist_ok=True)
     try:
         with (

@@ -40,7 +40,7 @@ class RunOptions:
     """The options that every command which simulates a model shares.
 
     ``config`` is a file or what was read from one. ``built`` is the FMU of the class where somebody has built it
-    already.
+    already, ``cache`` a folder where the loop finds and leaves FMUs.
     """
 
     out: Path
@@ -52,6 +52,7 @@ class RunOptions:
     resume: bool = False
     quiet: bool = False
     built: Path | None = None
+    cache: Path | None = None
 
 
 @dataclass(frozen=True)

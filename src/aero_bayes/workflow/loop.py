@@ -102,6 +102,7 @@ def loop_settings(job: Job) -> LoopSettings:
         global_search=global_search,
         calibration=calibration,
         ripple=fitting.ripple == "subtract",
+        cache=job.options.cache,
         fixed={
             **{p.name: p.start for p in job.parameters if p.free_if_identified},
             **{name: value for name, value in job.fixed.items() if name not in free_later},
