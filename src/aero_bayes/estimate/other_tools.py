@@ -1,9 +1,8 @@
-"""Values of a fit in the files of other tools: a Modelica class, MATLAB, a Dymola script."""
+"""Values of a fit in the files of other tools: a Modelica class, an FMU, MATLAB, a Dymola script."""
 
 from __future__ import annotations
 
 import re
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 
 from aero_bayes.display import with_unit
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibrated_model import CalibratedModel
+from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.fitted_result import FittedResult
 from aero_bayes.estimate.laplace import Laplace
-from aero_bayes.estimate.parameter_estimates import EstimateTable
+from aero_bayes.estimate.value_comparison import ValueTrial
 from aero_bayes.files import whole_file
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 
@@ -25,18 +25,48 @@ FloatArray = NDArray[np.float64]
 MATLAB_NAME = 63
 
 
-class OtherTools(EstimateTable):
-    """A fit that other tools can read; :class:`Fit` describes the fields."""
+class OtherTools(FittedResult):
+    """A fitted model for other tools: a Modelica class, an FMU, MATLAB, Dymola; :class:`Fit` describes the fields."""
 
     calibration: Calibration
     laplace: Laplace
     values: FloatArray
     free: tuple[int, ...]
+    trials: tuple[ValueTrial, ...]
 
     @property
-    @abstractmethod
     def calibrated(self) -> CalibratedModel:
-        """The model with all values of the fit, as Modelica."""
+        """The model with all values of the fit, as Modelica; InputError where its source is not known.
+
+        Examples
+        --------
+        >>> fit.calibrated.write("fitted").name
+        'Rig_fitted.mo'
+        """
+        return calibrated_model(
+            self.calibration, self.values, self.parameters, chosen=self.trials[0].modifiers if self.trials else None
+        )
+
+    def export_fmu(self, path: Path | str) -> Path:
+        """Write the FMU of the model with all values of the fit.
+
+        Parameters
+        ----------
+        path : path
+            The FMU; it appears whole or not at all.
+
+        Raises
+        ------
+        InputError
+            For a model that was given as an FMU: its values cannot be changed in there.
+
+        Examples
+        --------
+        >>> fitted = aero_bayes.load_model(fit.export_fmu("Rig_fitted.fmu"))
+        >>> round(fitted.parameter("k").start, 1)
+        54.9
+        """
+        return self.calibrated.export_fmu(path)
 
     @property
     def parameter_covariance(self) -> FloatArray:

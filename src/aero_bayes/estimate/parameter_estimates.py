@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from aero_bayes.display import table_html
-from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
-from aero_bayes.unknown_names import known_names_hint
-
-if TYPE_CHECKING:
-    import pandas
 
 Json = dict[str, object]
 
@@ -47,41 +40,6 @@ class Estimate:
     def to_dict(self) -> Json:
         """Return the entry of result.json."""
         return {key: (str(v) if isinstance(v, Status) else v) for key, v in self.__dict__.items() if key != "name"}
-
-
-class EstimateTable(ABC):
-    """A result with a table of parameters: an entry by its name, and the table as a data frame."""
-
-    @property
-    @abstractmethod
-    def parameters(self) -> dict[str, Estimate]:
-        """Every parameter by name."""
-
-    def __getitem__(self, name: str) -> Estimate:
-        table = self.parameters
-        if name not in table:
-            raise InputError(f"no parameter {name!r}{known_names_hint(str(name), table)}")
-        return table[name]
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.parameters
-
-    def to_frame(self) -> pandas.DataFrame:
-        """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
-
-        The value of a posterior is its median.
-
-        Examples
-        --------
-        >>> fit.to_frame().loc["k", ["unit", "status"]].to_list()
-        ['N/m', 'identified']
-        >>> bool(posterior.to_frame().loc["k", "q05"] < posterior.to_frame().loc["k", "q95"])
-        True
-        """
-        import pandas
-
-        rows = {name: entry.to_dict() for name, entry in self.parameters.items()}
-        return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
 
 def estimates_html(table: Mapping[str, Estimate], caption: str, warnings: Sequence[str] = ()) -> str:

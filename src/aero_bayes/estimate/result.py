@@ -5,30 +5,37 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from aero_bayes.data import Recording
 from aero_bayes.diagnosis_backend import diagnosis_of
 from aero_bayes.display import with_unit
-from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
+from aero_bayes.estimate import cost as costs
+from aero_bayes.estimate.band_width import band_factors
+from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis
-from aero_bayes.estimate.fitted_simulation import FittedSimulation
 from aero_bayes.estimate.identifiability import Identifiability
+from aero_bayes.estimate.laplace import Laplace
 from aero_bayes.estimate.laplace_estimates import laplace_estimates
+from aero_bayes.estimate.levenberg_marquardt import Stop
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.modes import Mode, modes_sentence
 from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.other_tools import OtherTools
 from aero_bayes.estimate.parameter_estimates import Estimate, estimates_html
+from aero_bayes.estimate.prediction import FittedPredictor
+from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.stage_report import StageReport
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.estimate.value_comparison import ValueTrial, chosen_estimates, trials_sentence
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
-from aero_bayes.simulation.interface import Simulator
+from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.simulation.interface import Outcome, Simulator
 from aero_bayes.simulation.smoothing import SmoothedStates
 
 if TYPE_CHECKING:
@@ -40,7 +47,7 @@ Json = dict[str, object]
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(FittedSimulation, OtherTools):
+class Fit(OtherTools):
     """A fitted calibration.
 
     Parameters
@@ -122,6 +129,11 @@ class Fit(FittedSimulation, OtherTools):
     ['model']
     """
 
+    calibration: Calibration
+    optimum: Optimum
+    laplace: Laplace
+    residuals: tuple[FloatArray, ...]
+    outcomes: Mapping[Outcome, int]
     values: FloatArray
     free: tuple[int, ...]
     series: tuple[Series, ...]
@@ -142,6 +154,56 @@ class Fit(FittedSimulation, OtherTools):
     solver_shift: Mapping[str, float] = field(default_factory=dict)
     start_levels: tuple[float, ...] = ()
     trials: tuple[ValueTrial, ...] = ()
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Outputs that were fitted, length m."""
+        return self.calibration.outputs
+
+    @property
+    def noise(self) -> Mapping[str, OutputNoise]:
+        """Noise of each output."""
+        return self.optimum.noise
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the free columns, then of the noise, in search coordinates."""
+        return self.laplace.covariance
+
+    @property
+    def log_likelihood(self) -> float:
+        """Natural logarithm of the likelihood at the fit."""
+        return self.optimum.log_likelihood
+
+    @property
+    def reason(self) -> Stop:
+        """Why the search ended."""
+        return self.optimum.reason
+
+    @property
+    def cost_eq6(self) -> float:
+        """Sum of squared errors (the paper's Eq. 6)."""
+        return costs.eq6(self.residuals)
+
+    @property
+    def rms(self) -> dict[str, float]:
+        """Root mean square error by output over all recordings."""
+        return costs.rms_overall(self.residuals, self.outputs)
+
+    @property
+    def rms_by_recording(self) -> Mapping[str, Mapping[str, float]]:
+        """Root mean square error in the output's SI unit, by recording and output."""
+        return costs.rms_table(self.residuals, self.calibration.names, self.outputs)
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion, free and noise parameters counted (smaller is better)."""
+        return -2.0 * self.log_likelihood + len(self.laplace.mean) * float(np.log(self.calibration.counts.sum()))
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """Simulations by how they ended."""
+        return {outcome.key: count for outcome, count in self.outcomes.items()}
 
     def target(self, simulator: Simulator) -> Target:
         """Return the log-posterior over the free parameters, through a simulator of the calibration's problem."""
@@ -185,64 +247,74 @@ class Fit(FittedSimulation, OtherTools):
 
     def to_dict(self) -> Json:
         """Return the keys of result.json that a fit fills."""
-        return {
-            "parameters": {name: e.to_dict() for name, e in self.parameters.items()},
-            "noise": self.noise_table(),
-            "process_noise": process_noise_table(self.calibration.process, self.parameters),
-            "sensors": dict(self.sensors),
-            "fit": {
-                "cost_eq6": self.cost_eq6,
-                "rms": {"train": self.rms},
-                "interpolation": self.calibration.interpolation,
-                "log_likelihood": self.log_likelihood,
-                "log_posterior": self.log_posterior,
-                "bic": self.bic,
-                "stages": [s.to_dict() for s in self.stages],
-                "pso": self.swarm.to_dict() if self.swarm is not None else None,
-                "modes": [{"values": m.values, "share": m.share} for m in self.modes],
-                "values": [t.to_dict() for t in self.trials],
-                "local": {"iterations": self.iterations, "reason": self.reason.value},
-            },
-            "identifiability": self.identifiability.to_dict(self.unidentified),
-            "failures": self.failures,
-            "diagnosis": self.diagnosis.to_list(),
-            "warnings": list(self.warnings),
-            "seconds": self.seconds,
-        }
+        return _fit_json(self)
 
-    @property
-    def calibrated(self) -> CalibratedModel:
-        """The model with all values of the fit, as Modelica; InputError where its source is not known.
-
-        Examples
-        --------
-        >>> fit.calibrated.write("fitted").name
-        'Rig_fitted.mo'
-        """
-        return calibrated_model(
-            self.calibration, self.values, self.parameters, chosen=self.trials[0].modifiers if self.trials else None
-        )
-
-    def export_fmu(self, path: Path | str) -> Path:
-        """Write the FMU of the model with all values of the fit.
+    def simulate(
+        self,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        parameters: Mapping[str, float] | None = None,
+        start: Mapping[str, float] | None = None,
+    ) -> Recording:
+        """Run the fitted model on other inputs.
 
         Parameters
         ----------
-        path : path
-            The FMU; it appears whole or not at all.
+        inputs : Recording or mapping of str to array_like, shape (n,)
+            A recording, whose readings only give its initial values; or ``time`` in s and every input in its SI unit. A
+            recording that was fitted keeps its own delay and start. Another one takes the mean delay of those that
+            were, and starts at its own first readings, off by as much as theirs were; without readings, where the
+            model starts.
+        parameters : mapping of str to float, optional
+            Other values of parameters of the model, in SI units.
+        start : mapping of str to float, optional
+            Initial values of states, in SI units.
+
+        Returns
+        -------
+        Recording
+            The inputs, and the fit's outputs as simulated, without noise.
 
         Raises
         ------
         InputError
-            For a model that was given as an FMU: its values cannot be changed in there.
+            For inputs, parameters or states that the model does not have, or an input that is missing.
+        CannotFinishError
+            If the model cannot be simulated so.
 
         Examples
         --------
-        >>> fitted = aero_bayes.load_model(fit.export_fmu("Rig_fitted.fmu"))
-        >>> round(fitted.parameter("k").start, 1)
-        54.9
+        >>> time = np.linspace(0.0, 2.0, 201)
+        >>> pushed = fit.simulate({"time": time, "F": 2.0 * (time > 0.5)}, parameters={"k": 100.0})
+        >>> pushed.rows, list(pushed.outputs)
+        (201, ['position'])
         """
-        return self.calibrated.export_fmu(path)
+        return simulate(self.calibration, self.values, inputs, parameters=parameters, start=start, engine=self.engine)
+
+    @cached_property
+    def predictor(self) -> FittedPredictor:
+        """Predicts recordings from draws of parameters; the width of its bands comes from readings that are left out.
+
+        Examples
+        --------
+        >>> bool(fit.predictor.band_factors[0] >= 1.64)  # standard deviations
+        True
+        """
+        covariance = self.laplace.covariance[: len(self.free), : len(self.free)]
+        left = [y - f for y, f in zip(self.calibration.raw_readings, self.fitted, strict=True)]
+        factors = band_factors(self.calibration, self.series, self.optimum, covariance, left)
+        return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.engine)
+
+    def _predictor(self) -> FittedPredictor:
+        return self.predictor
+
+    def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
+        points = self.laplace.draw(draws, np.random.default_rng(seed))
+        free, parameters = list(self.free), self.calibration.parameters
+        low, high = (bound[free] for bound in parameters.box)
+        coordinates = np.tile(parameters.to_search(self.values), (draws, 1))
+        coordinates[:, free] = np.clip(points[:, : len(free)], low, high)
+        return np.concatenate([parameters.from_search(coordinates)[:, free], np.exp(points[:, len(free) :])], axis=1)
 
     @describe_figure_parameters
     def plot(
@@ -278,3 +350,30 @@ class Fit(FittedSimulation, OtherTools):
     def __repr__(self) -> str:
         cells = ", ".join(with_unit(f"{n}={e.value:.4g}", e.unit) for n, e in self.parameters.items())
         return f"<Fit {self.calibration.model.name}: {cells}>"
+
+
+def _fit_json(fit: Fit) -> Json:
+    return {
+        "parameters": {name: e.to_dict() for name, e in fit.parameters.items()},
+        "noise": fit.noise_table(),
+        "process_noise": process_noise_table(fit.calibration.process, fit.parameters),
+        "sensors": dict(fit.sensors),
+        "fit": {
+            "cost_eq6": fit.cost_eq6,
+            "rms": {"train": fit.rms},
+            "interpolation": fit.calibration.interpolation,
+            "log_likelihood": fit.log_likelihood,
+            "log_posterior": fit.log_posterior,
+            "bic": fit.bic,
+            "stages": [s.to_dict() for s in fit.stages],
+            "pso": fit.swarm.to_dict() if fit.swarm is not None else None,
+            "modes": [{"values": m.values, "share": m.share} for m in fit.modes],
+            "values": [t.to_dict() for t in fit.trials],
+            "local": {"iterations": fit.iterations, "reason": fit.reason.value},
+        },
+        "identifiability": fit.identifiability.to_dict(fit.unidentified),
+        "failures": fit.failures,
+        "diagnosis": fit.diagnosis.to_list(),
+        "warnings": list(fit.warnings),
+        "seconds": fit.seconds,
+    }

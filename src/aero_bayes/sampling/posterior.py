@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from aero_bayes.data import Recording
+from aero_bayes.estimate.fitted_result import FittedResult
 from aero_bayes.estimate.noise_report import noise_table, process_noise_table
-from aero_bayes.estimate.parameter_estimates import EstimateTable, estimates_html
-from aero_bayes.estimate.prediction import RecordingPrediction
+from aero_bayes.estimate.parameter_estimates import estimates_html
+from aero_bayes.estimate.prediction import FittedPredictor
 from aero_bayes.estimate.value_comparison import chosen_estimates
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.sampling.draws import PosteriorDraws
@@ -30,7 +30,7 @@ Json = dict[str, object]
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior(PosteriorDraws, EstimateTable):
+class Posterior(PosteriorDraws, FittedResult):
     """Draws from the posterior of a fit.
 
     Parameters
@@ -139,48 +139,12 @@ class Posterior(PosteriorDraws, EstimateTable):
         """
         return to_inference_data(self)
 
-    def predict(
-        self,
-        inputs: Recording | Mapping[str, ArrayLike],
-        *,
-        draws: int = 200,
-        seed: int = 1,
-        workers: int | None = 0,
-    ) -> RecordingPrediction:
-        """Return what new readings would be, for a recording whether it was fitted or not.
+    def _predictor(self) -> FittedPredictor:
+        return self.fit.predictor
 
-        Parameters
-        ----------
-        inputs : Recording or mapping of str to array_like, shape (n,)
-            As :meth:`Fit.simulate` takes them.
-        draws : int
-            Draws that are simulated.
-        seed : int
-            Of the noise that is drawn.
-        workers : int, optional
-            Worker processes; none beside this one by default, None for all cores.
-
-        Returns
-        -------
-        RecordingPrediction
-            Median, 90 % bands with noise and without, and how the readings lie in them. The band is as wide as noise
-            and parameters make it, and wider where the fit missed readings that were left out of it.
-
-        Raises
-        ------
-        InputError
-            For inputs that the model does not have, or one that is missing.
-        CannotFinishError
-            If no draw can be simulated.
-
-        Examples
-        --------
-        >>> posterior.predict(test, draws=50).to_frame().shape == (test.rows, 3)
-        True
-        """
+    def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
         points = self.draws.reshape(-1, self.draws.shape[-1])
-        chosen = np.unique(np.linspace(0, len(points) - 1, min(draws, len(points))).astype(np.int64))
-        return self.fit.predictor.predict(points[chosen], inputs, seed=seed, workers=workers)
+        return points[np.unique(np.linspace(0, len(points) - 1, min(draws, len(points))).astype(np.int64))]
 
     @describe_figure_parameters
     def plot(
