@@ -25,7 +25,7 @@ from aero_bayes.config import Config
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.fleets import FleetFile
 from aero_bayes.laws.law import shipped_laws
-from aero_bayes.laws.modelica_family import ModelicaFamily
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.placed_law import describe_law
 
 if typing.TYPE_CHECKING:
@@ -321,15 +321,15 @@ def laws() -> str:
 
 def effects() -> str:
     """Return the AERO's effects and the curves that are learned there."""
-    family = ModelicaFamily(DEFAULT_MODEL, (), Path())
+    places = LawPlaces(DEFAULT_MODEL)
     rows = [
         (
             f"`{c.id}`",
-            family.port_name(c.port),
+            places.port_name(c.port),
             describe_law(c.law, c.port),
             ", ".join(f"`{p.name}`" for p in c.law.parameters),
         )
-        for c in family.candidates
+        for c in places.candidates
     ]
     return _table(("effect", "port", "what it is", "parameters"), rows)
 

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.data import read_recording
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_trial import draw_aero_trial
@@ -70,7 +71,7 @@ def run(task: AeroTrialTask) -> dict[str, Any]:
     began = time.perf_counter()
     rng = np.random.default_rng([task.root, KINDS.index(task.kind), task.number])
     spec = draw_aero_trial(rng, task.kind, task.noise)  # type: ignore[arg-type]
-    family = ModelicaFamily(BASE, (), task.cache)
+    family = ModelicaFamily(LawPlaces(BASE), task.cache)
     if task.kind == "single" and (task.number // 2) % 2 == 0:
         spec = scaled_to(spec, float(np.exp(rng.uniform(np.log(5.0), np.log(40.0)))), family)
     with tempfile.TemporaryDirectory(prefix="trial-") as folder:
@@ -115,7 +116,7 @@ def main() -> None:
     root = DEVELOPMENT if options.development else TABLE
     work = options.out / "trial"
     cache = (work / "fmu").resolve()
-    ModelicaFamily(BASE, (), cache).base_model()
+    ModelicaFamily(LawPlaces(BASE), cache).base_model()
     tasks = [t for t in aero_trial_tasks(root, counts, cache) if t.number >= options.first]
     rows = run_study(tasks, run, work / "trials.sqlite", options)
     summary, text = summarise(rows, root, DEVELOPMENT)

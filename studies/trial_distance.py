@@ -45,7 +45,8 @@ def effect_distances(spec: TrialSpec, noise_free: Recording, family: ModelicaFam
     """Compute the distance of each effect; the model knows the others of the truth (catalogue effects only)."""
     if not ids:
         return []
-    left = _distance(spec, noise_free, family, ids) if all(id_ in family.declared.effects for id_ in ids) else 0.0
+    listed = all(id_ in family.places.declared.effects for id_ in ids)
+    left = _distance(spec, noise_free, family, ids) if listed else 0.0
     found = [_distance(spec, noise_free, family, [other for other in ids if other != id_]) for id_ in ids]
     return [float(np.sqrt(max(d * d - left * left, 0.0))) for d in found]
 
@@ -53,7 +54,7 @@ def effect_distances(spec: TrialSpec, noise_free: Recording, family: ModelicaFam
 def scaled_to(spec: TrialSpec, wanted: float, family: ModelicaFamily) -> TrialSpec:
     """Scale the one effect's magnitude so that its distance is about ``wanted``."""
     (effect,) = spec.truth.effects
-    name = next(c.law.magnitude.name for c in family.candidates if c.id == effect.id)
+    name = next(c.law.magnitude.name for c in family.places.candidates if c.id == effect.id)
     if effect.id == "amplifier_saturation":
         return spec
     for _ in range(2):
@@ -88,7 +89,7 @@ def _distance(spec: TrialSpec, noise_free: Recording, family: ModelicaFamily, kn
         search = GlobalSearch(Objective(plain, simulator), loop.global_search)
         first = search.run(every, _here, np.random.default_rng(1)).optimum
     family.prepare(plain, first, _here)
-    listed = [k for k in known if k in family.declared.effects]
+    listed = [k for k in known if k in family.places.declared.effects]
     calibration, extra = plain, []
     if listed:
         offer = family.with_candidates(listed)

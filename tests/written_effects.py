@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from aero_bayes.laws import ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws
+from aero_bayes.laws import LawPlaces, WrittenModel, place_laws, reserved_names, write_laws
 
 
 def write_effects(base: str, effects: Mapping[str, Mapping[str, float]], folder: Path, name: str = "") -> WrittenModel:
     """A base system with effects by id, at values of their parameters; defaults where not given."""
-    family = ModelicaFamily(base, (), folder)
-    chosen = [c for c in family.candidates if c.id in effects]
-    uses = place_laws(chosen, reserved_names(family.flat, ()), {})
+    places = LawPlaces(base)
+    chosen = [c for c in places.candidates if c.id in effects]
+    uses = place_laws(chosen, reserved_names(places.flat, ()), {})
     uses = tuple(replace(use, values=effects[use.id]) for use in uses)
-    return write_laws((), base, family.flat, uses, folder, name)
+    return write_laws((), base, places.flat, uses, folder, name)

@@ -14,7 +14,7 @@ from test_documentation import ROOT, blocks
 
 from aero_bayes.data import Layout, read_recording
 from aero_bayes.judge import ChoiceSettings, Chooser, Recordings
-from aero_bayes.laws import CandidateFilter, ModelicaFamily
+from aero_bayes.laws import CandidateFilter, LawPlaces, ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, fit_base_model
 from aero_bayes.search import (
     FitNoise,
@@ -43,7 +43,9 @@ def page() -> dict[str, Any]:
 def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[tuple[StructureSearch, SearchResult]]:
     """A search on the cart with these parts, as the loop runs its own."""
     recording = read_recording(CART / "train.csv", layout=Layout.of(["F"], ["position"]))
-    family = ModelicaFamily("Rig", (CART / "Rig.mo",), folder, candidate_filter=CandidateFilter(laws=settings.laws))
+    family = ModelicaFamily(
+        LawPlaces("Rig", (CART / "Rig.mo",), candidate_filter=CandidateFilter(laws=settings.laws)), folder
+    )
     recordings = Recordings.of([recording], [], settings.held_out, ["position"])
     with WorkerPool(0) as pool:
         context = LoopContext(family, recordings, settings, pool, folder, lambda *told: None, LoopStatistics())

@@ -29,7 +29,7 @@ from aero_bayes.export import (
     replace_uses,
     set_parameter,
 )
-from aero_bayes.language import Call, Name, Number, names_in
+from aero_bayes.language.syntax import Call, Name, Number, names_in
 
 Write = Callable[[str, str], Path]
 

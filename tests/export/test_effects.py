@@ -14,7 +14,7 @@ from fmpy.validation import validate_fmu
 from hand_written_aero import NOMINAL, SCALES, STATES
 
 from aero_bayes.export import declaration_of
-from aero_bayes.laws import ModelicaFamily
+from aero_bayes.laws import LawPlaces
 
 #: A magnitude for each switching parameter, and the second parameters.
 ON = {
@@ -24,7 +24,7 @@ ON = {
 }  # fmt: skip
 
 #: What the catalogue promises where nothing is switched on: zero for each of ON, a bound for the shapes.
-EFFECTS = [c for c in ModelicaFamily("Aero.Systems.OneDof", (), Path()).candidates if c.alias]
+EFFECTS = [c for c in LawPlaces("Aero.Systems.OneDof").candidates if c.alias]
 STARTS = {id_: effect.starts for id_, effect in declaration_of("Aero.Systems.OneDof").effects.items()}
 DEFAULTS = {p.name: p.value("default", {}) for effect in EFFECTS for p in effect.law.parameters}
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from aero_bayes.export import Builder, Node, evaluate_nodes
-from aero_bayes.language import BINARY, UNARY
+from aero_bayes.language.values import BINARY, UNARY
 
 pytestmark = pytest.mark.fast
 

@@ -11,9 +11,9 @@ from written_effects import write_effects
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
-from aero_bayes.laws import Candidate, ModelicaFamily
+from aero_bayes.laws import Candidate, LawPlaces, ModelicaFamily
 
-EVERY = ModelicaFamily("Aero.Systems.OneDof", (), Path()).candidates
+EVERY = LawPlaces("Aero.Systems.OneDof").candidates
 POINT = {
     "thruster_1.motor.inductor.i": 0.21, "thruster_1.motor.rotor.w": 310.0, "thruster_2.motor.inductor.i": -0.17,
     "thruster_2.motor.rotor.w": -290.0, "body.theta": 0.33, "body.omega": 0.41,
@@ -154,10 +154,8 @@ def test_effects_that_a_package_names_must_be_there(tmp_path: Path) -> None:
     )
     law = 'systems = ["Rig"]\n[effects.rubbing]\nlaw = "pivot_coulomb_frictoin@body_effect"\n'
     (package / "package.toml").write_text(law, encoding="utf-8")
-    family = ModelicaFamily("Bench.Rig", (package,), tmp_path)
+    family = ModelicaFamily(LawPlaces("Bench.Rig", (package,)), tmp_path)
     with pytest.raises(InputError, match=r"Bench: effects.rubbing.law: .*did you mean 'pivot_coulomb_friction@body_ef"):
         family.check()
     (package / "package.toml").write_text(law.replace("toi", "tio"), encoding="utf-8")
-    assert [c.id for c in ModelicaFamily("Bench.Rig", (package,), tmp_path).candidates if not c.law.curve_input] == [
-        "rubbing"
-    ]
+    assert [c.id for c in LawPlaces("Bench.Rig", (package,)).candidates if not c.law.curve_input] == ["rubbing"]

@@ -11,7 +11,7 @@ import pytest
 
 from aero_bayes.errors import InputError
 from aero_bayes.export import Builder, Scope, evaluate_nodes, export_fmu, possible_values
-from aero_bayes.language import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
+from aero_bayes.language.syntax import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
 from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, open_simulator
 from tests.export.test_library_idioms import simulate
 

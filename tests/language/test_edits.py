@@ -10,21 +10,20 @@ from numpy.random import Generator
 from small_rigs import RIGS
 
 from aero_bayes.errors import InputError
-from aero_bayes.language import (
-    ClassText,
+from aero_bayes.language.class_reader import read_classes
+from aero_bayes.language.classes import ClassText
+from aero_bayes.language.edits import (
     TextEdit,
     add_declarations,
     add_equations,
     apply_edits,
     insert_before_connector,
-    one_line,
-    read_classes,
     rename_class,
     replace_names,
-    sides_of,
-    tokenize,
     unified_diff,
 )
+from aero_bayes.language.parse import sides_of
+from aero_bayes.language.tokens import one_line, tokenize
 from aero_bayes.ports import find_insertion_point, is_driver
 
 pytestmark = pytest.mark.fast

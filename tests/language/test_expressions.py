@@ -9,7 +9,9 @@ import pytest
 from numpy.random import Generator
 
 from aero_bayes.errors import InputError
-from aero_bayes.language import (
+from aero_bayes.language.dimensions import dimension, dimension_of_unit, unit_text
+from aero_bayes.language.parse import parse_expression, parse_text
+from aero_bayes.language.syntax import (
     Array,
     Call,
     Comprehension,
@@ -19,19 +21,14 @@ from aero_bayes.language import (
     Number,
     RangeExpression,
     Text,
-    dimension,
-    dimension_of_unit,
-    evaluate_expression,
     factors,
     names_in,
-    parse_expression,
-    parse_text,
     short_text,
     summands,
-    tokenize,
-    unit_text,
     walk,
 )
+from aero_bayes.language.tokens import tokenize
+from aero_bayes.language.values import evaluate_expression
 
 pytestmark = pytest.mark.fast
 

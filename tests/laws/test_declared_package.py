@@ -20,7 +20,7 @@ from aero_bayes.declared import DECLARATION_MEMBER
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
 from aero_bayes.export import declaration_of, export_fmu
-from aero_bayes.laws import ModelicaFamily
+from aero_bayes.laws import LawPlaces, ModelicaFamily
 from aero_bayes.simulation import Model
 
 SLEDGE = Path(__file__).parent.parent / "models" / "Sledge"
@@ -77,7 +77,7 @@ def test_only_a_model_that_extends_a_system_has_its_declaration(tmp_path: Path) 
         (tmp_path / f"{name}.mo").write_text(text)
     loaded = load_model("Loaded", sources=[SLEDGE, tmp_path / "Loaded.mo"])
     assert declared_overrides(loaded)["M"].start == 2.0
-    family = ModelicaFamily("Loaded", (SLEDGE, tmp_path / "Loaded.mo"), tmp_path)
+    family = ModelicaFamily(LawPlaces("Loaded", (SLEDGE, tmp_path / "Loaded.mo")), tmp_path)
     assert family.base_model().declared.recording == loaded.declared.recording
     stranger = load_model("Stranger", sources=[tmp_path / "Stranger.mo"])
     assert declared_overrides(stranger) == {}
@@ -151,7 +151,7 @@ def test_a_declaration_with_a_mistake_is_refused(tmp_path: Path) -> None:
         declaration_of("Sledge.Rig", [package])
     (package / "package.toml").write_text(text.replace("dry_runner@", "dry_runer@"))
     with pytest.raises(InputError, match=r"effects.rubbing.law: .*did you mean 'dry_runner@runners'"):
-        ModelicaFamily("Sledge.Rig", (package,), tmp_path).check()
+        LawPlaces("Sledge.Rig", (package,)).check()
     (package / "package.toml").write_text(text + "[[")
     with pytest.raises(InputError, match="not a valid declaration"):
         declaration_of("Sledge.Rig", [package])

@@ -16,7 +16,8 @@ from small_rigs import Numbers, explicit, rig
 from aero_bayes.errors import InputError
 from aero_bayes.export import FlatEquation, add_input, evaluate_nodes
 from aero_bayes.export.compose import set_parameter
-from aero_bayes.language import Call, Name, Number, snake_case
+from aero_bayes.language.classes import snake_case
+from aero_bayes.language.syntax import Call, Name, Number
 from aero_bayes.laws import (
     LAW_INTERFACES,
     Law,

@@ -232,8 +232,8 @@ def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -
 
 
 def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
-    from aero_bayes.laws import CandidateFilter, FmuFamily
+    from aero_bayes.laws import CandidateFilter, FmuPlaces
 
-    family = FmuFamily("Plant", (), tmp_path, (), CandidateFilter(laws=("deadzone",)), fmu=plant.path)
+    places = FmuPlaces("Plant", candidate_filter=CandidateFilter(laws=("deadzone",)), fmu=plant.path)
     with pytest.raises(InputError, match=facts("deadzone", "dead_zone")):
-        family.check()
+        places.check()

@@ -18,7 +18,7 @@ from aero_bayes.estimate import (
     parameters_from_model,
 )
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.laws import ModelicaFamily
+from aero_bayes.laws import LawPlaces, ModelicaFamily
 from aero_bayes.simulation import DelayTarget, open_simulator
 
 SOURCE = """model Plate "A plate on a heater"
@@ -49,7 +49,7 @@ def plate(delay: float) -> tuple[np.ndarray, np.ndarray]:
 def family(tmp_path_factory) -> ModelicaFamily:
     folder = tmp_path_factory.mktemp("plate")
     (folder / "Plate.mo").write_text(SOURCE, encoding="utf-8")
-    return ModelicaFamily("Plate", (folder / "Plate.mo",), folder)
+    return ModelicaFamily(LawPlaces("Plate", (folder / "Plate.mo",)), folder)
 
 
 def test_a_delay_of_a_recorded_input_moves_it_and_is_written_as_a_law(family: ModelicaFamily, tmp_path) -> None:

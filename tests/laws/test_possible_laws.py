@@ -13,6 +13,7 @@ from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.fit import FitSettings
 from aero_bayes.laws import Law, ports_with_laws
 from aero_bayes.laws.candidates import is_possible
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.ports import share_visited_twice
 from aero_bayes.simulation import open_simulator
@@ -125,7 +126,7 @@ def test_a_contact_yields_only_where_the_motion_turns(bounces: bool, tmp_path: P
     settings = FitSettings(calibration=CalibrationSettings(initial_states="estimated"))
     run = Recording("run", time, {}, {"height": height})
     found = fit(run, load_model(path), parameters=["g"], settings=settings, seed=1)
-    family = ModelicaFamily("Falling", (path,), tmp_path / "built")
+    family = ModelicaFamily(LawPlaces("Falling", (path,)), tmp_path / "built")
     ids = family.prepare(found.calibration, found.optimum, open_simulator)
     assert {"viscous_friction@v", "quadratic_drag@v", "coulomb_friction@v"} <= set(ids)
     assert ("rounded_friction@v" in ids) is bounces

@@ -14,7 +14,7 @@ from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import parameters_from_model
 from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model
-from aero_bayes.laws import ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws
+from aero_bayes.laws import LawPlaces, ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws
 from aero_bayes.ports import port_table
 from aero_bayes.simulation import Model, open_simulator
 
@@ -123,11 +123,11 @@ def source(tmp_path: Path) -> Path:
 
 def written(source: Path, values: dict[str, dict[str, float]]) -> WrittenModel:
     """The rig with laws by id, at values of their parameters."""
-    family = ModelicaFamily("Circuit.Rig", (source,), source.parent / "fmu")
-    chosen = [c for c in family.candidates if c.id in values]
-    placed_laws = place_laws(chosen, reserved_names(family.flat, (source,)), {"V": {"u_n": 10.0}})
+    places = LawPlaces("Circuit.Rig", (source,))
+    chosen = [c for c in places.candidates if c.id in values]
+    placed_laws = place_laws(chosen, reserved_names(places.flat, (source,)), {"V": {"u_n": 10.0}})
     placed_laws = tuple(replace(placed, values=values[placed.id]) for placed in placed_laws)
-    return write_laws((source,), family.base, family.flat, placed_laws, source.parent)
+    return write_laws((source,), places.base, places.flat, placed_laws, source.parent)
 
 
 def at(model: ExplicitModel, x: float, v: float) -> tuple[float, float]:
@@ -142,8 +142,8 @@ def at(model: ExplicitModel, x: float, v: float) -> tuple[float, float]:
 
 
 def test_ports_and_laws_come_from_the_text(source: Path) -> None:
-    family = ModelicaFamily("Circuit.Rig", (source,), source.parent)
-    rows = {row["id"]: row for row in port_table(family.replaceables)}
+    places = LawPlaces("Circuit.Rig", (source,))
+    rows = {row["id"]: row for row in port_table(places.replaceables)}
     assert {id_: row["laws"] for id_, row in rows.items()} == {
         "reading": ["shifted", "scaled"], "link": ["contact", "battery"],
     }  # fmt: skip
@@ -151,9 +151,9 @@ def test_ports_and_laws_come_from_the_text(source: Path) -> None:
     assert {id_: (row["file"], "model " + id_.capitalize() in lines[row["line"] - 1]) for id_, row in rows.items()} == {
         "reading": ("Circuit.mo", True), "link": ("Circuit.mo", True),
     }  # fmt: skip
-    ids = {c.id for c in family.candidates}
+    ids = {c.id for c in places.candidates}
     assert ids >= {"contact@link", "battery@link", "shifted@reading", "offset@V"}
-    assert {p.id for p in family.ports} >= {"V", "w", "link", "reading"}
+    assert {p.id for p in places.ports} >= {"V", "w", "link", "reading"}
 
 
 def test_laws_in_one_place_act_one_after_the_other(source: Path) -> None:
@@ -184,7 +184,7 @@ def fitted(family: ModelicaFamily) -> Fit:
 
 
 def test_what_is_offered_is_what_is_written(source: Path) -> None:
-    family = ModelicaFamily("Circuit.Rig", (source,), source.parent / "fmu")
+    family = ModelicaFamily(LawPlaces("Circuit.Rig", (source,)), source.parent / "fmu")
     found = fitted(family)
     assert family.extra_terms_are_free is False
     ids = ["contact@link", "offset@V"]
@@ -213,7 +213,7 @@ def test_where_the_text_does_not_say_how_laws_go_together_one_fits_alone(source:
     assert written(source, {"shifted@reading": {"b": 0.2}}).name == "Rig_shifted"
     with pytest.raises(CannotFinishError, match=facts("Exact")):
         written(source, {"shifted@reading": {}, "scaled@reading": {}})
-    family = ModelicaFamily("Circuit.Rig", (source,), source.parent / "fmu")
+    family = ModelicaFamily(LawPlaces("Circuit.Rig", (source,)), source.parent / "fmu")
     fitted(family)
     assert {("shifted@reading",), ("scaled@reading",)} <= set(family.candidate_groups())
     assert "shifted@reading" not in {c.id for c, _ in family.with_candidates(["scaled@reading"]).candidates}

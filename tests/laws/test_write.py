@@ -19,6 +19,7 @@ from aero_bayes.export import export_flat, export_fmu, load_flat
 from aero_bayes.laws import (
     Law,
     LawModels,
+    LawPlaces,
     ModelicaFamily,
     compose_laws,
     find_candidates,
@@ -482,15 +483,14 @@ def test_readings_that_are_states_take_inputs_at_once_or_are_connected(tmp_path:
   end Rig;
 end Read;
 """)
-    family = ModelicaFamily("Read.Rig", (path,), tmp_path / "fmu")
-    assert {p.id: p.kind for p in family.ports if p.attachment == "output"}["z"] == "reading"
-    lags = [
-        c for c in find_candidates(family.ports, family.laws) if c.port.attachment == "output" and c.law.id == "lag"
-    ]
+    family = ModelicaFamily(LawPlaces("Read.Rig", (path,)), tmp_path / "fmu")
+    assert {p.id: p.kind for p in family.places.ports if p.attachment == "output"}["z"] == "reading"
+    found = find_candidates(family.places.ports, family.places.laws)
+    lags = [c for c in found if c.port.attachment == "output" and c.law.id == "lag"]
     assert {c.port.signals["u"] for c in lags} == {"x", "z", "i"}
     for c in lags:
-        placed = place_law(c.law, c.port, {v.name for v in family.flat.variables}, nominals={})
-        written = write_law([path], "Read.Rig", family.flat, [placed], tmp_path / "out")
+        placed = place_law(c.law, c.port, {v.name for v in family.places.flat.variables}, nominals={})
+        written = write_law([path], "Read.Rig", family.places.flat, [placed], tmp_path / "out")
         flat = load_flat(written.name, [path, written.path])
         assert {v.name for v in flat.variables if v.causality == "output"} >= {"x", "z", "i"}
         export_flat(flat, tmp_path / "out" / f"{c.port.signals['u']}.fmu", quick=True)
@@ -517,9 +517,9 @@ def test_only_what_can_be_written_is_tried(laws: tuple[Law, ...], tmp_path: Path
 end Filter;
 """
     )
-    family = ModelicaFamily("Filter.Rig", (tmp_path / "Filter.mo",), tmp_path)
-    tried = family.writable_candidates()
+    places = LawPlaces("Filter.Rig", (tmp_path / "Filter.mo",))
+    tried = places.writable_candidates()
     assert {"lag@u", "offset@y"} <= {c.id for c in tried}
     for c in tried:
-        placed = place_law(c.law, c.port, {v.name for v in family.flat.variables}, nominals={}, neighbour=c.neighbour)
-        write_law(family.sources, family.base, family.flat, [placed], tmp_path / "out")
+        placed = place_law(c.law, c.port, {v.name for v in places.flat.variables}, nominals={}, neighbour=c.neighbour)
+        write_law(places.sources, places.base, places.flat, [placed], tmp_path / "out")

@@ -10,7 +10,7 @@ from facts import facts
 
 from aero_bayes.errors import InputError
 from aero_bayes.judge import Recordings
-from aero_bayes.laws import ModelicaFamily
+from aero_bayes.laws import LawPlaces, ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, StructureSettings, close_loop, fit_base_model
 from aero_bayes.simulation import WorkerPool
 from simulated_aero import Parameters, Truth, effect, random_levels, real, simulate_recording, white
@@ -135,7 +135,8 @@ def test_bad_requests_are_refused(fmus):
 def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp_path, taken_out):
     train, _ = recordings(16, real(1.0), 0.0, duration=20.0)
     context = LoopContext(
-        ModelicaFamily("Aero.Systems.OneDof", (), fmus), Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
+        ModelicaFamily(LawPlaces("Aero.Systems.OneDof"), fmus),
+        Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
         replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None,
         LoopStatistics(),
     )  # fmt: skip

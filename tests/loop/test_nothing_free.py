@@ -8,7 +8,7 @@ import numpy as np
 
 from aero_bayes.data import Recording
 from aero_bayes.judge import Recordings
-from aero_bayes.laws import ModelicaFamily
+from aero_bayes.laws import LawPlaces, ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, fit_base_model
 from aero_bayes.simulation import WorkerPool
 
@@ -30,7 +30,7 @@ end Cart;
     exact = 2.0 * (1.0 - np.exp(-0.5 * time))
     run = Recording("run", time, {"F": np.ones(400)}, {"v": exact + 0.05 * np.sin(2.0 * time) + noise})
     context = LoopContext(
-        ModelicaFamily("Cart", (path,), tmp_path / "fmus"), Recordings.of([run], [], 0.3, ["v"]),
+        ModelicaFamily(LawPlaces("Cart", (path,)), tmp_path / "fmus"), Recordings.of([run], [], 0.3, ["v"]),
         LoopSettings(sources=(path,)), WorkerPool(0), tmp_path, lambda what, share: None, LoopStatistics(),
     )  # fmt: skip
     base = fit_base_model(context)

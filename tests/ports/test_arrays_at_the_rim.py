@@ -11,7 +11,7 @@ from fmpy import simulate_fmu
 from numpy.typing import NDArray
 
 from aero_bayes.export import FlatModel, add_output, export_flat, load_flat
-from aero_bayes.language import Call, Name, Number
+from aero_bayes.language.syntax import Call, Name, Number
 from aero_bayes.laws import (
     Law,
     LawModels,

@@ -9,7 +9,7 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export import load_flat
-from aero_bayes.language import dimension_of_unit, unit_text
+from aero_bayes.language.dimensions import dimension_of_unit, unit_text
 from aero_bayes.laws import (
     Law,
     LawModels,

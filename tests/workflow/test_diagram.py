@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from aero_bayes.export import modelica_root
-from aero_bayes.language import build_tree, look_up, read_library
+from aero_bayes.language.component_tree import build_tree, look_up, read_library
 from aero_bayes.schema import ComponentJson, DiagramJson
 from aero_bayes.simulation import Model, Variable
 from aero_bayes.workflow import model_diagrams

@@ -14,7 +14,7 @@ from facts import facts
 from scipy.io import savemat
 
 from aero_bayes.cli import main
-from aero_bayes.language import main_class
+from aero_bayes.language.sources import main_class
 from aero_bayes.workflow import match_columns, split_unit
 
 pytestmark = pytest.mark.fast

@@ -1,34 +1,25 @@
 """Recordings: read, check, units, align, split."""
 
-from aero_bayes.data.checks import check_recording
 from aero_bayes.data.csv_text import read_header
-from aero_bayes.data.experiment import hold_signal, input_before_start, to_experiment
+from aero_bayes.data.experiment import to_experiment
 from aero_bayes.data.findings import DataFinding
-from aero_bayes.data.initial_level import InitialLevel, initial_level
+from aero_bayes.data.initial_level import initial_level
 from aero_bayes.data.layout import ColumnMap, Layout
-from aero_bayes.data.noise import NoiseFloor, noise_floor, noise_floors, output_noise_floor, quantisation_step
+from aero_bayes.data.noise import noise_floor, noise_floors, output_noise_floor, quantisation_step
 from aero_bayes.data.read import read_recording, write_csv
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.ripple import ripple_amplitudes
 from aero_bayes.data.screen import screen, screen_all
-from aero_bayes.data.summary import InputSummary, OutputSummary, RecordingSummary, summarise
+from aero_bayes.data.summary import summarise
 from aero_bayes.declared import ColumnSpec
 
 __all__ = [
     "ColumnMap",
     "ColumnSpec",
     "DataFinding",
-    "InitialLevel",
-    "InputSummary",
     "Layout",
-    "NoiseFloor",
-    "OutputSummary",
     "Recording",
-    "RecordingSummary",
-    "check_recording",
-    "hold_signal",
     "initial_level",
-    "input_before_start",
     "noise_floor",
     "noise_floors",
     "output_noise_floor",

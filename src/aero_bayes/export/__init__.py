@@ -5,35 +5,31 @@
 >>> export_fmu("Aero.Systems.OneDof", Path("OneDof.fmu"))  # doctest: +SKIP
 """
 
-from aero_bayes.export.arrays import Value, scalars
-from aero_bayes.export.build import c_compiler, compile_kept, write_archive
+from aero_bayes.export.arrays import Value
+from aero_bayes.export.build import c_compiler, write_archive
 from aero_bayes.export.causalisation import ExplicitModel, causalise
-from aero_bayes.export.compilers import Compiler, export_fmu, first_compiler
+from aero_bayes.export.compilers import export_fmu, first_compiler
 from aero_bayes.export.compose import (
-    ACTING_SUFFIX,
-    TRUE_SUFFIX,
     add_input,
     add_output,
     add_parameter,
     add_term,
     add_variable,
     attribute_value,
-    element_names,
     equate,
     instantiate,
     rename_model,
     replace_uses,
-    separate_elements,
     set_elements,
     set_parameter,
 )
 from aero_bayes.export.embedded import explicit_model, export_embedded, export_flat
-from aero_bayes.export.equation_system import EquationSystem, translate
+from aero_bayes.export.equation_system import translate
 from aero_bayes.export.events import Events
 from aero_bayes.export.expression import Builder, Node, evaluate_nodes
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.library import declaration_of, library_roots, modelica_root, needed_libraries
-from aero_bayes.export.library_view import link_packages, names_used_in, path_in_library
+from aero_bayes.export.library_view import link_packages, names_used_in
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.export.scope import Scope
 from aero_bayes.export.source_check import refuse_dropped
@@ -41,12 +37,12 @@ from aero_bayes.export.tables import call_table
 from aero_bayes.export.value_sets import possible_values
 
 __all__ = [
-    "ACTING_SUFFIX", "TRUE_SUFFIX", "Builder", "Compiler", "EquationSystem", "Events", "ExplicitModel",
+    "Builder", "Events", "ExplicitModel",
     "FlatEquation", "FlatModel", "FlatVariable", "Node", "Scope", "Value", "add_input", "add_output",
     "add_parameter", "add_term", "add_variable", "attribute_value", "c_compiler", "call_table", "causalise",
-    "compile_kept", "declaration_of", "element_names", "equate", "evaluate_nodes", "explicit_model",
+    "declaration_of", "equate", "evaluate_nodes", "explicit_model",
     "export_embedded", "export_flat", "export_fmu", "first_compiler", "instantiate", "library_roots",
-    "link_packages", "load_flat", "modelica_root", "names_used_in", "needed_libraries", "path_in_library",
-    "possible_values", "refuse_dropped", "rename_model", "replace_uses", "scalars", "separate_elements",
+    "link_packages", "load_flat", "modelica_root", "names_used_in", "needed_libraries",
+    "possible_values", "refuse_dropped", "rename_model", "replace_uses",
     "set_elements", "set_parameter", "translate", "write_archive",
 ]  # fmt: skip

@@ -15,6 +15,31 @@ STATE_AND_TERM = {"storage": ("h_n", "q_n"), "motion": ("v_n", "f_n"), "electric
 
 
 @dataclass(frozen=True)
+class FormulaPlace:
+    """A place at which a formula may act.
+
+    Parameters
+    ----------
+    port : str
+        Id of its port, or name of a parameter.
+    signals : tuple of str
+        Signals that a formula there may read, by nearness.
+    own : str
+        Of these, the state, input or output of the place itself. Empty for a parameter.
+    parameter : str
+        The parameter that may be a function. Empty at a port.
+    order : int
+        What is the same at several places is told at the one with the least order.
+    """
+
+    port: str
+    signals: tuple[str, ...]
+    own: str = ""
+    parameter: str = ""
+    order: int = 0
+
+
+@dataclass(frozen=True)
 class FormulaPort:
     """A port at which a formula may act.
 

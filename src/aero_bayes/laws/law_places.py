@@ -9,6 +9,7 @@ from pathlib import Path
 
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declaration_of
 from aero_bayes.export.rumoca_front import load_flat
@@ -42,11 +43,22 @@ from aero_bayes.ports import (
 
 @dataclass(frozen=True)
 class LawPlaces:
-    """A Modelica model, its ports, and the laws that may act there; :class:`ModelicaFamily` describes the fields."""
+    """A Modelica model, its ports, and the laws that may act there.
+
+    Parameters
+    ----------
+    base : str
+        Name of the Modelica class.
+    sources : tuple of Path
+        Files and package folders from which it is loaded. Laws in them are candidates, as the shipped ones are.
+    libraries : tuple of Path
+        Folders that hold packages which the model uses.
+    candidate_filter : CandidateFilter
+        The candidates that the user allows.
+    """
 
     base: str
-    sources: tuple[Path, ...]
-    folder: Path
+    sources: tuple[Path, ...] = ()
     libraries: tuple[Path, ...] = ()
     candidate_filter: CandidateFilter = field(default_factory=CandidateFilter)
 
@@ -115,9 +127,10 @@ class LawPlaces:
         )
         ports = {self.port_name(c.port): None for c in self.candidates} | {p.id: None for p in self.ports}
         self.candidate_filter.check([c.id for c in self.candidates], list(laws), list(ports))
-        self._kept(self.candidates)
+        self.allowed(self.candidates)
 
-    def _kept(self, found: Sequence[Candidate]) -> list[Candidate]:
+    def allowed(self, found: Sequence[Candidate]) -> list[Candidate]:
+        """Return those that the filter accepts. Raises InputError if there is none."""
         kept = [c for c in found if self.candidate_filter.accepts(c.id, c.law.id, self.port_name(c.port))]
         if not kept:
             left = "[loop] effects, exclude, ports and laws leave none"
@@ -128,18 +141,23 @@ class LawPlaces:
         """Return the declared name of a port, which several ports may share; else its id."""
         return self.declared.ports.get(port.id, port.id)
 
+    def candidates_for(self, calibration: Calibration) -> Sequence[Candidate]:
+        """Return the candidates that may act on the model of a calibration."""
+        return self.writable_candidates()
+
     def writable_candidates(self) -> tuple[Candidate, ...]:
         """Return the candidates that can be written into the source."""
         every = self.candidates
         edited = {c.port.id: c for c in every if c.port.attachment in ("equation", "signal")}.values()
-        laws = [place_law(c.law, c.port, self._taken(), nominals={}, neighbour=c.neighbour) for c in edited]
+        laws = [place_law(c.law, c.port, self.taken_names(), nominals={}, neighbour=c.neighbour) for c in edited]
         barred = {p.port.id for p in laws if not can_be_written(self.sources, self.base, self.flat, p)}
         return tuple(c for c in every if c.port.id not in barred)
 
-    def _taken(self) -> set[str]:
+    def taken_names(self) -> set[str]:
         """Return names that the model uses already."""
         return reserved_names(self.flat, self.sources)
 
     @cached_property
-    def _structure(self) -> AliasStructure:
+    def structure(self) -> AliasStructure:
+        """Which variables are equal to one another, up to the sign."""
         return alias_structure(self.flat)

@@ -14,7 +14,8 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
-from aero_bayes.laws.formula import Formula
+from aero_bayes.laws.formula_places import FormulaPlace
+from aero_bayes.laws.formula_terms import FormulaTerms
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import DiffusionTarget, ParameterTarget, Problem, Simulator, StartTarget
 
@@ -89,31 +90,6 @@ class ExtendedModel:
     widths: Mapping[str, Mapping[str, float]]
 
 
-@dataclass(frozen=True)
-class FormulaPlace:
-    """A place at which a formula may act.
-
-    Parameters
-    ----------
-    port : str
-        Id of its port, or name of a parameter.
-    signals : tuple of str
-        Signals that a formula there may read, by nearness.
-    own : str
-        Of these, the state, input or output of the place itself. Empty for a parameter.
-    parameter : str
-        The parameter that may be a function. Empty at a port.
-    order : int
-        What is the same at several places is told at the one with the least order.
-    """
-
-    port: str
-    signals: tuple[str, ...]
-    own: str = ""
-    parameter: str = ""
-    order: int = 0
-
-
 @dataclass(frozen=True, eq=False)
 class DisturbedModel:
     """The first model with an unknown signal at each place.
@@ -131,21 +107,6 @@ class DisturbedModel:
     calibration: Calibration
     states: Mapping[str, str]
     signals: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class ProposedFormula:
-    """A formula at a port.
-
-    ``largest`` is the largest magnitude of its product over what was visited, ``coefficient`` what the filter found,
-    and ``values`` are those of the first model's parameters beside it.
-    """
-
-    port: str
-    formula: Formula
-    largest: float
-    coefficient: float
-    values: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,35 +172,13 @@ class ModelFamily(Protocol):
         """Return the basis functions of a learned curve."""
         ...
 
-    def formula_places(self, free: Collection[str]) -> tuple[FormulaPlace, ...]:
-        """Return places at which formulas may act: ports, and those of some free parameters that may be functions."""
-        ...
-
-    def formula_signals(self) -> Mapping[str, tuple[str, str]]:
-        """Return, for each state, input and output of the base model that formulas read: the variable, and its unit."""
-        ...
-
-    def state_sizes(self) -> Mapping[str, float]:
-        """Return typical sizes of states of the base model, as far as they are known."""
+    @property
+    def formulas(self) -> FormulaTerms:
+        """Formulas as further candidates."""
         ...
 
     def with_unknown_signals(self, calibration: Calibration, places: Sequence[FormulaPlace]) -> DisturbedModel:
         """Return the base model with an unknown signal at each place."""
-        ...
-
-    def add_formulas(self, proposed: Sequence[ProposedFormula]) -> Mapping[str, Mapping[str, float]]:
-        """Place formulas as further candidates. Returns their ids, with values of all parameters to start from."""
-        ...
-
-    def formula_text(self, id_: str, values: Mapping[str, float]) -> str:
-        """Return a formula with its sign and numbers, such as ``+ 0.31*x*y``; empty for a listed law.
-
-        ``values`` go by the names of the model with candidates.
-        """
-        ...
-
-    def formula_ranges(self, id_: str) -> Mapping[str, tuple[float, float]]:
-        """Return the range over which each signal of a formula was seen; empty for a listed law."""
         ...
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:

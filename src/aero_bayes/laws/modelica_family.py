@@ -22,16 +22,18 @@ from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.laws.candidate_groups import candidate_groups, refinements
 from aero_bayes.laws.candidates import (
-    Candidate,
     is_possible,
     ports_with_laws,
 )
 from aero_bayes.laws.compose import compose_laws
-from aero_bayes.laws.formula_terms import FormulaTerms, outputs_read_by
+from aero_bayes.laws.formula_places import FormulaPlace
+from aero_bayes.laws.formula_terms import FormulaTerms, ModelicaSignals, PlacedTerms
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.learned_curve import curve_basis, curve_variable, isolated_curve, with_curve_inputs
 from aero_bayes.laws.model_family import (
     CandidateTerm,
     CurveBasis,
+    DisturbedModel,
     ExtendedModel,
     ModelWithCandidates,
     OpenSimulator,
@@ -64,31 +66,48 @@ PortNominals = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
-class ModelicaFamily(FormulaTerms):
+class ModelicaFamily:
     """A Modelica model, the base model, and the same model with laws added.
 
     Parameters
     ----------
-    base : str
-        Name of the Modelica class.
-    sources : tuple of Path
-        Files and package folders from which it is loaded. Laws in them are candidates, as the shipped ones are.
+    places : LawPlaces
+        The model, with its ports and the laws that may act there.
     folder : Path
         Where FMUs are kept.
-    libraries : tuple of Path
-        Folders that hold packages which the model uses.
-    candidate_filter : CandidateFilter
-        The candidates that the user allows.
     """
 
+    places: LawPlaces
+    folder: Path
+    terms: PlacedTerms = field(default_factory=PlacedTerms, compare=False, repr=False)
     _curve_nominals_pending: list[Callable[[], Mapping[str, float]]] = field(
         default_factory=list, compare=False, repr=False
     )
 
+    @property
+    def base(self) -> str:
+        """Name of the Modelica class."""
+        return self.places.base
+
+    @property
+    def title(self) -> str:
+        """Last part of the name."""
+        return self.places.title
+
+    @cached_property
+    def formulas(self) -> FormulaTerms:
+        """Formulas as further candidates."""
+        signals = ModelicaSignals(self.places, self.base_model)
+        return FormulaTerms(self.places, self.terms, signals, self.base_model)
+
+    def check(self) -> None:
+        """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""
+        self.places.check()
+
     def base_model(self) -> Model:
         """Return the model without any law added."""
-        source = ModelicaSource(self.base, self.sources, self.libraries)
-        return replace(self._export(self.flat, "plain"), source=source)
+        source = ModelicaSource(self.base, self.places.sources, self.places.libraries)
+        return replace(self._export(self.places.flat, "plain"), source=source)
 
     def overrides(self, model: Model) -> Mapping[str, Override]:
         """Return the declared priors."""
@@ -97,68 +116,65 @@ class ModelicaFamily(FormulaTerms):
     @property
     def extra_terms_are_free(self) -> bool:
         """Whether one model can have all candidates at once, because all of them are replaceable models."""
-        return all(can_be_combined(placed) for placed in self._placed.values())
+        return all(can_be_combined(placed) for placed in self.terms.placed.values())
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
-        kept = self._kept(self._candidates(calibration))
+        kept = self.places.allowed(self.places.candidates_for(calibration))
         found = any(c.port.replaceable is None for c in kept)
         nominals = self._nominals(calibration, fit, open_simulator) if found else {}
-        required = self.candidate_filter.require
+        required = self.places.candidate_filter.require
         kept = [c for c in kept if c.id in required or is_possible(c.law, nominals.get(c.port.id, {}))]
         highest = max((float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs), default=1.0)
-        self._placed.clear()
-        self._formulas.clear()
+        self.terms.placed.clear()
+        self.formulas.clear()
         recorded = set.intersection(*({s.name for s in e.inputs} for e in calibration.experiments))
-        for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self._taken(), nominals)):
-            self._placed[placed.id] = placed
-            self._starts[placed.id] = starting_values(placed, self.declared.effects.get(placed.id), highest)
-            self._read.update(outputs_read_by(placed))
+        for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self.places.taken_names(), nominals)):
+            declared = self.places.declared.effects.get(placed.id)
+            self.terms.add(placed, starting_values(placed, declared, highest))
         self._curve_nominals_pending[:] = [partial(self._curve_nominals, calibration, fit, open_simulator)]
-        return tuple(self._placed)
-
-    def _candidates(self, calibration: Calibration) -> Sequence[Candidate]:
-        return self.writable_candidates()
+        return tuple(self.terms.placed)
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
-        return port_nominals(self.flat, self.ports, calibration, fit, open_simulator)
+        return port_nominals(self.places.flat, self.places.ports, calibration, fit, open_simulator)
 
     def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
         """Return ids of candidates that are best tried on one model together."""
-        return candidate_groups(self._placed)
+        return candidate_groups(self.terms.placed)
 
     def refinements(self) -> Mapping[str, str]:
         """Return, for each law that refines another one at the same port, that one."""
-        return refinements(self._placed)
+        return refinements(self.terms.placed)
 
     def curves(self) -> Mapping[str, str]:
         """Learned curves, and the variable over which each is learned."""
-        return {id_: curve_variable(placed) for id_, placed in self._placed.items() if placed.law.curve_input}
+        return {id_: curve_variable(placed) for id_, placed in self.terms.placed.items() if placed.law.curve_input}
 
     def basis(self, id_: str) -> CurveBasis:
         """Return the basis functions of a learned curve."""
         (placed,) = self._sized([id_])
         if placed.port.replaceable is None:
-            return curve_basis(placed, self.law_models)
+            return curve_basis(placed, self.places.law_models)
         return curve_basis(*isolated_curve(self._redeclared([placed]), placed))
 
     def parameters(self, id_: str) -> tuple[Parameter, ...]:
         """Return the parameters of a candidate, by their names in a model with candidates."""
-        return tuple(fitted_parameters(self._placed[id_]))
+        return tuple(fitted_parameters(self.terms.placed[id_]))
 
     def starts(self, id_: str) -> tuple[tuple[float, ...], ...]:
         """Starting values of the parameters of a candidate; none for a learned curve."""
-        return self._starts[id_]
+        return self.terms.starts[id_]
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
         """Return the model with some laws switched off, and with all that can be combined in its replaceable models."""
         curves = self.curves()
-        inside = any(self._placed[id_].port.replaceable is not None for id_ in ids)
-        also = {id_ for id_, placed in self._placed.items() if can_be_combined(placed) and id_ not in curves}
-        placed_laws = self._ordered(id_ for id_ in self._placed if id_ in ids or (inside and id_ in also))
+        inside = any(self.terms.placed[id_].port.replaceable is not None for id_ in ids)
+        also = {id_ for id_, placed in self.terms.placed.items() if can_be_combined(placed) and id_ not in curves}
+        placed_laws = self._ordered(id_ for id_ in self.terms.placed if id_ in ids or (inside and id_ in also))
         model = self._simulated(placed_laws)
         own = [
-            (CandidateTerm(u.id, self.port_name(u.port), self.starts(u.id)), self.parameters(u.id)) for u in placed_laws
+            (CandidateTerm(u.id, self.places.port_name(u.port), self.starts(u.id)), self.parameters(u.id))
+            for u in placed_laws
         ]
         return ModelWithCandidates(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
 
@@ -172,16 +188,16 @@ class ModelicaFamily(FormulaTerms):
         flat = self._redeclared(inside)
         if others:
             if inside:
-                others = at_same_ports(others, ports_with_laws(flat, self.laws))
-            flat = compose_laws(flat, others, {**self.law_models, **self._formula_models})
+                others = at_same_ports(others, ports_with_laws(flat, self.places.laws))
+            flat = compose_laws(flat, others, {**self.places.law_models, **self.formulas.models})
         return self._export(flat, "candidates")
 
     def _redeclared(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
         """Return the model with laws in its replaceable models."""
         if not placed_laws:
-            return self.flat
+            return self.places.flat
         return load_with_redeclarations(
-            self.base, f"{self.title}_candidates", placed_laws, self.sources, self.libraries
+            self.base, f"{self.title}_candidates", placed_laws, self.places.sources, self.places.libraries
         )
 
     def _sized(self, ids: Iterable[str]) -> list[PlacedLaw]:
@@ -189,14 +205,13 @@ class ModelicaFamily(FormulaTerms):
         wanted = list(ids)
         if self._curve_nominals_pending and {placed.id for placed in self._curves()} & set(wanted):
             for id_, size in self._curve_nominals_pending.pop()().items():
-                self._placed[id_] = replace(self._placed[id_], nominals={"x_n": size})
-        return [self._placed[id_] for id_ in wanted]
+                self.terms.placed[id_] = replace(self.terms.placed[id_], nominals={"x_n": size})
+        return [self.terms.placed[id_] for id_ in wanted]
 
     def _curves(self) -> list[PlacedLaw]:
         """Learned curves in replaceable models."""
-        return [
-            placed for placed in self._placed.values() if placed.port.replaceable is not None and placed.law.curve_input
-        ]
+        every = self.terms.placed.values()
+        return [placed for placed in every if placed.port.replaceable is not None and placed.law.curve_input]
 
     def _curve_nominals(
         self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator
@@ -217,7 +232,7 @@ class ModelicaFamily(FormulaTerms):
         Those in replaceable models come first, in their own order. Of the others, laws that need the derivative of a
         reading are the innermost.
         """
-        places = {id_: k for k, id_ in enumerate(self._placed)}
+        places = {id_: k for k, id_ in enumerate(self.terms.placed)}
         inside, others = split_by_replaceable(self._sized(ids))
         inside = sorted(inside, key=lambda u: places[u.id])
         return [*inside, *sorted(others, key=lambda u: not u.law.needs_derivative)]
@@ -228,7 +243,7 @@ class ModelicaFamily(FormulaTerms):
         The text has all of them, as any tool can run it; what is simulated has no equations of a delay that moves a
         recorded input.
         """
-        taken = self._taken()
+        taken = self.places.taken_names()
         placed_laws: list[PlacedLaw] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
         for old in self._ordered(ids):
@@ -245,7 +260,7 @@ class ModelicaFamily(FormulaTerms):
             )
             taken |= {placed.instance, *placed.names.values()}
             placed_laws.append(replace(placed, moved_input=old.moved_input))
-            self._read.update(outputs_read_by(placed))
+            self.terms.note_outputs(placed)
             names[old.id] = tuple((old.names[p.name], placed.names[p.name]) for p in old.parameters())
         written, model = self._write(placed_laws, values, folder)
         if any(placed.moved_input for placed in placed_laws):
@@ -258,9 +273,16 @@ class ModelicaFamily(FormulaTerms):
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
         """Return the written model and its FMU. ``values`` of the fit go by the names of the model with candidates."""
-        written = write_laws(self.sources, self.base, self.flat, placed_laws, folder)
-        flat = load_flat(written.name, (*self.sources, written.path), self.libraries)
+        written = write_laws(self.places.sources, self.base, self.places.flat, placed_laws, folder)
+        flat = load_flat(written.name, (*self.places.sources, written.path), self.places.libraries)
         return written, self._export(flat, written.name)
+
+    def with_unknown_signals(self, calibration: Calibration, places: Sequence[FormulaPlace]) -> DisturbedModel:
+        """Return the base model with an unknown signal at each place."""
+        placed_laws, signals = self.formulas.unknown_signals(places)
+        model = self._with(placed_laws)
+        states = {**{s.name: s.name for s in self.base_model().states}, **self._states_there(calibration, model)}
+        return DisturbedModel(self.transfer(calibration, model), states, signals)
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """Return the calibration of the base model, for a member of the family. States get their names there."""
@@ -268,8 +290,8 @@ class ModelicaFamily(FormulaTerms):
 
     def _states_there(self, calibration: Calibration, model: Model) -> Mapping[str, str]:
         """Return names in another model of states of a calibration's."""
-        there = states_by_base_name(model, self._structure, self._aliases, self._read)
-        return state_names(calibration.model, self._structure, there)
+        there = states_by_base_name(model, self.places.structure, self._aliases, self.terms.read)
+        return state_names(calibration.model, self.places.structure, there)
 
     @cached_property
     def _aliases(self) -> dict[str, str]:
@@ -277,7 +299,7 @@ class ModelicaFamily(FormulaTerms):
 
     def describe(self, id_: str) -> str:
         """Return a sentence about a law and its port."""
-        return describe_law(self._placed[id_].law, self._placed[id_].port)
+        return describe_law(self.terms.placed[id_].law, self.terms.placed[id_].port)
 
     def _export(self, flat: FlatModel, what: str) -> Model:
         """Return the FMU of a flat model. The hash of the flat model is part of the file name."""
@@ -285,5 +307,5 @@ class ModelicaFamily(FormulaTerms):
         out = self.folder / f"{self.title}-{what}-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            export_flat(flat, out, quick=what in _TRIED, members=declared_members(self.base, self.sources))
+            export_flat(flat, out, quick=what in _TRIED, members=declared_members(self.base, self.places.sources))
         return Model.load(out)

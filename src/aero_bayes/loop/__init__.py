@@ -10,19 +10,16 @@
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.loop.base_fit import fit_base_model
 from aero_bayes.loop.context import LoopContext, LoopStatistics
-from aero_bayes.loop.found_effect import FoundEffect, NewParameter
 from aero_bayes.loop.loop import LoopSettings, close_loop
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.search.settings import StructureSettings
 
 __all__ = [
-    "FoundEffect",
     "LocalFitSettings",
     "LoopContext",
     "LoopResult",
     "LoopSettings",
     "LoopStatistics",
-    "NewParameter",
     "StructureSettings",
     "close_loop",
     "fit_base_model",

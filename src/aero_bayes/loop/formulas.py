@@ -18,7 +18,9 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform
 from aero_bayes.laws.formula import Formula, Signal, formulas, parameter_formulas
-from aero_bayes.laws.model_family import FormulaPlace, ModelFamily, ProposedFormula
+from aero_bayes.laws.formula_places import FormulaPlace
+from aero_bayes.laws.formula_terms import ProposedFormula
+from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.search.explored import SearchResult
@@ -102,7 +104,7 @@ def propose_formulas(
         None where the model cannot be filtered.
     """
     free = {plain.parameters.names[j] for j in base.fit.free}
-    places, sizes = context.family.formula_places(free), context.family.state_sizes()
+    places, sizes = context.family.formulas.places(free), context.family.formulas.state_sizes()
     if not places or not sizes:
         return ()
     declared = {p.name: p.start for p in plain.parameters}
@@ -196,7 +198,7 @@ def _signals(
 
     ``there`` are the names of states of the first model.
     """
-    known = family.formula_signals()
+    known = family.formulas.signals.variables()
     states = {known[base][0]: calibration.model.state_index(own) for base, own in there.items() if base in known}
     series = []
     for f, e, measured in zip(filtered, calibration.experiments, calibration.measured, strict=True):

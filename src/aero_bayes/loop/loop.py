@@ -22,6 +22,8 @@ from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
 from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.laws.fmu_family import FmuFamily
+from aero_bayes.laws.fmu_places import FmuPlaces
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop.base_fit import BaseFit, fit_base_model, for_search
@@ -181,7 +183,7 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
         explored = searching.run(root)
     if searched and settings.formulas and wants_formulas(explored):
         proposed = propose_formulas(context, plain, base, explored.first_model.values)
-        explored = searching.offer(family.add_formulas(proposed)) if proposed else explored
+        explored = searching.offer(family.formulas.add(proposed)) if proposed else explored
     chooser = Chooser(
         settings.choice, fit, searching.complete, searching.alone, context.map,
         lambda share: context.progress("leaving out blocks of readings", 0.7 + 0.05 * share),
@@ -220,10 +222,10 @@ def _family(model: str, folder: Path, settings: LoopSettings) -> ModelFamily:
     """The model and its relatives."""
     require = settings.structures.require
     narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, require)
-    given = settings.sources, folder, settings.libraries, narrowed
+    given = settings.sources, settings.libraries, narrowed
     if (fmu := Path(model)).suffix == ".fmu":
-        family: ModelicaFamily = FmuFamily(fmu.stem, *given, fmu=fmu)
+        family: ModelicaFamily = FmuFamily(FmuPlaces(fmu.stem, *given, fmu=fmu), folder)
     else:
-        family = ModelicaFamily(model, *given)
+        family = ModelicaFamily(LawPlaces(model, *given), folder)
     family.check()
     return family

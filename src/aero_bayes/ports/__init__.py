@@ -7,7 +7,6 @@ from aero_bayes.ports.insertion_point import InsertionPoint, find_insertion_poin
 from aero_bayes.ports.internal_signals import defining_equations
 from aero_bayes.ports.nominal_values import (
     NEGLIGIBLE_TERM,
-    NOMINAL_QUANTILE,
     fastest_time_scale,
     port_nominals,
     recorded_inputs,
@@ -17,12 +16,12 @@ from aero_bayes.ports.nominal_values import (
     simulated_signals,
     visited_range,
 )
-from aero_bayes.ports.port import DIFFERENCE, KELVIN, Attachment, Port, PortKind, port_table, signal_expression
+from aero_bayes.ports.port import DIFFERENCE, KELVIN, Attachment, Port, port_table, signal_expression
 from aero_bayes.ports.replaceable import CombinationRule, ReplaceableModel, find_replaceable_models
 
 __all__ = [
-    "DIFFERENCE", "KELVIN", "NEGLIGIBLE_TERM", "NOMINAL_QUANTILE", "AliasStructure", "Attachment", "Balance",
-    "CombinationRule", "InsertionPoint", "Port", "PortKind", "ReplaceableModel", "alias_structure",
+    "DIFFERENCE", "KELVIN", "NEGLIGIBLE_TERM", "AliasStructure", "Attachment", "Balance",
+    "CombinationRule", "InsertionPoint", "Port", "ReplaceableModel", "alias_structure",
     "defining_equations", "driver_names", "fastest_time_scale", "find_insertion_point", "find_ports",
     "find_replaceable_models", "in_vector", "is_driver", "parameter_values", "port_nominals", "port_table",
     "recorded_inputs", "relative_change", "replaceable_ports", "share_visited_twice", "signal_expression",

@@ -6,30 +6,8 @@ units; ``None`` stands for what is not known or not finite. Keys that no class n
 """
 
 from aero_bayes.schema.base import ParameterJson, QuantilesJson, VerdictJson
-from aero_bayes.schema.design import DesignCheckJson, DesignedParameterJson, DesignJson, DesignLimitsJson, RivalJson
-from aero_bayes.schema.estimate import (
-    CombinationJson,
-    ConvergenceJson,
-    DataFileJson,
-    EncoderJson,
-    FitJson,
-    IdentifiabilityJson,
-    LeftOutJson,
-    LocalJson,
-    McmcJson,
-    ModeDrawsJson,
-    NoiseJson,
-    PredictionJson,
-    ProfileJson,
-    RecordingJson,
-    ResidualJson,
-    RippleJson,
-    RippleOrderJson,
-    SensorJson,
-    StageJson,
-    StretchesJson,
-    SwarmJson,
-)
+from aero_bayes.schema.design import DesignJson
+from aero_bayes.schema.estimate import McmcJson, ModeDrawsJson, ProfileJson, SensorJson
 from aero_bayes.schema.fleet import (
     FleetCostJson,
     FleetEffectJson,
@@ -38,68 +16,38 @@ from aero_bayes.schema.fleet import (
     RangeJson,
     RigReasonJson,
 )
-from aero_bayes.schema.loop import (
-    CandidateJson,
-    EffectJson,
-    LoopJson,
-    ShiftJson,
-    StepJson,
-)
-from aero_bayes.schema.model import ComponentJson, ConnectionJson, DiagramJson, ModelJson, ShapeJson, SignalJson
+from aero_bayes.schema.loop import CandidateJson, EffectJson, LoopJson, StepJson
+from aero_bayes.schema.model import ComponentJson, ConnectionJson, DiagramJson, ShapeJson
 from aero_bayes.schema.run import SCHEMA, RunJson, undeclared
 from aero_bayes.schema.study import StudyColumnJson, StudyJson, StudyRowJson
 
 __all__ = [
     "SCHEMA",
     "CandidateJson",
-    "CombinationJson",
     "ComponentJson",
     "ConnectionJson",
-    "ConvergenceJson",
-    "DataFileJson",
-    "DesignCheckJson",
     "DesignJson",
-    "DesignLimitsJson",
-    "DesignedParameterJson",
     "DiagramJson",
     "EffectJson",
-    "EncoderJson",
-    "FitJson",
     "FleetCostJson",
     "FleetEffectJson",
     "FleetJson",
     "FleetParameterJson",
-    "IdentifiabilityJson",
-    "LeftOutJson",
-    "LocalJson",
     "LoopJson",
     "McmcJson",
     "ModeDrawsJson",
-    "ModelJson",
-    "NoiseJson",
     "ParameterJson",
-    "PredictionJson",
     "ProfileJson",
     "QuantilesJson",
     "RangeJson",
-    "RecordingJson",
-    "ResidualJson",
     "RigReasonJson",
-    "RippleJson",
-    "RippleOrderJson",
-    "RivalJson",
     "RunJson",
     "SensorJson",
     "ShapeJson",
-    "ShiftJson",
-    "SignalJson",
-    "StageJson",
     "StepJson",
-    "StretchesJson",
     "StudyColumnJson",
     "StudyJson",
     "StudyRowJson",
-    "SwarmJson",
     "VerdictJson",
     "undeclared",
 ]

@@ -6,10 +6,6 @@ from aero_bayes.simulation.interface import (
     DelayTarget,
     DiffusionTarget,
     Experiment,
-    Filter,
-    Filtered,
-    FilteredStates,
-    FloatArray,
     GaussNewton,
     InputSignal,
     InputTarget,
@@ -27,10 +23,9 @@ from aero_bayes.simulation.interface import (
     Trajectories,
 )
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.simulation.model_description import BINARY_FOLDERS, ModelDescription, Variable
+from aero_bayes.simulation.model_description import BINARY_FOLDERS, Variable
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.python_model import PythonModel
-from aero_bayes.simulation.worker_main import watch_parent
 from aero_bayes.simulation.workers import MAX_LOST_RUNS, WorkerPool
 
 __all__ = [
@@ -39,17 +34,12 @@ __all__ = [
     "DelayTarget",
     "DiffusionTarget",
     "Experiment",
-    "Filter",
-    "Filtered",
-    "FilteredStates",
-    "FloatArray",
     "GaussNewton",
     "InputSignal",
     "InputTarget",
     "Interpolation",
     "Likelihoods",
     "Model",
-    "ModelDescription",
     "ModelicaSource",
     "NativeSimulator",
     "Outcome",
@@ -68,5 +58,4 @@ __all__ = [
     "engine_of",
     "engine_path",
     "open_simulator",
-    "watch_parent",
 ]

@@ -34,6 +34,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.result import Fit
 from aero_bayes.laws.candidate_filter import CandidateFilter
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report import write_run_page
@@ -138,7 +139,7 @@ def _separate(
     """Return the experiment for two effects."""
     section, ids = job.config.model, (*rivals.common, rivals.first, rivals.second)
     folder, narrowed = job.options.out / "fmu", CandidateFilter(effects=ids)
-    family = ModelicaFamily(job.name, section.sources, folder, section.libraries, narrowed)
+    family = ModelicaFamily(LawPlaces(job.name, section.sources, section.libraries, narrowed), folder)
     family.prepare(base.calibration, base.optimum, open_simulator)
     first, of_first = _with_effect(job, base, family, rivals.first, rivals.common, progress)
     second, of_second = _with_effect(job, base, family, rivals.second, rivals.common, progress)
@@ -234,7 +235,7 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
     config = load_config(options.config)
     name, fmu = which_model(config, options)
     if fmu is None:
-        every = ModelicaFamily(name, config.model.sources, options.out, config.model.libraries).candidates
+        every = LawPlaces(name, config.model.sources, config.model.libraries).candidates
         known = [candidate.id for candidate in every]
     else:
         known = list(Model.load(fmu).declared.effects)

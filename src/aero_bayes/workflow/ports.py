@@ -25,8 +25,9 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library_view import path_in_library
 from aero_bayes.language.syntax import Call, Expression, Name, Number
 from aero_bayes.laws.compose import with_probes
-from aero_bayes.laws.fmu_family import FmuFamily
+from aero_bayes.laws.fmu_places import FmuPlaces
 from aero_bayes.laws.law import SIGNAL_DEFAULTS
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import describe_law, identifier
 from aero_bayes.ports.nominal_values import NOMINAL_QUANTILE, port_nominals
@@ -79,29 +80,29 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     if fmu is not None:
         if data:
             raise InputError(f"{fmu}: --data needs the Modelica source of the model, not an FMU")
-        around = FmuFamily(fmu.stem, config.model.sources, options.out, config.model.libraries, fmu=fmu)
+        around = FmuPlaces(fmu.stem, config.model.sources, config.model.libraries, fmu=fmu)
         around.check()
         return port_table(around.ports)
-    family = ModelicaFamily(name, config.model.sources, options.out, config.model.libraries)
-    if not family.declared.effects:
-        return model_ports(family, options, data)
+    places = LawPlaces(name, config.model.sources, config.model.libraries)
+    if not places.declared.effects:
+        return model_ports(places, options, data)
     if data:
-        raise InputError(f"{name}: --data is not possible, because {family.declared.package} declares its ports")
-    named = [c for c in family.candidates if c.alias]
-    return [{"id": c.id, "port": family.port_name(c.port), "summary": describe_law(c.law, c.port)} for c in named]
+        raise InputError(f"{name}: --data is not possible, because {places.declared.package} declares its ports")
+    named = [c for c in places.candidates if c.alias]
+    return [{"id": c.id, "port": places.port_name(c.port), "summary": describe_law(c.law, c.port)} for c in named]
 
 
-def model_ports(family: ModelicaFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
+def model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     """Return rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, also ``response`` and ``visible``.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
     """
-    rows: list[PortRow] = port_table(family.ports)
+    rows: list[PortRow] = port_table(places.ports)
     if data:
         job = open_job(data, options)
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, again=True)
-        responses = port_responses(family, found, options.out)
+        responses = port_responses(ModelicaFamily(places, options.out), found)
         for row in rows:
             row["response"] = responses.get(row["id"])
             row["visible"] = visibility(row["response"])
@@ -120,7 +121,7 @@ def visibility(response: float | None) -> str:
     return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "no"
 
 
-def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str, float]:
+def port_responses(family: ModelicaFamily, found: Fit) -> dict[str, float]:
     """Return how many standard deviations of noise a probe of each port's own size moves the outputs by.
 
     The noise is that of the fit or that of the readings alone, whichever shows the probe more: a model that lacks an
@@ -135,13 +136,12 @@ def port_responses(family: ModelicaFamily, found: Fit, folder: Path) -> dict[str
     family : ModelicaFamily
     found : Fit
         Of the model as it stands.
-    folder : Path
-        Where the FMU with the probes is built.
     """
-    ports = [p for p in family.ports if p.attachment in ("input", "output", "signal") or p.balance is not None]
-    sizes = port_nominals(family.flat, ports, found.calibration, found.optimum, open_simulator)
-    flat, names = _with_probes(family.flat, ports, sizes)
-    model = Model.load(export_flat(flat, folder / "probed.fmu"))
+    flat = family.places.flat
+    ports = [p for p in family.places.ports if p.attachment in ("input", "output", "signal") or p.balance is not None]
+    sizes = port_nominals(flat, ports, found.calibration, found.optimum, open_simulator)
+    flat, names = _with_probes(flat, ports, sizes)
+    model = Model.load(export_flat(flat, family.folder / "probed.fmu"))
     own = len(found.calibration.parameters)
     probes = [_probe(name, p, sizes[p.id][PROBE_SIZES[p.kind]]) for p in ports for name in names[p.id]]
     calibration = family.transfer(found.calibration, model)
