@@ -21,7 +21,10 @@ HOURS = TIME / 3600.0
 
 
 def room(capacity: float, loss: Callable[[float], float], start: float = 293.15) -> FloatArray:
-    """Temperature (ROWS,) in K of a room with a heater that is switched; ``loss`` is in W by K above the outside."""
+    """Compute the temperature (ROWS,) in K of a room with a heater that is switched.
+
+    ``loss`` is in W by K above the outside.
+    """
     power = np.repeat(np.random.default_rng(1).choice([0.0, 1500.0, 3000.0], ROWS // 20), 20)
     outside = 278.0 + 5.0 * np.sin(2.0 * np.pi * TIME / 86400.0)
     temperature = np.empty(ROWS)
@@ -54,7 +57,7 @@ def noise() -> FloatArray:
 
 
 def data(curve: Axes, rest: Axes) -> None:
-    """Outliers and readings that stand for none."""
+    """Draw outliers and readings that stand for none."""
     fitted = linear_room(CAPACITY, CONDUCTANCE)
     readings = fitted + noise()
     rows = np.random.default_rng(5).choice(ROWS, 12, replace=False)
@@ -65,7 +68,7 @@ def data(curve: Axes, rest: Axes) -> None:
 
 
 def solver(curve: Axes, rest: Axes) -> None:
-    """A pendulum at a loose and at a tight tolerance."""
+    """Draw a pendulum at a loose and at a tight tolerance."""
     time = np.linspace(0.0, 20.0, 1001)
 
     def slopes(_: float, x: FloatArray) -> list[float]:
@@ -77,20 +80,20 @@ def solver(curve: Axes, rest: Axes) -> None:
 
 
 def search(curve: Axes, rest: Axes) -> None:
-    """A conductance of 120 W/K, with an upper bound of 100."""
+    """Draw a fit of a conductance of 120 W/K, with an upper bound of 100."""
     readings = linear_room(CAPACITY, CONDUCTANCE) + noise()
     draw(curve, rest, HOURS, readings, fitted_room(readings, 100.0), "T (K)", "time (h)")
 
 
 def noise_form(curve: Axes, rest: Axes) -> None:
-    """Noise with heavy tails."""
+    """Draw noise with heavy tails."""
     fitted = linear_room(CAPACITY, CONDUCTANCE)
     readings = fitted + 3.0 * SD * np.random.default_rng(5).standard_t(2.2, ROWS)
     draw(curve, rest, HOURS, readings, fitted, "T (K)", "time (h)")
 
 
 def model(curve: Axes, rest: Axes) -> None:
-    """A loss that grows with the square, fitted by a linear one."""
+    """Draw a loss that grows with the square, fitted by a linear one."""
     readings = room(CAPACITY, lambda x: 9.0 * x * abs(x)) + noise()
     draw(curve, rest, HOURS, readings, fitted_room(readings), "T (K)", "time (h)")
 
@@ -98,7 +101,7 @@ def model(curve: Axes, rest: Axes) -> None:
 def draw(
     curve: Axes, rest: Axes, time: FloatArray, readings: FloatArray, fitted: FloatArray, axis: str, clock: str
 ) -> None:
-    """Readings and fit on one axis, what is left on the other; the scale holds 99.9 % of it."""
+    """Draw readings and fit on one axis, what is left on the other; the scale holds 99.9 % of it."""
     curve.plot(time, readings, ".", color=READING, ms=2.5, label="readings")
     curve.plot(time, fitted, color=FITTED, lw=1.0, label="fitted model")
     curve.set_ylabel(axis)

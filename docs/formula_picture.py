@@ -16,7 +16,10 @@ CAPACITY, CONDUCTANCE, EXPONENT, SD, ROWS = 90.0, 3.5, 0.66, 0.08, 800
 
 
 def temperature(power: FloatArray, conductance: FloatArray, capacity: float) -> FloatArray:
-    """Temperature (ROWS,) in K above the surroundings, once a second; power in W and conductance in W/K are held."""
+    """Compute the temperature (ROWS,) in K above the surroundings, once a second.
+
+    Power in W and conductance in W/K are held.
+    """
     found = np.zeros(ROWS)
     for k in range(ROWS - 1):
         end = power[k] / conductance[k]

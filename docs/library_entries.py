@@ -12,7 +12,7 @@ log = logging.getLogger("mkdocs.hooks.reference")
 
 
 def library() -> str:
-    """Signature, parameters, errors and examples of each public name; members of a class below it."""
+    """Write signature, parameters, errors and examples of each public name; members of a class below it."""
     return "\n\n".join(_entry(item) for item in public())
 
 
@@ -50,5 +50,5 @@ def _row(section: str, names: tuple[str, ...], kind: str, text: str) -> str:
 
 
 def _prose(text: str) -> str:
-    """Sphinx's marks as Markdown has them."""
+    """Write Sphinx's marks as Markdown has them."""
     return re.sub(r":\w+:`~?([^`]*)`", r"`\1`", text).replace("``", "`")

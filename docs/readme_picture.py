@@ -15,7 +15,7 @@ RECORDING, OUTPUT = "test_1", "theta"
 
 
 def draw(directory: Path, out: Path) -> None:
-    """Residual of the pitch on the unseen recording, before and after the loop, with the lines it wrote."""
+    """Draw the residual of the pitch on the unseen recording, before and after the loop, with the lines it wrote."""
     series = np.load(directory / "series.npz")
     loop = json.loads((directory / "result.json").read_text("utf-8"))["loop"]
     time, measured = series[f"time/{RECORDING}"], series[f"measured/{RECORDING}/{OUTPUT}"]

@@ -135,7 +135,7 @@ KEYS: Mapping[str, str] = {
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """The picture of the README stands in ``reports/``, and the pages use the same file; others are drawn."""
+    """Add the picture of the README, which stands in ``reports/``, and the drawn ones."""
     from mkdocs.structure.files import File  # the tables can be written without it
 
     files.append(File.generated(config, "loop.svg", abs_src_path=str(ROOT / "reports" / "example" / "loop.svg")))
@@ -151,7 +151,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
-    """A page asks nothing of the network: it is read from disk."""
+    """Warn of a page that asks the network: it is read from disk."""
     for tag in re.findall(r"<(?:script|img|iframe|link)\b[^>]*https?://[^>]*>", output):
         log.warning("%s asks the network: %s", page.file.src_uri, tag)
     return output
@@ -261,7 +261,7 @@ def _part(part: type[BaseModel]) -> str:
 
 
 def _text(thing: object) -> str:
-    """Docstring without its indent, its code marked as Markdown has it."""
+    """Return a docstring without its indent, its code marked as Markdown has it."""
     return inspect.cleandoc(thing.__doc__ or "").replace("``", "`")
 
 

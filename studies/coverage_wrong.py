@@ -138,7 +138,7 @@ Task = Best | Mend | Repetition
 
 
 def generator(*parts: object) -> Generator:
-    """Random numbers that follow from the parts of a key."""
+    """Seed random numbers by the parts of a key."""
     return np.random.default_rng(list(hashlib.sha256(repr(parts).encode()).digest()))
 
 
@@ -163,7 +163,7 @@ def settings_of(rig: Rig, noise: str = "auto") -> FitSettings:
 
 
 def best_values(task: Best, rig: Rig) -> dict[str, Any]:
-    """The values that serve best in a long recording without noise, outputs weighed as in fits of usual length."""
+    """Find the values that serve best in a long recording without noise, outputs weighed as in fits of usual length."""
     rng = generator(task.seed, "best", task.rig, task.state, task.size)
     model = built(task, rig)
     parameters = rig.parameters(model)
@@ -199,7 +199,7 @@ def closed_loop(rig: Rig, model: Model, state: str, size: float, rng: Generator,
 
 
 def mend(task: Mend, rig: Rig) -> dict[str, Any]:
-    """What the loop adds to the model, from two recordings in which the law is large."""
+    """Let the loop add to the model, from two recordings in which the law is large."""
     rng = generator(task.seed, "mend", task.rig)
     folder = task.folder / f"mended_{rig.name}"
     found = closed_loop(rig, built(task, rig), "missing", max(SIZES), rng, folder)
@@ -217,7 +217,7 @@ def mend(task: Mend, rig: Rig) -> dict[str, Any]:
 
 
 def repetition(task: Repetition, rig: Rig) -> dict[str, Any]:
-    """Intervals of all methods on one recording, beside what they should hold."""
+    """Compute intervals of all methods on one recording, beside what they should hold."""
     rng = generator(task.seed, RECORDED.get(task.state, task.state), task.rig, task.number)
     measured, _ = rig.record(RECORDED.get(task.state, task.state), task.size, rng)
     model = built(task, rig)
@@ -247,7 +247,10 @@ def repetition(task: Repetition, rig: Rig) -> dict[str, Any]:
 def tasks_of(
     seed: int, folder: Path, count: int, best: Mapping[str, Any], mended: Mapping[str, Any]
 ) -> list[Repetition]:
-    """All repetitions, states and rigs interleaved so that a partial run says something of each; sampled ones last."""
+    """List all repetitions, states and rigs interleaved so that a partial run says something of each.
+
+    Sampled ones last.
+    """
     tasks = []
     for number in range(count):
         for state in STATES:
@@ -273,7 +276,7 @@ def tasks_of(
 def summarise(
     rows: Sequence[Mapping[str, Any]], mended: Mapping[str, Any], seeds: Mapping[str, int], best_rows: int
 ) -> dict[str, Any]:
-    """The contract of the study, with tables by state and rig."""
+    """Summarise the study as its contract has it, with tables by state and rig."""
     good = [row for row in rows if "methods" in row]
     for row in good:
         row["state"], row["rig"], row["number"] = row["key"].split("/")[1:4]  # type: ignore[index]
@@ -301,7 +304,7 @@ def summarise(
 
 
 def summary_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Shares held and relative width, as means over rigs of means over parameters; how often an output was no noise."""
+    """Summarise shares held and relative widths over rigs, and how often a residual is no noise."""
     plain = [row for row in rows if "error_of_model" in row]
     found: dict[str, Any] = {"recordings": len(plain)}
     for method in METHODS:
@@ -318,7 +321,7 @@ def summary_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def of_rig(rows: Sequence[Mapping[str, Any]], method: str) -> dict[str, Any]:
-    """Means over the parameters of one rig; empty where there is nothing to compare.
+    """Average over the parameters of one rig; empty where there is nothing to compare.
 
     Recordings with different sizes of what is missing have different errors: widths are compared within each size.
     """

@@ -47,7 +47,7 @@ def parts(result: Mapping[str, Any]) -> list[str]:
 
 
 def misses(result: Mapping[str, Any]) -> list[str]:
-    """States in which the intervals of the program do not hold as asked for, in words."""
+    """Say in which states the intervals of the program do not hold as asked for."""
     lines = []
     for state, row in result["states"].items():
         own = row.get("ours")

@@ -63,7 +63,7 @@ class FaultTask:
 
 
 def fault_tasks(base: int, faults: int, clear: int) -> list[FaultTask]:
-    """All trials, kinds of faults in turn and those without one between them, so that a partial run has all."""
+    """List all trials, kinds of faults in turn and those without one between them, so that a partial run has all."""
     kinds = tuple(FAULTS)
     tasks = [(k / faults, FaultTask(base, kinds[k % len(kinds)], k // len(kinds))) for k in range(faults)]
     tasks += [(k / clear, FaultTask(base, "clear", k)) for k in range(clear)]
@@ -87,7 +87,7 @@ class Rig:
 
 
 def draw(task: FaultTask, folder: Path) -> tuple[Rig, Faulty]:
-    """The rig of a trial and what the program is given; the same task always gives the same.
+    """Draw the rig of a trial and what the program is given; the same task always gives the same.
 
     A solver that is too coarse is a fault where it makes a residual larger: this is looked at by a fit with a fine one.
     """
@@ -108,7 +108,7 @@ def draw(task: FaultTask, folder: Path) -> tuple[Rig, Faulty]:
 
 
 def shortened(trial: RigTrial) -> RigTrial:
-    """The trial with the beginning of its recordings."""
+    """Return the trial with the beginning of its recordings."""
 
     def beginning(recording: Recording) -> Recording:
         return recording.rows_where(np.arange(recording.rows) < MOST_ROWS, recording.name)
@@ -158,7 +158,7 @@ def model_blamed(row: Row) -> bool:
 
 
 def summarise(rows: Sequence[Row], left: int) -> dict[str, Any]:
-    """Rates of all trials, and of each kind of fault; ``left`` trials have not been run."""
+    """Compute rates of all trials, and of each kind of fault; ``left`` trials have not been run."""
     faults = [row for row in rows if row["fault"] in FAULTS]
     clear = [row for row in rows if row["fault"] not in FAULTS]
     kinds = {kind: [row for row in faults if row["fault"] == kind] for kind in FAULTS}
@@ -181,7 +181,7 @@ def _rates(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def table(found: dict[str, Any]) -> str:
-    """The rates in Markdown, then the trials that went wrong."""
+    """Write the rates in Markdown, then the trials that went wrong."""
     lines = markdown_table(
         ("fault", "trials", "cause named", "model blamed"),
         (

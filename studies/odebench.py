@@ -153,7 +153,7 @@ def run(one: Attempt, seed: int, minutes: float, version: str, with_peers: bool)
 
 
 def _computing() -> float:
-    """Computing time in s of this process and of its children that have ended."""
+    """Measure the computing time in s of this process and of its children that have ended."""
     spent = os.times()
     return spent.user + spent.system + spent.children_user + spent.children_system
 

@@ -37,7 +37,7 @@ def linear(matrices: Callable[[Parameters], tuple[Any, ...]]) -> Callable[..., F
 
 
 def _step(a: FloatArray, b: FloatArray, h: float, straight: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Matrices F, G, H of x(t + h) = F x + G u(t) + H (u(t + h) - u(t)); H is 0 where the input holds."""
+    """Compute matrices F, G, H of x(t + h) = F x + G u(t) + H (u(t + h) - u(t)); H is 0 where the input holds."""
     n, m = b.shape
     block = np.zeros((n + 2 * m, n + 2 * m))
     block[:n, :n], block[:n, n : n + m], block[n : n + m, n + m :] = a, b, np.eye(m) / h
@@ -46,7 +46,7 @@ def _step(a: FloatArray, b: FloatArray, h: float, straight: bool) -> tuple[Float
 
 
 def _even(f: FloatArray, g: FloatArray, h: FloatArray, state: FloatArray, inputs: FloatArray) -> FloatArray:
-    """States (n, states) at even samples: each mode is a filter of first order."""
+    """Compute states (n, states) at even samples: each mode is a filter of first order."""
     roots, modes = np.linalg.eig(f)
     driven = np.vstack([state, inputs[:-1] @ g.T + np.diff(inputs, axis=0) @ h.T])
     driven = np.linalg.solve(modes, driven.T.astype(np.complex128))
@@ -75,7 +75,7 @@ def _runge_kutta(
     straight: bool,
     parts: int,
 ) -> FloatArray:
-    """States (n, states) by the classical method of fourth order, ``parts`` steps in an interval, of one input."""
+    """Compute states (n, states) by the classical method of fourth order, ``parts`` steps an interval, of one input."""
     x = [float(value) for value in state]
     u = inputs[:, 0].tolist()
     states = np.empty((time.size, len(x)))
@@ -170,7 +170,7 @@ def _pieces(
     inputs: FloatArray,
     delay: float,
 ) -> FloatArray:
-    """States (n, states) of a stiff system, from each change of the held inputs (n, inputs) to the next.
+    """Compute states (n, states) of a stiff system, from each change of the held inputs (n, inputs) to the next.
 
     The inputs act late by ``delay``; until then nothing is driven.
     """

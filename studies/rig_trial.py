@@ -142,7 +142,7 @@ def run_rig_trial(task: RigTrialTask, program: CloseLoop = close_loop_by_command
 
 
 def _over_noise(trial: RigTrial, answer: Answer) -> dict[str, float]:
-    """Residual on the unseen recording over the noise that is truly in it."""
+    """Return the residual on the unseen recording over the noise that is truly in it."""
     over = {}
     for output, rms in answer.unseen.items():
         noise = trial.test.outputs[output] - trial.noise_free["test"].outputs[output]

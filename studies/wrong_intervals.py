@@ -54,7 +54,7 @@ def least_squares_intervals(fit: Fit) -> dict[str, Intervals]:
 
 
 def gaussian(fit: Fit, covariance: FloatArray) -> dict[str, Intervals]:
-    """Intervals of a Gaussian about the estimate in search coordinates, whose first columns are the free ones."""
+    """Compute intervals of a Gaussian about the estimate in search coordinates, the free columns first."""
     items = [fit.calibration.parameters.items[j] for j in fit.free]
     found = {}
     for k, item in enumerate(items):
@@ -66,7 +66,7 @@ def gaussian(fit: Fit, covariance: FloatArray) -> dict[str, Intervals]:
 
 
 def white_posterior_intervals(fit: Fit, rng: Generator) -> Mapping[str, Intervals]:
-    """Quantiles of an MCMC posterior (emcee's stretch moves) whose likelihood takes all noise for white."""
+    """Compute quantiles of an MCMC posterior (emcee's stretch moves) whose likelihood takes all noise for white."""
     noise = {output: replace(n, model_error=False) for output, n in fit.noise.items()}
     with open_simulator(fit.calibration.problem(), workers=0) as simulator:
         target = Target(fit.calibration, simulator, fit.values, fit.free)
@@ -89,12 +89,12 @@ def white_posterior_intervals(fit: Fit, rng: Generator) -> Mapping[str, Interval
 
 
 def intervals_of_draws(posterior: Posterior) -> dict[str, Intervals]:
-    """Quantiles of the draws of a posterior, for parameters that have an interval."""
+    """Compute quantiles of the draws of a posterior, for parameters that have an interval."""
     shown = [name for name, estimate in posterior.parameters.items() if estimate.q05 is not None]
     return {name: quantiles(posterior.samples(name)) for name in shown if name in posterior.names}
 
 
 def quantiles(draws: FloatArray) -> Intervals:
-    """Median and central intervals of draws (n,)."""
+    """Compute median and central intervals of draws (n,)."""
     q = np.quantile(draws, [0.5, 0.25, 0.75, 0.05, 0.95]).tolist()
     return Intervals(q[0], (q[1], q[2]), (q[3], q[4]))

@@ -196,19 +196,19 @@ class Held:
 
 
 def levels(rng: Generator, time: FloatArray) -> FloatArray:
-    """Random levels within +-1 over time (n,) in units of the clock; zero for the first half unit."""
+    """Draw random levels within +-1 over time (n,) in units of the clock; zero for the first half unit."""
     # random_levels() rests for the last sixth of its duration: what is used ends before.
     return bench.random_levels(rng, 1.0, 1.3 * float(time[-1]) + 5.0, DWELL, 0.5).volts(time)
 
 
 def scaled(one: One, size: float) -> One:
-    """The same effect or law with its first parameter ``size`` times as large."""
+    """Return the same effect or law with its first parameter ``size`` times as large."""
     first = next(iter(one.parameters))
     return replace(one, parameters={**one.parameters, first: size * one.parameters[first]})
 
 
 def white_force(rng: Generator, density: float, time: FloatArray) -> Callable[[float], float]:
-    """White noise as a function of time in s, held over each sample interval.
+    """Make white noise as a function of time in s, held over each sample interval.
 
     ``density`` is the square root of the spectral density.
     """
@@ -219,21 +219,21 @@ def white_force(rng: Generator, density: float, time: FloatArray) -> Callable[[f
 
 
 def random_torque(force: Callable[[float], float]) -> EffectKind:
-    """A torque in N m on the body of the AERO over time in s, as an effect without parameters."""
+    """Make a torque in N m on the body of the AERO over time in s, as an effect without parameters."""
     return EffectKind(
         "random_torque", "body", {}, lambda equations, p: equations.body.append(lambda t, i, w, th, q, z: force(t))
     )
 
 
 def coarser(kind: RigKind, factor: int, **changes: object) -> RigKind:
-    """The same rig read so many times less often, over the same time."""
+    """Return the same rig read so many times less often, over the same time."""
     return replace(
         kind, step=factor * kind.step, rows=(kind.rows - 1) // factor + 1, pieces=factor * kind.pieces, **changes
     )
 
 
 def rigs() -> dict[str, Rig]:
-    """The four rigs by name."""
+    """Make the four rigs by name."""
     aero = Aero(
         {"R_a": 9.0, "c_m": 0.040, "J_r": 4.4e-6, "k_d": 2.7e-8, "k_t": 3.1e-7, "D_p": 0.0065, "K_sp": 0.041},
         bench.effect("pivot_coulomb_friction", tau_c=2.5e-4),

@@ -19,7 +19,7 @@ from aero_bayes.laws import (
     find_candidates,
     place_law,
     ports_with_laws,
-    write_law,
+    write_laws,
 )
 
 SIZES = {"f_n": 2.5, "v_n": 1.3, "x_n": 0.8, "u_n": 1.7, "q_n": 2.1, "h_n": 0.9, "d_n": 0.9, "i_n": 1.4, "t_n": 0.3}
@@ -44,7 +44,7 @@ def agree(
 ) -> WrittenModel:
     """Write, flatten again, and compare rates and outputs at random points."""
     flat = rig(model, *map(str, sources))
-    written = write_law(sources, model, flat, placed_laws, folder)
+    written = write_laws(sources, model, flat, placed_laws, folder)
     composed, again = (
         Numbers(explicit(compose_laws(flat, placed_laws, models))),
         Numbers(explicit(load_flat(written.name, [*sources, written.path]))),

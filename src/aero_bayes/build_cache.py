@@ -15,7 +15,7 @@ MAX_BYTES = 256 * 2**20
 
 
 def user_cache() -> Path:
-    """Folder of what is kept between runs; everything in it can be made again."""
+    """Return the folder of what is kept between runs; everything in it can be made again."""
     home = os.environ.get("XDG_CACHE_HOME", "") or os.environ.get("LOCALAPPDATA", "")
     return (Path(home) if home else Path.home() / ".cache") / "aero-bayes"
 

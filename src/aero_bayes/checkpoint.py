@@ -43,11 +43,11 @@ class ResultCache:
         self._results[key] = dict(arrays)
 
     def known(self) -> frozenset[str]:
-        """Keys of all results so far."""
+        """Return the keys of all results so far."""
         return frozenset(self._results)
 
     def beyond(self, known: frozenset[str]) -> dict[str, Arrays]:
-        """Results that are not among the known keys."""
+        """Return the results that are not among the known keys."""
         return {key: arrays for key, arrays in self._results.items() if key not in known}
 
 
@@ -135,7 +135,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[np.generic]] | None:
 
 
 def pack(item: Any, prefix: str) -> dict[str, NDArray[np.generic]]:
-    """Fields of a dataclass of numbers, arrays and other such dataclasses, as arrays; what is None is left out."""
+    """Unfold a dataclass of numbers, arrays and other such dataclasses into arrays; what is None is left out."""
     arrays: dict[str, NDArray[np.generic]] = {}
     for field in fields(item):
         value, name = getattr(item, field.name), prefix + field.name
@@ -160,7 +160,7 @@ def unpack(kind: type[T], arrays: Arrays, prefix: str) -> T:
 
 
 def pack_all(items: Sequence[Any]) -> dict[str, NDArray[np.generic]]:
-    """Dataclasses of one kind, of numbers and arrays of one shape, field by field."""
+    """Unfold dataclasses of one kind, of numbers and arrays of one shape, field by field."""
     return {f.name: np.array([getattr(item, f.name) for item in items]) for f in fields(items[0])} if items else {}
 
 

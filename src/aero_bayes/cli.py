@@ -210,7 +210,7 @@ def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], options:
 
 
 def _travel(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, float]:
-    """``OUTPUT=0.5`` and its like as numbers by output."""
+    """Read ``OUTPUT=0.5`` and its like as numbers by output."""
     limits = {}
     for text in given:
         name, _, value = text.partition("=")
@@ -264,7 +264,7 @@ def design_command(data: tuple[Path, ...], options: RunOptions, wanted: DesignOp
 @click.option("--test", type=FILE, multiple=True, help="Recording to test on.")
 @run_options
 def all_command(data: tuple[Path, ...], test: tuple[Path, ...], options: RunOptions) -> None:
-    """What plain `make` runs: FMU, fit, closed loop, posterior, one page."""
+    """Run what plain `make` runs: FMU, fit, closed loop, posterior, one page."""
     from aero_bayes.workflow import run_all
 
     run_all(data, test, options)

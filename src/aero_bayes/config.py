@@ -213,7 +213,7 @@ class Config(Section):
     _file: Path | None = PrivateAttr(None)
 
     def place(self, name: str) -> str:
-        """File and line at which a parameter is configured, for messages; empty if it was not read from a file."""
+        """Return file and line at which a parameter is configured, for messages; empty if read from no file."""
         if self._file is None:
             return ""
         key = rf"""\s*(\[parameters\.|parameters\.)?["']?{re.escape(name)}["']?\s*[\].=]"""
@@ -287,7 +287,7 @@ def _first_problem(error: ValidationError, whole: type[BaseModel]) -> str:
 
 
 def _known_keys(location: list[str], whole: type[BaseModel]) -> list[str]:
-    """Keys that exist at a location in the file, from the annotations of the sections."""
+    """List the keys that exist at a location in the file, from the annotations of the sections."""
     section: type[BaseModel] | None = whole
     for part in location:
         if section is None or part not in section.model_fields:

@@ -44,7 +44,7 @@ class Task(Generic[R]):
 
 
 def doubling_batches(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
-    """Items in batches that double in size, so that what one batch tells the next does not depend on the workers."""
+    """Yield items in batches that double in size: what one batch tells the next does not depend on the workers."""
     begin, size = 0, max(first, 1)
     while begin < len(items):
         yield items[begin : begin + size]

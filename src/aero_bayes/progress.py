@@ -70,7 +70,7 @@ def watching(progress: Progress | None) -> Iterator[Watched]:
 
 @contextmanager
 def _interrupts() -> Iterator[list[int]]:
-    """The first interrupt is only noted, the second one acts as always; outside the main thread all do."""
+    """Note the first interrupt only, the second one acts as always; outside the main thread all do."""
     seen: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield seen

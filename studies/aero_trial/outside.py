@@ -10,75 +10,75 @@ from simulated_aero.equations import RigEquations
 
 
 def _battery_sag(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """The supply runs down: its voltage falls by a share, with a time constant."""
+    """Let the supply run down: its voltage falls by a share, with a time constant."""
     share, tau = p["share"], p["tau"]
     equations.supply.append(lambda t: 1.0 - share * (1.0 - exp(-max(t, 0.0) / tau)))
 
 
 def _contact_film(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """A brush contact whose resistance falls with current: v = V_f i / (|i| + i_f)."""
+    """Add a brush contact whose resistance falls with current: v = V_f i / (|i| + i_f)."""
     drop, scale = p["V_f"], p["i_f"]
     equations.volts.append(lambda t, i, w, th, q, z: -drop * i / (abs(i) + scale))
     equations.slopes.append(lambda i, z: drop * scale / (abs(i) + scale) ** 2)
 
 
 def _cogging(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """Torque over the rotor's angle with a fixed number of periods a turn."""
+    """Add torque over the rotor's angle with a fixed number of periods a turn."""
     torque, periods = p["tau_g"], p["periods"]
     equations.rotor.append(lambda t, i, w, th, q, z: -torque * sin(periods * z[0]))
     equations.max_step = min(equations.max_step, 5e-4)
 
 
 def _eddy_drag(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """A brake that saturates with speed."""
+    """Add a brake that saturates with speed."""
     torque, scale = p["tau_e"], p["w_e"]
     equations.rotor.append(lambda t, i, w, th, q, z: -torque * tanh(w / scale))
 
 
 def _propeller_stall(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """Thrust that bends away from the square of speed: k_t w |w| (1 - s |w|)."""
+    """Bend thrust away from the square of speed: k_t w |w| (1 - s |w|)."""
     loss = p["s"]
     equations.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 - loss * abs(w)))
 
 
 def _ground_effect(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """Thrust that grows as the body comes near the table, on one side only."""
+    """Let thrust grow as the body comes near the table, on one side only."""
     gain, scale = p["gain"], p["angle"]
     equations.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 + gain * exp(min(-th / scale, 2.0))))
 
 
 def _thrust_drift(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """Thrust that falls over the recording as the blades warm and flatten."""
+    """Let thrust fall over the recording as the blades warm and flatten."""
     share, tau = p["share"], p["tau"]
     equations.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 - share * (1.0 - exp(-max(t, 0.0) / tau))))
 
 
 def _friction_patch(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """Dry friction at the pivot in a band of angles only (a worn bearing)."""
+    """Add dry friction at the pivot in a band of angles only (a worn bearing)."""
     torque, centre, width = p["tau_p"], p["centre"], p["width"]
     equations.pivot_friction.append(lambda t, i, w, th, q, z: torque * exp(-(((th - centre) / width) ** 2)))
 
 
 def _spring_backlash(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """A spring that does not act within a band of angles: the missing part of the linear one."""
+    """Take away the spring within a band of angles: the missing part of the linear one."""
     gap, stiffness = p["gap"], equations.truth.parameters.K_sp
     equations.body.append(lambda t, i, w, th, q, z: stiffness * min(max(th, -gap), gap))
 
 
 def _spring_asymmetry(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """A spring that softens with the square of the angle on one side and stiffens on the other."""
+    """Let the spring soften with the square of the angle on one side and stiffen on the other."""
     stiffness = p["k_2"]
     equations.body.append(lambda t, i, w, th, q, z: -stiffness * th * abs(th) * (0.5 + copysign(0.5, th)))
 
 
 def _gust(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """A breath of wind on the body at a moment."""
+    """Blow a breath of wind on the body at a moment."""
     torque, moment, width = p["tau"], p["time"], p["width"]
     equations.body.append(lambda t, i, w, th, q, z: torque * exp(-(((t - moment) / width) ** 2)))
 
 
 def _touch(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """A hand that pushes against the body for a short while."""
+    """Push a hand against the body for a short while."""
     torque, moment, width = p["tau"], p["time"], p["width"]
 
     def push(t: float) -> float:

@@ -49,7 +49,7 @@ def peers(task: Task, readings: FloatArray) -> dict[str, str]:
 
 
 def _residual(task: Task, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Smoothed states (n, s), and what the first model leaves of the rate (n,) that lacks a term."""
+    """Compute smoothed states (n, s), and what the first model leaves of the rate (n,) that lacks a term."""
     assert task.term is not None
     splines = [make_smoothing_spline(times(), y) for y in readings.T]
     smooth = np.column_stack([one(times()) for one in splines])
@@ -67,7 +67,7 @@ def _residual(task: Task, readings: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def _sindy(smooth: FloatArray, residual: FloatArray, clean: FloatArray) -> FloatArray:
-    """SINDy's values over the true states, of products up to degree three, sines and cosines."""
+    """Compute SINDy's values over the true states, of products up to degree three, sines and cosines."""
     import pysindy
 
     library = pysindy.PolynomialLibrary(degree=3) + pysindy.FourierLibrary(n_frequencies=1)
@@ -80,7 +80,7 @@ def _sindy(smooth: FloatArray, residual: FloatArray, clean: FloatArray) -> Float
 
 
 def _gplearn(smooth: FloatArray, residual: FloatArray, clean: FloatArray) -> FloatArray:
-    """Symbolic regression's values over the true states."""
+    """Compute symbolic regression's values over the true states."""
     from gplearn.genetic import SymbolicRegressor
 
     functions = ("add", "sub", "mul", "div", "sqrt", "abs", "sin", "cos")

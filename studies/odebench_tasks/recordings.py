@@ -25,7 +25,7 @@ MAX_CALLS = 50_000
 
 
 def trajectory(system: System, start: Sequence[float]) -> FloatArray | None:
-    """States (n, s) at the samples; None where they cannot be simulated."""
+    """Simulate states (n, s) at the samples; None where they cannot be."""
     return _run(_rates(system), start, [*system.constants.values()])
 
 
@@ -36,7 +36,7 @@ def _rates(system: System) -> Callable[..., list[float]]:
 
 
 def _run(call: Callable[..., list[float]], start: Sequence[float], constants: Sequence[float]) -> FloatArray | None:
-    """States (n, s) from the quick solver of ODEPACK; None where it fails."""
+    """Simulate states (n, s) by the quick solver of ODEPACK; None where it fails."""
     calls = iter(range(MAX_CALLS))
 
     def rate(x: FloatArray, t: float) -> list[float]:
@@ -65,7 +65,7 @@ def times() -> FloatArray:
 
 
 def noisy_runs(task: Task, seed: int) -> list[FloatArray]:
-    """Readings (n, s) from each start of a system that can be simulated; the second one is for the judgement.
+    """Read states (n, s) with noise from each start of a system that can be simulated; the second is for the judgement.
 
     The noise of both is that of the first, a share of each state's standard deviation there.
     """

@@ -120,7 +120,7 @@ def _gravity_offset(equations: RigEquations, p: Mapping[str, float]) -> None:
 
 
 def _pivot_presliding_friction(equations: RigEquations, p: Mapping[str, float]) -> None:
-    """A spring in series with a dry slider (Dahl's model), as a bearing that yields or a cable that creeps."""
+    """Add a spring in series with a dry slider (Dahl's model), as a bearing that yields or a cable that creeps."""
     torque = p["tau_p"]
     if torque <= 0.0:
         return

@@ -61,7 +61,7 @@ def _sum(*terms: tuple[float, Matrix]) -> Matrix:
 
 
 def _functions(a: Matrix, h: float) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """exp(ah) and phi_1..3(ah): f(A) = f(x) I + f[x, y] (A - x I), or by series where that cancels."""
+    """Compute exp(ah) and phi_1..3(ah): f(A) = f(x) I + f[x, y] (A - x I), or by series where that cancels."""
     mean, half_gap = 0.5 * (a[0] + a[3]), cmath.sqrt(0.25 * (a[0] - a[3]) ** 2 + a[1] * a[2])
     x, y = mean + half_gap, mean - half_gap
     if abs(x - y) * h < 1e-4 or max(map(abs, a)) * h < 0.5:
@@ -76,7 +76,7 @@ def _functions(a: Matrix, h: float) -> tuple[Matrix, Matrix, Matrix, Matrix]:
 
 
 def _series(z: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """exp(z) and phi_1..3(z) from phi_3(z) = sum of z^k / (k + 3)! and phi_(k-1)(z) = z phi_k(z) + I / (k - 1)!."""
+    """Compute exp(z), phi_1..3(z): phi_3(z) = sum of z^k / (k + 3)!, phi_(k-1)(z) = z phi_k(z) + I / (k - 1)!."""
     p3: Matrix = (0.0, 0.0, 0.0, 0.0)
     for k in range(24, 2, -1):
         p3 = _next(z, p3, 1.0 / factorial(k))
@@ -86,7 +86,7 @@ def _series(z: Matrix) -> tuple[Matrix, Matrix, Matrix, Matrix]:
 
 
 def _next(z: Matrix, f: Matrix, unit: float) -> Matrix:
-    """z f + unit I."""
+    """Compute z f + unit I."""
     return (
         z[0] * f[0] + z[1] * f[2] + unit,
         z[0] * f[1] + z[1] * f[3],

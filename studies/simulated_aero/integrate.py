@@ -245,7 +245,7 @@ class AeroIntegrator:
 def _forces(
     equations: RigEquations,
 ) -> Callable[[float, float, float, float, float, tuple[float, ...], float], tuple[float, float, float, list[float]]]:
-    """(volts, rotor torque, body torque, sources) beyond the linear part and the sign laws."""
+    """Return (volts, rotor torque, body torque, sources) beyond the linear part and the sign laws."""
     p = equations.truth.parameters
     supply, volts, rotor, thrust, body = (
         equations.supply,
@@ -293,7 +293,7 @@ def _total(laws: list[StateFunction]) -> StateFunction | None:
 
 
 def _scalar(rate: float, h: float) -> tuple[float, float, float, float, float, float]:
-    """Propagators and weights of a single state with its own rate."""
+    """Compute propagators and weights of a single state with its own rate."""
     p0, p1, p2, p3 = (value.real for value in phi(complex(rate * h)))
     q0, q1, _, _ = (value.real for value in phi(complex(0.5 * rate * h)))
     return p0, q0, 0.5 * h * q1, h * (p1 - 3.0 * p2 + 4.0 * p3), h * (2.0 * p2 - 4.0 * p3), h * (4.0 * p3 - p2)

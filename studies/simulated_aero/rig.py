@@ -168,7 +168,7 @@ def _tachometer(run: TrueRun, sensors: Sensors) -> FloatArray:
 
 
 def _union(*parts: FloatArray, end: float) -> FloatArray:
-    """Times of all parts up to ``end``, sorted, those closer than 1e-10 s taken as one."""
+    """Join the times of all parts up to ``end``, sorted, those closer than 1e-10 s taken as one."""
     grid = np.sort(np.concatenate(parts))
     grid = grid[(grid >= parts[0][0]) & (grid <= end)]
     distinct: FloatArray = grid[np.concatenate(([True], np.diff(grid) > 1e-10))]

@@ -161,7 +161,7 @@ def _lagged(grid: FloatArray, values: FloatArray, slopes: FloatArray, constant: 
 
 
 def _union(parts: Sequence[FloatArray], first: float, last: float) -> FloatArray:
-    """Times of all parts within [first, last], sorted, those that differ by rounding only taken as one."""
+    """Join the times of all parts within [first, last], sorted, those that differ by rounding only taken as one."""
     grid = np.sort(np.concatenate(parts))
     grid = grid[(grid >= first) & (grid <= last)]
     apart = 1e-9 * float(np.median(np.diff(parts[0])))

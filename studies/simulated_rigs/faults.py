@@ -109,7 +109,7 @@ def _readings(trial: RigTrial, fault: str, name: str, rng: Generator) -> FloatAr
 
 
 def _with_noise(fault: str, clean: FloatArray, sd: float, rng: Generator) -> FloatArray | None:
-    """Readings of a noise that is not white and normal."""
+    """Draw readings with a noise that is not white and normal."""
     normal = rng.standard_normal(clean.size)
     if fault == "rounded":
         step = sd * exp(rng.uniform(*np.log(COUNTS)))
@@ -131,7 +131,7 @@ def _white(trial: RigTrial, rng: Generator) -> dict[str, FloatArray]:
 
 
 def _stretch(rows: int, rng: Generator) -> tuple[int, int]:
-    """First row of a stretch and the row after it, away from both ends."""
+    """Draw the first row of a stretch and the row after it, away from both ends."""
     length = round(rows * exp(rng.uniform(log(LOST_SHARE[0]), log(LOST_SHARE[1]))))
     first = int(rng.integers(rows // 10, rows - rows // 10 - length))
     return first, first + length

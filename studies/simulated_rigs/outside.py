@@ -20,7 +20,7 @@ def _drifting_gain(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 
 
 def _fade(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    """An actuator that loses force as it grows hot from what it did before."""
+    """Let an actuator lose force as it grows hot from what it did before."""
     a.actuators[name] = partial(faded_command, constant=p["T"], loss=p["loss"], size=p["u_n"])
 
 
@@ -29,7 +29,7 @@ def _wave(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 
 
 def _resonance(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    """A weakly damped mode of the sensor's mount that its reading excites and adds to it."""
+    """Add a weakly damped mode of the sensor's mount that its reading excites."""
     column, w, damping = a.outputs.index(name), p["w_0"], p["zeta"]
     shown = a.plant.shown[column]
     position, speed = a.add_state(shown), a.add_state()

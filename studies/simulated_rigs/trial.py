@@ -249,7 +249,10 @@ def draw_noise_levels(rng: Generator, kind: RigKind, outputs: FloatArray) -> dic
 
 
 def _laws(rng: Generator, what: What, experiment: RigExperiment, clean_run: CleanRun) -> list[LawTruth]:
-    """Laws as asked for, each scaled to a distance of its own, and their distances in each other's presence."""
+    """Scale each of the laws asked for to a distance of its own.
+
+    Returns their distances in each other's presence, too.
+    """
     if what == "none":
         return []
     kind = experiment.kind
@@ -324,7 +327,7 @@ def law_at_distance(
 
 
 def _power(tried: Sequence[tuple[float, LawTruth]]) -> float:
-    """Exponent with which the distance grows with the size, from the last two tried."""
+    """Estimate the exponent with which the distance grows with the size, from the last two tried."""
     if len(tried) < 2:
         return 1.0
     (size, one), (other_size, other) = tried[-1], tried[-2]

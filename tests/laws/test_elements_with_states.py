@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from small_rigs import rig
 
 from aero_bayes.export import export_flat, load_flat
-from aero_bayes.laws import Law, place_law, ports_with_laws, write_law
+from aero_bayes.laws import Law, place_law, ports_with_laws, write_laws
 from aero_bayes.laws.starting_values import fitted_parameters
 from aero_bayes.simulation import (
     Experiment,
@@ -85,7 +85,7 @@ def test_an_element_is_the_scipy_solution_and_off_the_model_as_it_was(
     port = next(p for p in ports_with_laws(flat, laws) if p.id == at)
     law = next(law for law in laws if law.id == law_id and law.kind == port.kind)
     placed = place_law(law, port, [v.name for v in flat.variables], values=values, with_starts=True)
-    written = write_law([path], name, flat, [placed], tmp_path)
+    written = write_laws([path], name, flat, [placed], tmp_path)
     again = load_flat(written.name, [path, written.path])
     time, levels = np.linspace(0.0, duration, 81), (before, -0.4 * before)
     signal = InputSignal("u", np.array([0.0, 0.5 * duration]), np.array(levels))

@@ -25,7 +25,7 @@ from aero_bayes.laws import (
     find_candidates,
     place_law,
     ports_with_laws,
-    write_law,
+    write_laws,
 )
 from aero_bayes.simulation import (
     Experiment,
@@ -80,7 +80,7 @@ def test_several_laws_at_once(
 
 def test_the_users_text_is_kept(laws: tuple[Law, ...], tmp_path: Path) -> None:
     flat = rig("Cart")
-    written = write_law([RIGS / "Cart.mo"], "Cart", flat, uses_at(flat, laws, "coulomb_friction@v"), tmp_path)
+    written = write_laws([RIGS / "Cart.mo"], "Cart", flat, uses_at(flat, laws, "coulomb_friction@v"), tmp_path)
     gone = [line[1:] for line in written.diff.splitlines() if line.startswith("-") and not line.startswith("---")]
     assert [line.split()[0] for line in gone] == ["model", "M", "end"]
     assert (
@@ -99,11 +99,11 @@ def test_the_users_text_is_kept(laws: tuple[Law, ...], tmp_path: Path) -> None:
 def test_a_law_at_a_connector_extends_one_in_series_splits_a_connection(laws: tuple[Law, ...], tmp_path: Path) -> None:
     flat = rig("Shaft.Motor")
     sources = [RIGS / "Shaft.mo"]
-    node = write_law(sources, "Shaft.Motor", flat, uses_at(flat, laws, "coulomb_friction@load.a"), tmp_path)
+    node = write_laws(sources, "Shaft.Motor", flat, uses_at(flat, laws, "coulomb_friction@load.a"), tmp_path)
     assert "  extends Shaft.Motor;" in node.text
     assert "  connect(coulomb_friction.port, load.a);" in node.text
     assert node.diff.startswith("--- /dev/null\n")
-    series = write_law(sources, "Shaft.Motor", flat, uses_at(flat, laws, "contact_drop@inductor.p"), tmp_path)
+    series = write_laws(sources, "Shaft.Motor", flat, uses_at(flat, laws, "contact_drop@inductor.p"), tmp_path)
     changed = [line for line in series.diff.splitlines() if line.startswith(("-  ", "+  ")) and "connect" in line]
     assert changed == [
         "-  connect(resistor.n, inductor.p);",
@@ -297,7 +297,7 @@ def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(
     flat = load_flat("Shaft.Motor", [own], [library])
     for id_, head in (("viscous_friction@load.a", "  extends Shaft.Motor;"), ("dead_zone@V", "  Shaft.Resistor")):
         placed_laws = uses_at(flat, laws, id_)
-        written = write_law([own], "Shaft.Motor", flat, placed_laws, tmp_path / "out")
+        written = write_laws([own], "Shaft.Motor", flat, placed_laws, tmp_path / "out")
         assert head in written.text
         again = Numbers(explicit(load_flat(written.name, [own, written.path], [library])))
         composed = Numbers(explicit(compose_laws(flat, placed_laws, models)))
@@ -352,7 +352,7 @@ end Branch;
     flat = rig("Branch", str(path))
     assert {p.id for p in ports_with_laws(flat, laws)} == {"y"}  # a balance in branches is no port
     with pytest.raises(InputError, match=facts("Nowhere")):
-        write_law([path], "Nowhere", flat, [], tmp_path / "out")
+        write_laws([path], "Nowhere", flat, [], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -366,7 +366,7 @@ def test_the_written_model_moves_like_the_composed_one(
     """Two FMUs, one from the flat model and one from the written source: equal to 1e-9 of the range."""
     flat, sources = rig(model), [RIGS / f"{model.partition('.')[0]}.mo"]
     placed_laws = uses_at(flat, laws, id_)
-    written = write_law(sources, model, flat, placed_laws, tmp_path)
+    written = write_laws(sources, model, flat, placed_laws, tmp_path)
     files = (
         export_flat(compose_laws(flat, placed_laws, models), tmp_path / "composed.fmu"),
         export_fmu(written.name, tmp_path / "written.fmu", compiler="embedded", sources=[*sources, written.path]),
@@ -441,7 +441,7 @@ def test_a_second_reader_takes_the_written_text(laws: tuple[Law, ...], tmp_path:
     for model, id_ in (("Cart", "delay@q"), ("TankPair", "overflow@h1"), ("Shaft.Motor", "contact_drop@inductor.p")):
         flat = rig(model)
         sources = [RIGS / f"{model.partition('.')[0]}.mo"]
-        written = write_law(sources, model, flat, uses_at(flat, laws, id_), tmp_path)
+        written = write_laws(sources, model, flat, uses_at(flat, laws, id_), tmp_path)
         tree = parser.parse(written.text.replace("within ;\n", ""))
         assert tree is not None
         assert written.name in tree.classes
@@ -490,7 +490,7 @@ end Read;
     assert {c.port.signals["u"] for c in lags} == {"x", "z", "i"}
     for c in lags:
         placed = place_law(c.law, c.port, {v.name for v in family.places.flat.variables}, nominals={})
-        written = write_law([path], "Read.Rig", family.places.flat, [placed], tmp_path / "out")
+        written = write_laws([path], "Read.Rig", family.places.flat, [placed], tmp_path / "out")
         flat = load_flat(written.name, [path, written.path])
         assert {v.name for v in flat.variables if v.causality == "output"} >= {"x", "z", "i"}
         export_flat(flat, tmp_path / "out" / f"{c.port.signals['u']}.fmu", quick=True)
@@ -522,4 +522,4 @@ end Filter;
     assert {"lag@u", "offset@y"} <= {c.id for c in tried}
     for c in tried:
         placed = place_law(c.law, c.port, {v.name for v in places.flat.variables}, nominals={}, neighbour=c.neighbour)
-        write_law(places.sources, places.base, places.flat, [placed], tmp_path / "out")
+        write_laws(places.sources, places.base, places.flat, [placed], tmp_path / "out")

@@ -20,7 +20,7 @@ from aero_bayes.laws import (
     find_candidates,
     place_law,
     ports_with_laws,
-    write_law,
+    write_laws,
 )
 
 FORMS = {
@@ -119,7 +119,7 @@ def test_laws_at_elements(form: str, laws: tuple[Law, ...], models: LawModels, t
     expected = np.stack([plain[0] + VALUES["offset@y[1]"], plain[1] * gains[1]])
     composed = moved(export_flat(compose_laws(flat, placed_laws, models), tmp_path / "composed.fmu"), given)
     assert np.abs(composed - expected).max() < 1e-6
-    written = write_law([path], name, flat, placed_laws, tmp_path / "out")
+    written = write_laws([path], name, flat, placed_laws, tmp_path / "out")
     again = load_flat(written.name, [path, written.path])
     assert {n for placed in placed_laws for n in placed.names.values()} <= {v.name for v in again.variables}
     assert {v.name for v in again.variables if v.causality in ("input", "output") and "." not in v.name} >= {"u", "y"}
@@ -140,7 +140,7 @@ def test_two_laws_at_one_element(laws: tuple[Law, ...], models: LawModels, tmp_p
         for i, value in {"gain@u[2]": 0.5, "offset@u[2]": 0.3}.items()
     ]
     plain = moved(export_flat(flat, tmp_path / "plain.fmu"), given | {"u[2]": 1.5 * (2.0 + 0.3)})
-    written = write_law([path], "Rig", flat, placed_laws, tmp_path / "out")
+    written = write_laws([path], "Rig", flat, placed_laws, tmp_path / "out")
     files = (
         export_flat(compose_laws(flat, placed_laws, models), tmp_path / "composed.fmu"),
         export_flat(load_flat(written.name, [path, written.path]), tmp_path / "written.fmu"),

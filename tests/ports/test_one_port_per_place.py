@@ -9,7 +9,7 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export import load_flat
-from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, write_law
+from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, write_laws
 
 pytestmark = pytest.mark.fast
 
@@ -132,7 +132,7 @@ def test_friction_there_pulls_at_both_ends(port, change, sources, laws, models: 
     law = next(law for law in laws if law.id == "viscous_friction")
     placed = place_law(law, place, {v.name for v in flat.variables}, values={"d": 0.7})
     composed = Numbers(explicit(compose_law(flat, placed, models)))
-    written = write_law(sources, "Car", flat, [placed], tmp_path / "out")
+    written = write_laws(sources, "Car", flat, [placed], tmp_path / "out")
     again = Numbers(explicit(load_flat(written.name, [*sources, written.path])))
     base = Numbers(explicit(flat))
     at = somewhere(base.names(), rng)

@@ -19,7 +19,7 @@ from aero_bayes.laws import (
     ports_with_laws,
     with_candidates,
     with_probes,
-    write_law,
+    write_laws,
 )
 from aero_bayes.ports import DIFFERENCE, port_table
 
@@ -215,7 +215,7 @@ end Chain;
     law = next(law for law in laws if law.id == "viscous_friction")
     placed = place_law(law, port, [v.name for v in flat.variables], values={"d": 0.9})
     wide_flat = compose_law(flat, placed, models)
-    written = write_law([path], "Chain", flat, [placed], tmp_path / "out")
+    written = write_laws([path], "Chain", flat, [placed], tmp_path / "out")
     again = Numbers(explicit(load_flat(written.name, [path, written.path])))
     base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
     point = somewhere(base.names(), rng)

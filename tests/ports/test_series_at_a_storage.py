@@ -9,7 +9,7 @@ from fmpy import simulate_fmu
 from small_rigs import RIGS
 
 from aero_bayes.export import export_flat, load_flat
-from aero_bayes.laws import Law, LawModels, compose_law, find_candidates, place_law, ports_with_laws, write_law
+from aero_bayes.laws import Law, LawModels, compose_law, find_candidates, place_law, ports_with_laws, write_laws
 
 FILTER = """within ;
 model Filter "Source, resistor, capacitor, and a probe at their node"
@@ -58,7 +58,7 @@ def test_the_series_resistance_of_a_capacitor(laws: tuple[Law, ...], models: Law
     series = 25.0
     (c,) = (c for c in find_candidates([ports["capacitor.p"]], laws) if c.law.id == "series_resistance")
     placed = place_law(c.law, c.port, (), nominals={"v_n": 1.0, "i_n": 0.01}, values={"R_s": series})
-    written = write_law(sources, "Filter", flat, [placed], tmp_path / "out")
+    written = write_laws(sources, "Filter", flat, [placed], tmp_path / "out")
     lines = [line.strip() for line in written.text.splitlines()]
     assert "connect(leak.p, series_resistance.p);" in lines
     assert lines.count("connect(series_resistance.n, capacitor.p);") == 1
@@ -84,7 +84,7 @@ def test_two_drops_in_a_branch_without_a_state(laws: tuple[Law, ...], models: La
         place_law(c.law, c.port, (), nominals={"v_n": 1.0, "i_n": 0.01}, values=values[c.law.id])
         for c in find_candidates([port], laws) if c.law.id in values
     ]  # fmt: skip
-    written = write_law(sources, "Filter", flat, placed_laws, tmp_path / "out")
+    written = write_laws(sources, "Filter", flat, placed_laws, tmp_path / "out")
     lines = [line.strip() for line in written.text.splitlines()]
     assert len(placed_laws) == 2
     assert sum(line.endswith("resistor.p);") for line in lines) == 1
@@ -142,7 +142,7 @@ def test_a_pin_that_is_a_node_is_a_place_for_a_flow_and_for_a_drop(laws: tuple[L
     assert (ports["one.p"].kind, ports["series_one.p"].kind) == ("storage", "electrical")
     drop = next(c for c in find_candidates(tuple(ports.values()), laws) if c.id == "series_resistance@series_one.p")
     placed = place_law(drop.law, drop.port, [v.name for v in flat.variables], values={"R_s": 50.0})
-    written = write_law([RIGS / "Shaft.mo", path], "Grounded", flat, [placed], tmp_path / "written")
+    written = write_laws([RIGS / "Shaft.mo", path], "Grounded", flat, [placed], tmp_path / "written")
     again = load_flat(written.name, [RIGS / "Shaft.mo", path, written.path])
     t, tau = 0.01 * np.arange(51), 150.0 * 1e-3
     for made, name in ((compose_law(flat, placed, models), "composed"), (again, "written")):

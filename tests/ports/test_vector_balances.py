@@ -11,7 +11,7 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.export import FlatModel, load_flat
-from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, reserved_names, write_law
+from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, reserved_names, write_laws
 from aero_bayes.ports import Port
 
 ARM = """model Arm "Two joints; {how}"
@@ -71,7 +71,7 @@ def added(
     law = next(law for law in laws if law.id in ("viscous_friction", "linear_loss") and law.id in port.laws)
     placed = place_law(law, port, reserved_names(flat, sources), values={law.magnitude.name: 0.7})
     composed = Numbers(explicit(compose_law(flat, placed, models)))
-    written = write_law(list(sources), model, flat, [placed], folder)
+    written = write_laws(list(sources), model, flat, [placed], folder)
     again = Numbers(explicit(load_flat(written.name, [*sources, written.path])))
     base = Numbers(explicit(flat))
     point = somewhere(base.names(), rng)

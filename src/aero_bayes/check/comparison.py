@@ -63,7 +63,7 @@ class ElpdEstimate:
 
 
 def waic(densities: FloatArray) -> ElpdEstimate:
-    """Watanabe's criterion from log-densities of blocks (s, b) over posterior draws."""
+    """Compute Watanabe's criterion from log-densities of blocks (s, b) over posterior draws."""
     count = len(densities)
     lppd = logsumexp(densities, axis=0) - math.log(count)
     penalty = np.var(densities, axis=0, ddof=1)
@@ -118,7 +118,7 @@ def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = No
 
 
 def _weights(log_ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Smoothed and normalised log-weights of each column (s, b), and their tail shapes (b,)."""
+    """Compute smoothed and normalised log-weights of each column (s, b), and their tail shapes (b,)."""
     smoothed, shapes = np.empty(log_ratio.shape), np.empty(log_ratio.shape[1])
     for b, column in enumerate(log_ratio.T):
         usable = np.where(np.isfinite(column), column, -np.inf)

@@ -16,7 +16,8 @@ from aero_bayes.check.comparison import ElpdEstimate, leave_future_out, leave_on
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.fit import FitSettings, fit_calibration
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.levenberg_marquardt import levenberg_marquardt
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
@@ -179,7 +180,7 @@ def _densities(
     blocks: int,
     draws: int,
 ) -> list[FloatArray]:
-    """Log-densities of every block of a calibration's recordings over draws of a fit's posterior, (s, b) each."""
+    """Compute log-densities of every block of the recordings over draws of a fit's posterior, (s, b) each."""
     with open_simulator(fit.calibration.problem()) as simulator:
         sample = importance_posterior(fit, simulator, 8 * draws, rng).resample(draws, rng)
     with open_simulator(calibration.problem()) as simulator:
@@ -235,7 +236,7 @@ def _predict(
 
 
 def _values(alone: Calibration, rest: Fit, coordinates: FloatArray) -> FloatArray:
-    """SI values (p,) for a recording left out: shared ones at a point of the others' posterior, own ones at a start."""
+    """Compute SI values (p,) for a recording left out: shared ones from the others' posterior, own ones at a start."""
     items = rest.calibration.parameters.items
     searched = ParameterSet(tuple(items[j] for j in rest.free))
     drawn = dict(zip(searched.names, searched.from_search(coordinates).tolist(), strict=True))
@@ -244,7 +245,7 @@ def _values(alone: Calibration, rest: Fit, coordinates: FloatArray) -> FloatArra
 
 
 def _integrated(target: Target, noise: FloatArray) -> tuple[float, FloatArray]:
-    """Log-density of the measurements with the target's free nuisances integrated out, and the values at their mode."""
+    """Compute the log-density of readings with the free nuisances integrated out, and the values at their mode."""
     if not target.free:
         return float(np.sum(target.log_likelihood(np.empty((1, 0)), noise[None]))), target.base
     start = target.parameters.to_search(target.base[list(target.free)])

@@ -98,7 +98,7 @@ class ResidualReport:
 
 
 def exact_level(calibration: Calibration, series: Series) -> float:
-    """RMS residual, in the output's unit, up to which there is no noise, only rounding and the solver's error."""
+    """Compute the RMS residual, in the output's unit, up to which there is only rounding and the solver's error."""
     size, moved = float(np.max(np.abs(series.measured))), float(np.ptp(series.measured))
     solver = calibration.solver.relative_tolerance * size + calibration.solver.absolute_tolerance
     return max(ROUNDING_SHARE * moved, min(solver, SOLVER_SHARE * moved))
@@ -231,7 +231,7 @@ def check_residuals(
 def _states(
     calibration: Calibration, series: Sequence[Series], fit: Optimum, own: Series, units: Mapping[str, str]
 ) -> dict[str, FloatArray]:
-    """Fitted outputs, derivatives of outputs that are positions, and inputs, at the samples of one output.
+    """Compute fitted outputs, derivatives of outputs that are positions, and inputs, at the samples of one output.
 
     An input has its value just before the sample: a controller computes the next value from the reading and its noise.
     So have the outputs of a filter, whose predictions follow the readings.

@@ -47,7 +47,7 @@ def is_number(cell: str) -> bool:
 
 
 def numbers_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
-    """Cells of a column as numbers, NaN where one is empty.
+    """Convert cells of a column to numbers, NaN where one is empty.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def numbers_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
 
 
 def times_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
-    """Times in s: numbers as they are, times of day over midnight, dates from the first one on.
+    """Convert cells to times in s: numbers as they are, times of day over midnight, dates from the first one on.
 
     A date without a zone is taken for universal time, which knows no hour twice.
     """
@@ -123,7 +123,7 @@ def _dates_in(text: list[str], place: Place, name: str) -> FloatArray:
 
 
 def seconds(times: Any) -> FloatArray:
-    """Times in s of a series or an index of pandas, or an array.
+    """Convert a series or an index of pandas, or an array, to times in s.
 
     Dates count from the first one, whatever their resolution and time zone; durations and numbers stay what they are.
     """
@@ -161,7 +161,7 @@ def numbers(column: Any, where: str) -> FloatArray:
 
 
 def plain_seconds(time: FloatArray) -> FloatArray:
-    """Times in s, from the first one on where they count ms or less since 1970, or are days of a spreadsheet.
+    """Count times in s from the first one, where they are ms or less since 1970, or days of a spreadsheet.
 
     A step of a spreadsheet is a whole number of seconds, but as a share of a day no short number.
     """
@@ -181,7 +181,7 @@ def plain_seconds(time: FloatArray) -> FloatArray:
 
 
 def _dates(values: Any) -> Any:
-    """Dates in universal time; text with several offsets is compared by the instants that it names."""
+    """Convert dates to universal time; text with several offsets is compared by the instants that it names."""
     import pandas
 
     text = isinstance(values.iloc[0], str)
@@ -189,7 +189,7 @@ def _dates(values: Any) -> Any:
 
 
 def _after_midnight(time: FloatArray) -> FloatArray:
-    """Times of day that go on over midnight."""
+    """Let times of day go on over midnight."""
     return time + DAY * np.concatenate(([0.0], np.cumsum(np.diff(time) < -0.5 * DAY)))
 
 

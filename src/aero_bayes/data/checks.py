@@ -112,7 +112,7 @@ def _check_output(name: str, column: str, values: FloatArray, place: RowName) ->
 
 
 def _run(bad: NDArray[np.bool_]) -> int:
-    """Length of the first run of True."""
+    """Compute the length of the first run of True."""
     first = int(np.argmax(bad))
     rest = bad[first:]
     return int(np.argmin(rest)) if not rest.all() else int(rest.size)

@@ -37,7 +37,7 @@ def with_steady_clock(recording: Recording) -> Recording:
 
 
 def _steps_back(recording: Recording) -> Rows:
-    """First rows after a step back of the clock, where all parts between them are long enough for a fit."""
+    """Find the first rows after a step back of the clock, where all parts between them are long enough for a fit."""
     time = recording.time
     if not np.isfinite(time).all() or time.size < 2 * MIN_PART_ROWS:
         return np.empty(0, dtype=np.intp)

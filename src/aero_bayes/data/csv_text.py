@@ -62,7 +62,7 @@ class Scan:
     thousands: bool
 
     def line(self, row: int, first: int) -> int:
-        """Line of the file, counted from 1, that holds row ``row``, the first being ``first``."""
+        """Return the line of the file, counted from 1, that holds row ``row``, the first being ``first``."""
         line = row + first
         for blank in self.blanks:
             if blank > line:
@@ -85,7 +85,7 @@ class TextTable:
         return self._frame(range(len(self.names)), Scan("", 20, (), False, False), dtype=str, nrows=20)
 
     def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
-        """Columns by name; InputError for lines with too few or too many cells, and for too little memory."""
+        """Read columns by name; InputError for lines with too few or too many cells, and for too little memory."""
         scan = _scan(self.path, self.header)
         if scan.rows == 0:
             raise InputError(f"{self.path}: holds a header but no data, expected one sample a line")
@@ -132,7 +132,7 @@ class TextTable:
 
 
 def _as_it_stands(values: pandas.Series, text: pandas.Series, scan: Scan, separator: str) -> pandas.Series:
-    """Cells of text with decimal points; values where all that are no number are empty cells."""
+    """Read cells of text with decimal points; values where all that are no number are empty cells."""
     if values.dtype.kind == "f":
         missing = ~np.isfinite(values.to_numpy())
         if not text[missing].str.strip().str.strip('"').str.strip().astype(bool).any():
@@ -144,7 +144,7 @@ def _as_it_stands(values: pandas.Series, text: pandas.Series, scan: Scan, separa
 
 
 def free_memory() -> int:
-    """Bytes that this process may still take: what the system calls available, and its control group's limit."""
+    """Count the bytes that this process may still take: what the system has, and its control group's limit."""
     try:
         free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
         for line in Path("/proc/meminfo").read_text().splitlines():

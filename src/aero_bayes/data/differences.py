@@ -93,7 +93,7 @@ class Differences:
     inputs: Sequence[FloatArray] = ()
 
     def noise_variances(self, order: int) -> NoiseVariances | None:
-        """Variances of noise, from the growth of the variance with the lag; None for too few readings."""
+        """Estimate variances of noise from the growth of the variance with the lag; None for too few readings."""
         lags, variances, windows, calm = self._variances(order)
         if not lags.size or lags[0] != 1.0:
             return None
@@ -132,7 +132,7 @@ class Differences:
         return max(1.0 - _trimmed(left) / whole, 0.0) if whole > 0.0 else 0.0
 
     def _variances(self, order: int) -> tuple[FloatArray, FloatArray, int, bool]:
-        """Lags, trimmed variances, number of differences at the first lag, and whether inputs were constant in them."""
+        """Compute lags, trimmed variances, differences at the first lag, and whether inputs were constant there."""
         lags, variances, windows, rested = [], [], 0, False
         for lag in LAGS:
             if self.values.size < max(2 * order * lag, order * lag + 5):
@@ -149,7 +149,7 @@ class Differences:
         return np.array(lags), np.array(variances), windows, rested
 
     def _undisturbed(self, rows: NDArray[np.intp], usable: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], bool]:
-        """Windows (w, p + 1) without a jump of an input in or shortly before them; all, if these are too few."""
+        """Find windows (w, p + 1) without a jump of an input in or shortly before them; all, if these are too few."""
         since, interval = _since_jump(self.time, self.inputs), float(np.median(np.diff(self.time)))
         length = self.time[rows[:, -1]] - self.time[rows[:, 0]]
         # Undisturbed: the last jump before the end of the window is before its start.
@@ -162,7 +162,7 @@ class Differences:
 
 
 def input_jumps(time: FloatArray, inputs: Sequence[FloatArray]) -> FloatArray:
-    """Times at which any input changes from one sample to the next by more than a hundredth of its range."""
+    """Find the times at which any input changes from one sample to the next by more than a hundredth of its range."""
     changed = np.zeros(time.size - 1, dtype=bool)
     for values in inputs:
         changed |= np.abs(np.diff(values)) > 0.01 * max(float(np.ptp(values)), 1e-300)
@@ -180,7 +180,7 @@ def _since_jump(time: FloatArray, inputs: Sequence[FloatArray]) -> FloatArray:
 
 
 def _weights(time: FloatArray, order: int, lag: int) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Weights of divided differences, of norm one, and the rows that they belong to, both (w, order + 1)."""
+    """Compute weights of divided differences, of norm one, and the rows that they belong to, both (w, order + 1)."""
     windows = time.size - order * lag
     first = (
         np.arange(windows)
@@ -207,7 +207,7 @@ def _trimmed(differences: FloatArray) -> float:
 
 
 def _correlated_variance(lags: FloatArray | float, memory: float, order: int) -> FloatArray:
-    """Variance of differences of an Ornstein-Uhlenbeck process of variance one."""
+    """Compute the variance of differences of an Ornstein-Uhlenbeck process of variance one."""
     r = np.exp(-np.asarray(lags) / memory)
     whole = comb(2 * order, order)
     terms = [2.0 * (-1) ** j * comb(2 * order, order + j) / whole * r**j for j in range(1, order + 1)]
@@ -217,7 +217,7 @@ def _correlated_variance(lags: FloatArray | float, memory: float, order: int) ->
 def _fit_noise_variances(
     lags: FloatArray, variances: FloatArray, order: int, windows: int, calm: bool
 ) -> NoiseVariances:
-    """Non-negative least squares over the lags. Correlated noise must fit better than a drift."""
+    """Fit non-negative least squares over the lags. Correlated noise must fit better than a drift."""
     # A window of p lags has about one independent difference, whose square has a relative deviation of sqrt(2).
     error = np.sqrt(2.0 * order * lags / windows / TRIM_QUANTILE + SHAPE_ERROR**2)
     over = lags / lags[-1]

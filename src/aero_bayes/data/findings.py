@@ -53,14 +53,14 @@ class DataFinding:
 
 
 def told_numbers(numbers: Sequence[float], unit: str = "") -> str:
-    """Numbers in a sentence, the first few of many."""
+    """Write numbers in a sentence, the first few of many."""
     shown = ", ".join(f"{number:.7g}" for number in numbers[:MOST_TOLD])
     more = len(numbers) - MOST_TOLD
     return f"{shown}{f' {unit}' if unit else ''}{f' and {more} more' if more > 0 else ''}"
 
 
 def runs_of(rows: Sequence[int]) -> str:
-    """Row numbers in a sentence, successive ones as a range: ``3, 7 to 9``."""
+    """Write row numbers in a sentence, successive ones as a range: ``3, 7 to 9``."""
     parts: list[str] = []
     ranges: list[tuple[int, int]] = []
     for row in rows:

@@ -67,7 +67,7 @@ class FrameTable:
         return self._frame.head(20)
 
     def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
-        """Columns by name."""
+        """Read columns by name."""
         found = self._frame[[self.names.index(name) for name in columns]].set_axis(list(columns), axis=1)
         if not len(found):
             raise InputError(f"{self.path}: holds a header but no data, expected one sample a row")

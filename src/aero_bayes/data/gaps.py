@@ -17,7 +17,7 @@ MIN_PART_ROWS, MAX_PARTS = 20, 10
 
 
 def gap_rows(time: FloatArray, inputs: Mapping[str, FloatArray]) -> Rows:
-    """First rows after a gap, the longest if there are many.
+    """Find the first rows after a gap, of the longest gaps if there are many.
 
     A logger that writes changes only has long intervals by right, and inputs that were constant for as long before and
     after a gap were most likely constant in it: neither counts.

@@ -27,7 +27,7 @@ class InitialLevel(NamedTuple):
 
 
 def initial_level(values: FloatArray, time: FloatArray, floor: float) -> InitialLevel | None:
-    """Value at ``time[0]`` of the constant, line or parabola with the least estimated mean squared error.
+    """Estimate the value at ``time[0]`` by the constant, line or parabola with the least mean squared error.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def initial_level(values: FloatArray, time: FloatArray, floor: float) -> Initial
 
 
 def _extrapolated(y: FloatArray, t: FloatArray, degree: int, floor: float) -> tuple[float, float, bool]:
-    """Value at zero of a fitted polynomial, its variance, and whether its residual is within the noise."""
+    """Compute the value at zero of a fitted polynomial, its variance, and whether its residual is within the noise."""
     basis = np.vander(t / (float(t[-1]) or 1.0), degree + 1, increasing=True)
     inverse = np.linalg.pinv(basis)
     left, free = y - basis @ (inverse @ y), y.size - degree - 1

@@ -47,7 +47,7 @@ class ColumnMap:
     unwrap: bool = False
 
     def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
-        """Raw values in the unit ``expected``, or in SI if it is empty. InputError for a unit of another dimension."""
+        """Convert raw values to the unit ``expected``, or to SI if empty. InputError for another dimension."""
         converted = self._converted(values, column, expected)
         return unwrapped(converted, expected) if self.unwrap else converted
 

@@ -64,7 +64,7 @@ def _signals(path: Path) -> Signals:
 
 
 def _named(found: list[tuple[str, str, str, FloatArray, FloatArray]]) -> Signals:
-    """Signals from (group, name, unit, times, values); times are called ``time``, or by their group."""
+    """Make signals of (group, name, unit, times, values); times are called ``time``, or by their group."""
     count = Counter(name for _, name, *_ in found)
     vectors: dict[str, FloatArray] = {}
     clocks: dict[str, str] = {}
@@ -163,7 +163,7 @@ def _lvm(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
 
 
 def _steps(about: dict[str, list[str]], number: int, size: int, decimal: str) -> FloatArray:
-    """Times of a channel without a column of times."""
+    """Compute the times of a channel without a column of times."""
 
     def value(key: str) -> float:
         return float(about[key][number].replace(decimal, "."))

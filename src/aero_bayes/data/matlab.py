@@ -66,7 +66,7 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def read(path: Path, request: Request) -> Columns:
-    """Vectors of the file under the recording's names.
+    """Read the vectors of the file under the recording's names.
 
     Raises
     ------

@@ -73,7 +73,7 @@ def _variables(path: Path, opaque: list[str]) -> dict[str, Any]:
 
 
 def _objects(path: Path, opaque: list[str]) -> dict[str, Any]:
-    """Tables, timetables and timeseries through mat-io, where it is installed; what it read leaves ``opaque``."""
+    """Read tables, timetables and timeseries by mat-io, where it is installed; what it read leaves ``opaque``."""
     if not opaque:
         return {}
     try:
@@ -92,7 +92,7 @@ def _objects(path: Path, opaque: list[str]) -> dict[str, Any]:
 
 
 def _fields_of(value: Any) -> dict[str, Any] | None:
-    """Columns of a table or timetable, or times and values of a timeseries; None for anything else."""
+    """Return the columns of a table or timetable, or times and values of a timeseries; None for anything else."""
     if hasattr(value, "columns"):
         fields = {str(name): value[name].to_numpy() for name in value.columns}
         index = value.index
@@ -110,7 +110,7 @@ def _fields_of(value: Any) -> dict[str, Any] | None:
 
 
 def _trajectories(variables: Mapping[str, Any]) -> dict[str, FloatArray]:
-    """Variables over time of a result of Dymola or OpenModelica; at an event, where a time is there twice, the last.
+    """Read variables over time of a result of Dymola or OpenModelica; of a time that is there twice (event), the last.
 
     ``dataInfo`` has a column for each name: the matrix with its values (0: the time, 1: constants, 2: over time), the
     row in it, negative for one that enters with the other sign. ``Aclass`` says in which order matrices are stored.
@@ -140,7 +140,7 @@ def _variables_hdf5(path: Path, opaque: list[str]) -> dict[str, Any]:
 
 
 def _from_hdf5(name: str, item: Any, file: Any, opaque: list[str]) -> Any:
-    """MATLAB stores arrays transposed, text as numbers, and cells and structure arrays as references."""
+    """Read what MATLAB stores: arrays transposed, text as numbers, cells and structure arrays as references."""
     kind = item.attrs.get("MATLAB_class", b"")
     kind = kind.decode() if isinstance(kind, bytes) else str(kind)
     if hasattr(item, "keys"):
@@ -176,7 +176,7 @@ def _flatten(name: str, value: Any, vectors: dict[str, FloatArray]) -> None:
 
 
 def _signals(signals: Any) -> list[tuple[str, Any]]:
-    """(label, values) of each signal, from a structure array in either file version."""
+    """Return (label, values) of each signal, from a structure array in either file version."""
     if isinstance(signals, Mapping):
         values, labels = signals.get("values"), signals.get("label", "")
         if isinstance(values, list):

@@ -75,7 +75,7 @@ class NoiseFloor:
     readings: int
 
     def to_dict(self) -> dict[str, float | int | None]:
-        """Plain values."""
+        """Return plain values."""
         return asdict(self)
 
 
@@ -140,12 +140,12 @@ def _agree(one: NoiseVariances, other: NoiseVariances) -> bool:
 
 
 def output_noise_floor(recording: Recording, output: str) -> NoiseFloor:
-    """Noise floor of an output of a recording, from its readings and the inputs."""
+    """Estimate the noise floor of an output of a recording, from its readings and the inputs."""
     return noise_floor(recording.outputs[output], recording.time, list(recording.inputs.values()))
 
 
 def noise_floors(recordings: Sequence[Recording], outputs: Sequence[str]) -> dict[tuple[str, str], float]:
-    """Noise floors by recording and output. There is no entry for an unknown one."""
+    """Estimate noise floors by recording and output. There is no entry for an unknown one."""
     floors = {}
     for recording in recordings:
         for output in outputs:

@@ -180,7 +180,7 @@ class Recording:
         return float(self.time[-1] - self.time[0]) if self.rows else 0.0
 
     def measured(self, outputs: tuple[str, ...]) -> FloatArray:
-        """Readings of ``outputs`` side by side, shape (n, m). Raises InputError for one that was not recorded."""
+        """Return readings of ``outputs`` side by side, shape (n, m). Raises InputError for one without readings."""
         for output in outputs:
             if output not in self.outputs:
                 recorded = ", ".join(self.outputs) or "none"

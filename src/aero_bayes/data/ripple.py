@@ -31,7 +31,7 @@ def _rotor_angle(recording: Recording, speed: FloatArray) -> FloatArray:
 
 
 def ripple_amplitudes(recording: Recording, output: str, orders: tuple[int, ...] = (1, 2)) -> dict[int, float]:
-    """Amplitude of the ripple of an output by order (periods a turn), in the unit of the output.
+    """Compute the amplitude of the ripple of an output by order (periods a turn), in the unit of the output.
 
     It is averaged over segments in which the rotor turns and no input jumped shortly before. Orders that are not above
     the noise are left out, and so are orders that alias to a very low frequency.

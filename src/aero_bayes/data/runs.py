@@ -20,13 +20,13 @@ MAX_CHANGE_SHARE, LARGE_STEP = 0.2, 6.0
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and one past the last row of each run of True."""
+    """Find the first and one past the last row of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def typical_step(values: FloatArray) -> float:
-    """Typical change from one reading to the next: the larger of a robust and, if that is zero, the mean one."""
+    """Compute a typical change from one reading to the next: a robust one or, if that is zero, the mean."""
     steps = np.abs(np.diff(values))
     if steps.size == 0:
         return 0.0
@@ -35,14 +35,14 @@ def typical_step(values: FloatArray) -> float:
 
 
 def noise_size(values: FloatArray) -> float:
-    """Robust size of what changes from reading to reading, straight lines left out: noise, or little for a signal."""
+    """Estimate robustly what changes between readings, straight lines left out: noise, or little for a signal."""
     if values.size < 3:
         return 0.0
     return MAD_TO_SD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
 
 
 def after_changes(inputs: Mapping[str, FloatArray], reach: int = 2) -> Mask:
-    """Rows from one before to ``reach`` rows after a change of an input."""
+    """Mark rows from one before to ``reach`` rows after a change of an input."""
     size = len(next(iter(inputs.values()))) if inputs else 0
     near = np.zeros(size, dtype=bool)
     for values in inputs.values():

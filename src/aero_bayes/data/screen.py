@@ -70,7 +70,7 @@ def hide(recording: Recording, output: str, rows: Mask, kind: FindingKind, what:
 
 
 def where(recording: Recording, rows: Mask) -> str:
-    """Times and rows in a sentence."""
+    """Write times and rows in a sentence."""
     at = np.flatnonzero(rows)
     numbers = runs_of((at + recording.first_row).tolist())
     return f"{_source(recording)}: at {told_numbers(recording.time[at].tolist(), 's')}; rows {numbers}"

@@ -30,7 +30,7 @@ MIN_SENTINEL_READINGS = 12
 
 
 def sentinels(values: FloatArray, inputs: Mapping[str, FloatArray]) -> dict[float, Mask]:
-    """Rows of an output at constants that are no readings, by constant.
+    """Mark rows of an output at constants that are no readings, by constant.
 
     A constant outside of the range of all other readings by more than that range counts if it is a known one or occurs
     twice; one within the range if it occurs three times, each time far off the readings before and after it, which
@@ -64,7 +64,7 @@ def sentinels(values: FloatArray, inputs: Mapping[str, FloatArray]) -> dict[floa
 
 
 def impossible_inputs(values: FloatArray) -> dict[float, Mask]:
-    """Rows of an input at known constants that are outside of the range of its other values by more than that range."""
+    """Mark rows of an input at known constants that are farther outside of its other values than these range."""
     none = np.zeros(values.size, dtype=bool)
     constant = _farthest_outside(values, np.isfinite(values), none)
     if constant is None or constant not in KNOWN_CONSTANTS or constant == 0.0:
@@ -98,7 +98,7 @@ def _farthest_outside(values: FloatArray, left: Mask, near: Mask) -> float | Non
 
 
 def _repeated(values: FloatArray, left: Mask) -> list[float]:
-    """Constants that occur often enough, and not too often; none for a sensor with coarse steps."""
+    """Find constants that occur often enough, and not too often; none for a sensor with coarse steps."""
     seen = values[left]
     if seen.size < MIN_SENTINEL_READINGS:
         return []

@@ -143,7 +143,7 @@ def _check_length(path: Path, name: str, values: FloatArray, length: int) -> Non
 
 
 def joined(pairs: Mapping[str, tuple[FloatArray, FloatArray]], held: Collection[str]) -> dict[str, FloatArray]:
-    """Signals with clocks of their own at all of their times, from the first at which every input is known.
+    """Join signals with clocks of their own at all of their times, from the first at which every input is known.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def joined(pairs: Mapping[str, tuple[FloatArray, FloatArray]], held: Collection[
 
 
 def without_repeats(columns: dict[str, FloatArray], held: Collection[str]) -> NDArray[np.bool_]:
-    """Rows to keep where a time is there twice at an event, as simulators write it: the last one, after the event.
+    """Mark the rows to keep where a time is there twice at an event, as simulators write it: the last, after the event.
 
     It is an event where an input jumps between the two rows, or where they are equal.
     """

@@ -24,7 +24,7 @@ SAME = 1e-9
 
 
 def stuck_rows(values: FloatArray, inputs: Mapping[str, FloatArray]) -> tuple[Mask, Mask]:
-    """Rows where an output is stuck, and rows where it is clipped.
+    """Mark rows where an output is stuck, and rows where it is clipped.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ class RecordingSummary:
         return [first, *(f"  {one.text}" for one in self.inputs), *(f"  {one.text}" for one in self.outputs)]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for a JSON file."""
+        """Return plain values for a JSON file."""
         return asdict(self)
 
     def __str__(self) -> str:

@@ -175,7 +175,7 @@ def _is_numeric(column: pandas.Series) -> bool:
 
 
 def _read_rows(file: TableFile, request: Request, rows: _Rows) -> Columns:
-    """Signals from a table with one reading a row, at the union of their times."""
+    """Read signals from a table with one reading a row, at the union of their times."""
     about = [n for n in file.names if re.sub(r"[\W_]", "", n.casefold()) in QUALITY_NAMES]
     table = file.read(list(dict.fromkeys([rows.time, rows.signal, rows.value, *about])), request.memory)
 
@@ -237,5 +237,5 @@ def quality_columns(names: Sequence[str], signals: Mapping[str, str]) -> dict[st
 
 
 def _bad(column: pandas.Series) -> Mask:
-    """Rows whose cell of quality says that the reading is none."""
+    """Mark rows whose cell of quality says that the reading is none."""
     return np.asarray(column.astype(str).str.contains(BAD_WORDS), dtype=bool)

@@ -17,7 +17,7 @@ MAX_RANGE = 1.05
 
 
 def wrapped_rows(values: FloatArray, unit: str) -> Rows:
-    """Rows at which an angle jumps by a whole turn; none for another quantity or an angle that does not wrap."""
+    """Find rows at which an angle jumps by a whole turn; none for another quantity or an angle that does not wrap."""
     turn = TURNS.get(unit)
     at = np.flatnonzero(np.isfinite(values))
     if turn is None or at.size < 3 or np.ptp(values[at]) > MAX_RANGE * turn:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.design.information import Engine, ExperimentPredictor
 from aero_bayes.design.propose import Design
+from aero_bayes.design.separation import Separation
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit, OutputNoise, ParameterSet
 from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
@@ -116,22 +117,51 @@ def _repetition(predictor: ExperimentPredictor, design: Design, rng: np.random.G
     truth = predictor.draws(1, rng)[0]
     delay = predictor.delay
     late = float(rng.uniform(delay.lower, delay.upper)) if delay is not None else predictor.delay_value
-    outputs = predictor.fit.calibration.outputs
-    experiment = replace(predictor.experiment(design.values, design.time), outputs=outputs)
-    with predictor.open(predictor.problem([experiment])) as simulator:
-        result = simulator.simulate(np.append(truth, late)[None])
-    if result.outcomes[0, 0] != Outcome.OK:
-        return None
-    noise = [predictor.fit.noise[name] for name in outputs]
-    readings = result.outputs[0][0] + np.stack([simulate_noise(design.time, n, rng) for n in noise], axis=1)
-    found = refit_experiment(predictor, replace(experiment, measured=readings), noise)
+    noise = [predictor.fit.noise[name] for name in predictor.fit.calibration.outputs]
+    experiment = simulated_experiment(predictor, design, np.append(truth, late), noise, rng)
+    found = refit_experiment(predictor, experiment, noise) if experiment is not None else None
     return None if found is None else found[0] - predictor.shared.to_search(truth)
 
 
+def simulated_experiment(
+    predictor: ExperimentPredictor,
+    proposed: Design | Separation,
+    values: FloatArray,
+    noise: Sequence[OutputNoise],
+    rng: np.random.Generator,
+) -> Experiment | None:
+    """Simulate a recording of a proposed experiment.
+
+    Parameters
+    ----------
+    predictor : ExperimentPredictor
+        Of the model that is taken as true.
+    proposed : Design or Separation
+    values : ndarray, shape (p + 1,)
+        SI values of the shared parameters, then the delay in s.
+    noise : sequence of OutputNoise
+        Of each fitted output.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Experiment or None
+        None where the simulation failed.
+    """
+    outputs = predictor.fit.calibration.outputs
+    experiment = replace(predictor.experiment(proposed.values, proposed.time), outputs=outputs)
+    with predictor.open(predictor.problem([experiment])) as simulator:
+        result = simulator.simulate(values[None])
+    if result.outcomes[0, 0] != Outcome.OK:
+        return None
+    readings = result.outputs[0][0] + np.stack([simulate_noise(proposed.time, n, rng) for n in noise], axis=1)
+    return replace(experiment, measured=readings)
+
+
 def refit_experiment(
-    predictor: ExperimentPredictor, experiment: Experiment, noise: list[OutputNoise]
+    predictor: ExperimentPredictor, experiment: Experiment, noise: Sequence[OutputNoise]
 ) -> tuple[FloatArray, float] | None:
-    """Posterior mode of the shared parameters in search coordinates, from a Gaussian prior and a new recording.
+    """Find the posterior mode of the shared parameters in search coordinates, from a Gaussian prior and new readings.
 
     The second value is the negative log-posterior there, without the normalisation of the prior. None if the fit did
     not converge.
@@ -172,7 +202,7 @@ def _posterior(
     noise: FloatArray,
     delay: float,
 ) -> QuadraticModel | None:
-    """Negative log-posterior at a point (p,); ``known`` is the mean and the precision of the prior."""
+    """Compute the negative log-posterior at a point (p,); ``known`` is the mean and the precision of the prior."""
     centre, precision = known
     values = free.from_search(point[None])
     full = values if len(free) == len(simulator.problem.targets[0]) else np.append(values, [[delay]], axis=1)
@@ -187,7 +217,7 @@ def _posterior(
 
 
 def simulate_noise(time: FloatArray, noise: OutputNoise, rng: np.random.Generator) -> FloatArray:
-    """White and Ornstein-Uhlenbeck noise at increasing times (n,)."""
+    """Draw white and Ornstein-Uhlenbeck noise at increasing times (n,)."""
     out = noise.sd_white * rng.standard_normal(time.size)
     if noise.sd_ou > 0.0:
         rho = np.exp(-np.diff(time) / noise.tau)

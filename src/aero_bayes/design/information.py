@@ -139,7 +139,7 @@ class ExperimentPredictor:
         self._sampling = SampleTimes.of(self.time, self.time)
 
     def precision(self) -> FloatArray:
-        """Posterior precision of the shared parameters in search coordinates, shape (p, p)."""
+        """Compute the posterior precision of the shared parameters in search coordinates, shape (p, p)."""
         total = np.diag(self.shared.prior_sd() ** -2.0)
         known = [k for k, j in enumerate(self._columns) if j in self.fit.free]
         rows = [self.fit.free.index(self._columns[k]) for k in known]
@@ -148,7 +148,7 @@ class ExperimentPredictor:
         return total
 
     def draws(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Posterior draws of the shared parameters in SI units, shape (count, p)."""
+        """Draw from the posterior of the shared parameters in SI units, shape (count, p)."""
         factor = np.linalg.cholesky(np.linalg.inv(self.precision()))
         low, high = self.shared.box
         point = self.shared.to_search(self.values) + rng.standard_normal((count, len(self.shared))) @ factor.T
@@ -166,7 +166,7 @@ class ExperimentPredictor:
         return Experiment(self.time if time is None else time, self.outputs, (signal,))
 
     def problem(self, experiments: Sequence[Experiment]) -> Problem:
-        """Shared parameters, then the delay."""
+        """Return the problem of some experiments; its columns are the shared parameters, then the delay."""
         calibration = self.fit.calibration
         targets = (*(p.target for p in self.shared), DelayTarget())
         return Problem(
@@ -203,7 +203,7 @@ class ExperimentPredictor:
         return PredictedExperiment(self.without_delay(joint), travel, outputs, sensitivities)
 
     def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """Products of columns weighed by the noise of the measured outputs, (n, m, a) with (n, m, b) to (a, b)."""
+        """Multiply columns, weighed by the noise of the measured outputs: (n, m, a) with (n, m, b) to (a, b)."""
         total = np.zeros((left.shape[2], right.shape[2]))
         for k, noise in enumerate(self._noise):
             rows, _ = whiten(np.concatenate((left[:, k], right[:, k]), axis=1).T, self._sampling, noise)
@@ -211,7 +211,7 @@ class ExperimentPredictor:
         return total
 
     def without_delay(self, joint: FloatArray) -> FloatArray:
-        """Information with the new recording's delay, the last column, integrated out."""
+        """Integrate the new recording's delay, the last column, out of the information."""
         if self.delay is None:
             return joint[:-1, :-1]
         own = joint[-1, -1] + self.delay_precision
@@ -235,11 +235,11 @@ class ExperimentPredictor:
 
 
 def _thinned(noise: OutputNoise, every: int) -> OutputNoise:
-    """Noise for which every n-th sample has the information of all samples: the white part averages out."""
+    """Return noise for which every n-th sample has the information of all samples: the white part averages out."""
     return replace(noise, sd_white=noise.sd_white / every**0.5)
 
 
 def posterior_sd(precision: FloatArray) -> FloatArray:
-    """Standard deviations (p,) of a Gaussian with a precision matrix (p, p)."""
+    """Compute standard deviations (p,) of a Gaussian with a precision matrix (p, p)."""
     scale = np.sqrt(np.diag(precision))
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(precision / np.outer(scale, scale)))) / scale)

@@ -207,7 +207,7 @@ def _best_design(
 def _sd_after(
     predictor: ExperimentPredictor, known: FloatArray, values: FloatArray, present: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Standard deviations after the proposed input (n,), and after as long a recording of the present one."""
+    """Compute standard deviations after the proposed input (n,), and after as long a recording of the present one."""
     proposed, same = predictor.predict([values, present])
     if proposed is None:
         raise CannotFinishError("the proposed experiment could not be simulated")
@@ -281,7 +281,7 @@ def _scores(
     aimed: list[int],
     signals: Sequence[FloatArray],
 ) -> FloatArray:
-    """Scores of signals of size one (k,)."""
+    """Score signals of size one (k,)."""
     limits = predictor.limits
     predicted = predictor.predict([limits.amplifier * s for s in signals])
     return np.array([_score(p, known, before, aimed, limits) for p in predicted])
@@ -290,7 +290,7 @@ def _scores(
 def _score(
     predicted: PredictedExperiment | None, known: FloatArray, before: FloatArray, aimed: list[int], limits: Limits
 ) -> float:
-    """Mean logarithm of the targets' standard deviations after over before; infinite beyond the travel."""
+    """Compute the mean logarithm of the targets' standard deviations after over before; infinite beyond the travel."""
     if predicted is None or any(predicted.travel[n] > TRAVEL_SHARE * limit for n, limit in limits.travel.items()):
         return np.inf
     after = posterior_sd(known + predicted.information)

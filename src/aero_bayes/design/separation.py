@@ -128,7 +128,7 @@ def _differences(
     p: PredictedExperiment | None,
     q: PredictedExperiment | None,
 ) -> tuple[float, float]:
-    """Expected log-evidence for the first if it is true, and for the second if it is; minus infinity out of travel."""
+    """Compute the expected log-evidence for each model if it is true; minus infinity out of travel."""
     if p is None or q is None:
         return -np.inf, -np.inf
     if any(max(p.travel[n], q.travel[n]) > TRAVEL_SHARE * limit for n, limit in a.limits.travel.items()):
@@ -139,7 +139,7 @@ def _differences(
 def _unexplained(
     rival: ExperimentPredictor, known: FloatArray, difference: FloatArray, own: PredictedExperiment
 ) -> float:
-    """Half the squared norm of a whitened difference (n, m), less the part that the other model can explain."""
+    """Compute half the squared norm of a whitened difference (n, m), less the part that the other model can explain."""
     columns = own.sensitivities if rival.delay is not None else own.sensitivities[:, :, :-1]
     p = known.shape[0]
     leeway = np.zeros((columns.shape[2],) * 2)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.design.gain_check import refit_experiment, simulate_noise
+from aero_bayes.design.gain_check import refit_experiment, simulated_experiment
 from aero_bayes.design.information import Engine, ExperimentPredictor
 from aero_bayes.design.separation import Separation
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit
 from aero_bayes.progress import Progress
-from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.workers import WorkerPool
 
 FloatArray = NDArray[np.float64]
@@ -108,14 +107,10 @@ def _repetition(
     separation: Separation, truth: ExperimentPredictor, rival: ExperimentPredictor, rng: np.random.Generator
 ) -> float | None:
     """Return log-evidence of the true model less that of the other one, under the noise of the other one."""
-    outputs = truth.fit.calibration.outputs
-    experiment = replace(truth.experiment(separation.values, separation.time), outputs=outputs)
-    with truth.open(truth.problem([experiment])) as simulator:
-        result = simulator.simulate(np.append(truth.values, truth.delay_value)[None])
-    if result.outcomes[0, 0] != Outcome.OK:
+    noise = [rival.fit.noise[name] for name in truth.fit.calibration.outputs]
+    values = np.append(truth.values, truth.delay_value)
+    measured = simulated_experiment(truth, separation, values, noise, rng)
+    if measured is None:
         return None
-    noise = [rival.fit.noise[name] for name in outputs]
-    readings = result.outputs[0][0] + np.stack([simulate_noise(separation.time, n, rng) for n in noise], axis=1)
-    measured = replace(experiment, measured=readings)
     own, other = refit_experiment(truth, measured, noise), refit_experiment(rival, measured, noise)
     return None if own is None or other is None else other[1] - own[1]

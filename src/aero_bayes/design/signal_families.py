@@ -30,7 +30,7 @@ class SignalFamily:
 
 
 def staircase_signal(u: FloatArray, time: FloatArray) -> FloatArray:
-    """Eight levels, each held for a share of the time."""
+    """Hold each of eight levels for a share of the time."""
     levels, shares = 2.0 * u[:STEPS] - 1.0, 0.15 + u[STEPS:]
     ends = np.cumsum(shares) / shares.sum() * (time[-1] - time[0])
     index = np.searchsorted(ends, time - time[0], side="right")
@@ -58,7 +58,7 @@ def release_signal(u: FloatArray, time: FloatArray) -> FloatArray:
 
 
 def multi_sine_signal(u: FloatArray, time: FloatArray) -> FloatArray:
-    """Ten sines with random phases: height, offset, lowest and highest frequency, and which phases."""
+    """Sum ten sines with random phases: height, offset, lowest and highest frequency, and which phases."""
     low = _between(u[2], 0.05, 0.5)
     frequency = np.geomspace(low, low * _between(u[3], 2.0, 30.0), SINES)
     phase = np.random.default_rng(int(1e6 * u[4])).uniform(0.0, 2.0 * np.pi, SINES)

@@ -34,7 +34,7 @@ MAX_NAMED = 3
 
 
 def domain_texts(model: Model) -> list[str]:
-    """Expressions without a guard that may leave their domain, with file and line; none where the source is unknown."""
+    """List expressions without a guard that may leave their domain, with file and line; none without a known source."""
     if model.source is None:
         return []
     with suppress(InputError, RecursionError):

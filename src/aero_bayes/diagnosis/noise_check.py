@@ -36,7 +36,7 @@ def check_noise(fit: Fit, left: LeftOver) -> DiagnosisRow:
 
 
 def _rounded(fit: Fit) -> dict[str, float]:
-    """Steps of the outputs whose rounding is a large part of their residual."""
+    """Find steps of the outputs whose rounding is a large part of their residual."""
     counts = {o: cast("dict[str, float]", entry["encoder"]) for o, entry in fit.sensors.items() if "encoder" in entry}
     return {o: own["step"] for o, own in counts.items() if own["share"] >= MIN_ROUNDED_SHARE}
 

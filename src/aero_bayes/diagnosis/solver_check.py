@@ -60,7 +60,7 @@ def _failed_row(fit: Fit, what: str, commonest: Outcome) -> DiagnosisRow:
 
 
 def _moved_outputs(fit: Fit) -> dict[str, float]:
-    """RMS by which outputs move at a ten times tighter tolerance, of those that do by a share of what is left."""
+    """Compute the RMS by which outputs move at ten times tighter tolerances, where it is a share of what is left."""
     rms = fit.rms
     level = {
         output: max((exact_level(fit.calibration, s) for s in fit.series if s.output == output), default=0.0)

@@ -4,7 +4,8 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.declared import declared_overrides
-from aero_bayes.estimate.fit import FitSettings, fit, fit_calibration
+from aero_bayes.estimate.fit import fit, fit_calibration
+from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.interpolation import choose_interpolation, moving_inputs, with_other_interpolation

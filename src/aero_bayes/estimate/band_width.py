@@ -37,7 +37,7 @@ def band_factors(
     covariance: FloatArray,
     residuals: Sequence[FloatArray],
 ) -> FloatArray:
-    """Half-width of the 90 % band of each output, in standard deviations of a predicted reading.
+    """Compute the half-width of the 90 % band of each output, in standard deviations of a predicted reading.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def band_factors(
 
 
 def conformal_quantile(scores: Sequence[FloatArray], share: float) -> float:
-    """Value that a new score exceeds with a probability of at most ``1 - share``, from series of correlated scores."""
+    """Compute the value that a new score exceeds with probability ``1 - share`` at most, from correlated scores."""
     every = np.concatenate(scores)
     independent = every.size / residual_correlation_time(scores)
     return float(np.quantile(every, min(share * (1.0 + 1.0 / independent), 1.0)))

@@ -28,7 +28,7 @@ MIN_INFORMATION_LEFT = 0.5
 
 
 def jackknife_covariance(series: Sequence[Series], slopes: FloatArray, residual: FloatArray) -> FloatArray:
-    """Covariance of least-squares estimates by leaving out moving blocks of time, all outputs together.
+    """Compute the covariance of least-squares estimates by leaving out moving blocks of time, all outputs together.
 
     Without a block the estimates move, to first order, by ``(I - S_b S_b')^-1 S_b r_b``. Blocks are whole recordings
     where there are ten or more.

@@ -194,7 +194,7 @@ def _source_of(model: Model) -> ModelicaSource:
 
 
 def _started(calibration: Calibration, values: FloatArray, given: Mapping[str, float]) -> dict[str, list[float]]:
-    """Initial values by the parameter of the model that sets them, where the recordings have their own."""
+    """Return initial values by the parameter of the model that sets them, where the recordings have their own."""
     names = [v.name for v in calibration.model.parameters if v.name not in given]
     found: dict[str, list[float]] = {}
     for name, states in start_parameters(calibration.model, names).items():
@@ -271,7 +271,7 @@ def _tree(given: Mapping[str, float | str], remarks: Mapping[str, str]) -> Modif
 
 
 def _modifiers(tree: ModifierTree, indent: str = "") -> list[str]:
-    """Lines of a class modification, a parameter a line."""
+    """Write the lines of a class modification, a parameter a line."""
     lines = []
     for k, (name, node) in enumerate(tree.items(), 1):
         comma = "," if k < len(tree) else ""
@@ -284,7 +284,7 @@ def _modifiers(tree: ModifierTree, indent: str = "") -> list[str]:
 
 
 def _array(elements: Iterable[tuple[tuple[int, ...], float | str]]) -> ParameterValues:
-    """Elements by their indices as nested lists."""
+    """Nest elements in lists by their indices."""
     rows = sorted(elements)
     if rows[0][0] == ():
         return rows[0][1]

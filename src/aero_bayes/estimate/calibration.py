@@ -162,7 +162,7 @@ class Calibration:
         return Problem(self.model, self.experiments, targets, dict(self.fixed), solver, self.process)
 
     def beginning(self, share: float) -> Calibration:
-        """The same problem on the first ``share`` of each recording's samples, at least twenty readings an output."""
+        """Keep the first ``share`` of each recording's samples, at least twenty readings an output."""
         shorter = []
         for e, measured in zip(self.experiments, self.measured, strict=True):
             stop = max(int(share * e.time.size), rows_of_first_readings(measured))
@@ -174,7 +174,9 @@ class Calibration:
         return replace(self, experiments=tuple(thin(e, samples) for e in self.experiments))
 
     def with_process_noise(self, noise: NoiseModel) -> Calibration:
-        """The same problem with process noise; initial values of recordings are integrated out in place of estimated.
+        """Return the same problem with process noise.
+
+        Initial values of recordings are integrated out in place of estimated.
 
         Raises
         ------
@@ -270,7 +272,7 @@ def _with_starts(
     settings: CalibrationSettings,
     parameters: ParameterSet,
 ) -> list[tuple[Mapping[str, float], list[Parameter]]]:
-    """For each recording, the values that states begin at, and the parameters of those that are estimated."""
+    """Return, for each recording, the values that states begin at, and the parameters of those that are estimated."""
     resting = model.declared.recording.resting
     may_start_at_rest = resting if settings.may_start_at_rest is None else settings.may_start_at_rest
     given = {state for p in parameters for state in p.starts}
@@ -310,7 +312,10 @@ def _experiment(
     settings: CalibrationSettings,
     zero_at_rest: tuple[str, ...],
 ) -> Experiment:
-    """All ``outputs`` of a recording, NaN where it has none; of a count that stands still, few readings count."""
+    """Make an experiment of all ``outputs``, NaN where it has none.
+
+    Of a count that stands still, few readings count.
+    """
     measured = np.full((recording.rows, len(outputs)), np.nan)
     for column, name in enumerate(outputs):
         if name in recording.outputs:

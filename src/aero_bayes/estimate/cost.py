@@ -16,7 +16,7 @@ def eq6(residual: Sequence[FloatArray]) -> float:
 
 
 def rms(residual: FloatArray) -> FloatArray:
-    """Root mean square of each output, shape (m,); NaN for an output without readings."""
+    """Compute the root mean square of each output, shape (m,); NaN for an output without readings."""
     count = np.isfinite(residual).sum(axis=0)
     total = np.nansum(residual**2, axis=0)
     return np.asarray(np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan)))
@@ -25,7 +25,7 @@ def rms(residual: FloatArray) -> FloatArray:
 def rms_table(
     residual: Sequence[FloatArray], names: Sequence[str], outputs: Sequence[str]
 ) -> Mapping[str, Mapping[str, float]]:
-    """Errors by recording, then output; outputs without readings are left out."""
+    """Compute errors by recording, then output; outputs without readings are left out."""
     return {
         name: {out: float(v) for out, v in zip(outputs, rms(r), strict=True) if np.isfinite(v)}
         for name, r in zip(names, residual, strict=True)
@@ -33,6 +33,6 @@ def rms_table(
 
 
 def rms_overall(residual: Sequence[FloatArray], outputs: Sequence[str]) -> dict[str, float]:
-    """Errors by output over all recordings."""
+    """Compute errors by output over all recordings."""
     values = rms(np.concatenate(list(residual)))
     return {out: float(v) for out, v in zip(outputs, values, strict=True) if np.isfinite(v)}

@@ -63,7 +63,7 @@ def name_deciding_constants(
 
 
 def _fixed_parameters(calibration: Calibration) -> ParameterSet:
-    """Parameters of the model that were not searched, with a value that can change."""
+    """Return the parameters of the model that were not searched, with a value that can change."""
     model, fixed = calibration.model, calibration.fixed
     searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
     items: list[Parameter] = []

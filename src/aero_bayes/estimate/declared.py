@@ -10,7 +10,7 @@ from aero_bayes.simulation.model import Model
 
 
 def declared_overrides(model: Model) -> dict[str, Override]:
-    """Priors, starts and bounds of the declared parameters that a model has; nothing for a model without any.
+    """Return priors, starts and bounds of the declared parameters that a model has; nothing for a model without any.
 
     Raises
     ------
@@ -23,7 +23,7 @@ def declared_overrides(model: Model) -> dict[str, Override]:
 
 
 def _override(name: str, start: float, known: DeclaredParameter) -> Override:
-    """Bounds a factor below the smaller and above the larger of start and prior median."""
+    """Set bounds a factor below the smaller and above the larger of start and prior median."""
     if start <= 0.0:
         raise InputError(
             f"{name}: its declared prior is log-normal, and the model's own value {start:g} is not positive"

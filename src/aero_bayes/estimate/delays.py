@@ -40,7 +40,7 @@ def delay_columns(objective: Objective, free: Sequence[int]) -> list[int]:
 
 
 def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> FloatArray:
-    """Coordinates (p,) with each recording's delay at the best point of a grid.
+    """Set each recording's delay to the best point of a grid; returns the coordinates (p,).
 
     A jump at the wrong time makes a few outliers. So differences of successive residuals are scored, with a
     heavy-tailed (Cauchy) loss, and not the slow misfit of a first fit.
@@ -120,7 +120,7 @@ def search_delays(
 def _starts(
     target: Target, point: FloatArray, noise: FloatArray, k: int, item: Parameter, intervals: Sequence[float], most: int
 ) -> list[FloatArray]:
-    """The point itself, then the best points of a scan over one delay; empty if there is nothing to scan."""
+    """List the point itself, then the best points of a scan over one delay; empty if there is nothing to scan."""
     if not isinstance(item.target, DelayTarget):
         return []
     width = item.upper - item.lower
@@ -136,7 +136,10 @@ def _starts(
 
 
 def laplace_log_evidence(found: LocalResult[QuadraticModel]) -> float:
-    """Log-evidence of an optimum up to a constant, by Laplace's approximation; minus infinity where it failed."""
+    """Compute the log-evidence of an optimum up to a constant, by Laplace's approximation.
+
+    Minus infinity if it failed.
+    """
     if found.quadratic is None:
         return -np.inf
     sign, determinant = np.linalg.slogdet(found.quadratic.hessian)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
@@ -22,9 +22,6 @@ from aero_bayes.estimate.stage_report import stage_report
 from aero_bayes.estimate.step_parameters import settle_blind
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.simulation.interface import Outcome
-
-if TYPE_CHECKING:
-    from aero_bayes.estimate.fit import FitSettings
 
 FloatArray = NDArray[np.float64]
 
@@ -60,7 +57,7 @@ def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]
 
 
 def verdict_on(objective: Objective, here: Optimum, optional: Sequence[int]) -> Identifiability:
-    """Identifiability of the free columns and of optional ones, of the free ones alone where the others cannot run."""
+    """Judge which free and optional columns the data determine, the free ones alone where the others cannot run."""
     columns = tuple(sorted({*here.free, *optional}))
     if columns != here.free and objective.evaluate(here.coordinates, columns) is None:
         columns = here.free
@@ -68,7 +65,7 @@ def verdict_on(objective: Objective, here: Optimum, optional: Sequence[int]) -> 
 
 
 def _evaluated(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> Evaluation:
-    """The optimum with the slopes by some columns; as the search evaluated it where a run fails so near to it."""
+    """Evaluate the optimum with the slopes by some columns; as the search did where a run fails so near to it."""
     found = objective.evaluate(here.coordinates, columns)
     if found is None:
         rows = [here.free.index(j) for j in columns]
@@ -80,7 +77,7 @@ def _evaluated(objective: Objective, here: Optimum, columns: tuple[int, ...]) ->
 
 
 def _predicted(objective: Objective, values: FloatArray, here: Optimum) -> tuple[FloatArray, ...]:
-    """Outputs (n, m) of each experiment; where a run fails so near to the optimum, those of the search at readings."""
+    """Compute outputs (n, m) of each experiment; where a run fails so near to the optimum, those of the search."""
     found = objective.predictions(values)
     if all(np.isfinite(y).all() for y in found):
         return found
@@ -91,7 +88,7 @@ def _predicted(objective: Objective, values: FloatArray, here: Optimum) -> tuple
 
 
 def _laplace(objective: Objective, here: Optimum, fitted: Sequence[FloatArray]) -> Laplace:
-    """The Gaussian of the free columns of an optimum and of its noise; ``fitted`` are its outputs by experiment."""
+    """Compute the Gaussian of free columns and noise at an optimum; ``fitted`` are its outputs by experiment."""
     calibration, count = objective.calibration, len(here.free)
     layout = NoiseLayout.of(calibration, here.noise)
     covariance = np.zeros((count + layout.size,) * 2)
@@ -105,7 +102,7 @@ def _laplace(objective: Objective, here: Optimum, fitted: Sequence[FloatArray]) 
 
 
 def with_identified(objective: Objective, here: Optimum) -> tuple[int, ...]:
-    """The free columns and each optional parameter that the data identify."""
+    """Return the free columns and each optional parameter that the data identify."""
     parameters = objective.parameters
     optional = [j for j, p in enumerate(parameters) if p.free_if_identified]
     if not optional:
@@ -116,7 +113,7 @@ def with_identified(objective: Objective, here: Optimum) -> tuple[int, ...]:
 
 
 def at_optimum(fit: Fit, objective: Objective, end: Optimum) -> Fit:
-    """The fit with another optimum of its objective over the same columns in place of its own."""
+    """Return the fit with another optimum of its objective over the same columns in place of its own."""
     values = fit.values.copy()
     values[list(fit.free)] = objective.parameters.from_search(end.coordinates)[list(fit.free)]
     fitted = _predicted(objective, values, end)
@@ -191,6 +188,6 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
 
 
 def with_bounds(verdict: Identifiability, part: ParameterSet, point: FloatArray) -> Identifiability:
-    """The verdict with parameters that ended on a bound marked as such."""
+    """Mark parameters that ended on a bound in the verdict."""
     on_bound = {name: Status.AT_BOUND for name, at in zip(part.names, part.on_bound(point), strict=True) if at}
     return replace(verdict, status=verdict.status | on_bound)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence, Sized
+from collections.abc import Callable, Mapping, Sequence, Sized
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,22 +16,20 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.arguments import require_all, require_type
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
-from aero_bayes.display import SettingsDisplay
-from aero_bayes.errors import InputError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, calibrate
-from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
+from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.global_search import (
     GlobalSearch,
     GlobalSearchResult,
 )
 from aero_bayes.estimate.interpolation import choose_interpolation
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
-from aero_bayes.estimate.listed_values import ListedValue, ValueCombination, combinations, split_values
-from aero_bayes.estimate.modes import Mode, find_modes
+from aero_bayes.estimate.listed_values import ValueCombination, combinations, compiled, split_values
+from aero_bayes.estimate.modes import Mode, find_modes, likelihood_temperature
 from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
 from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import ChosenParameters, chosen_parameters
@@ -40,88 +37,18 @@ from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.ripple_removal import without_ripple
-from aero_bayes.estimate.search_settings import WHOLE_MODEL_LOCAL, CostKind, GlobalSearchSettings
 from aero_bayes.estimate.solver_difference import with_solver_difference
-from aero_bayes.estimate.staged import Stage
-from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.estimate.value_comparison import best_values
+from aero_bayes.estimate.value_comparison import ValueTrial
 from aero_bayes.estimate.wrong_units import with_unit_finding
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.sensors.describe import describe_sensors
-from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.ripple import Ripple
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
-Engine = Literal["native", "fmpy"]
 #: How often a fit is repeated without its outliers: the first one is drawn by them, so that it may not see all.
 MAX_OUTLIER_ROUNDS = 3
-
-
-@dataclass(frozen=True, repr=False)
-class FitSettings(SettingsDisplay):
-    """How a fit is done.
-
-    Parameters
-    ----------
-    method : {"pso+local", "pso", "local"}
-        ``pso+local``: the swarm, then the local search from its best particles.
-    cost : {"posterior", "weighted", "eq6"}
-        What is minimised: the negative log-posterior, with correlated noise where the data show it; squared errors
-        weighted by each output's white noise; or the paper's Eq. 6, squared errors as they are. The last two leave
-        the priors out.
-    staged : bool
-        Let the local search fit in the direction of causality before it fits all together.
-    stages : tuple of Stage, optional
-        Stages in place of those that the model's own structure gives.
-    pso : SwarmSettings
-        Of the particle swarm.
-    local : LocalSettings
-        Of each local search of the whole model, as given.
-    swarm_samples : int
-        Samples a recording that the swarm sees.
-    starts : int
-        Particles that the local search starts from, besides the starting values.
-    calibration : CalibrationSettings
-    noise : NoiseModel
-    ripple : {"subtract", "describe", "ignore"}
-        Look for ripple locked to a rotor in the residuals. ``subtract`` takes what is found out of the readings and
-        fits again, so that the noise is the sensor's; ``describe`` only says in the result how large it is and what
-        the noise would be without it.
-    engine : {"native", "fmpy"}
-    fixed : mapping of str to float
-        Model parameters held at other values than the model's own.
-    values : mapping of str to sequence
-        Values of parameters that are each fitted, and compared: numbers, True and False, enumeration literals.
-
-    Examples
-    --------
-    >>> aero_bayes.FitSettings(method="local").global_search.swarm is None  # no particle swarm first
-    True
-    """
-
-    method: Literal["pso+local", "pso", "local"] = "pso+local"
-    cost: CostKind = "posterior"
-    staged: bool = True
-    stages: tuple[Stage, ...] | None = None
-    pso: SwarmSettings = field(default_factory=SwarmSettings)
-    local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
-    swarm_samples: int = 600
-    starts: int = 3
-    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
-    noise: NoiseModel = field(default_factory=NoiseModel)
-    ripple: Literal["subtract", "describe", "ignore"] = "subtract"
-    engine: Engine = "native"
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    values: Mapping[str, Sequence[ListedValue]] = field(default_factory=dict)
-
-    @property
-    def global_search(self) -> GlobalSearchSettings:
-        """Settings of the search for the optimum."""
-        swarm = self.pso if self.method != "local" else None
-        local = self.local if self.method != "pso" else replace(self.local, iterations=0)
-        return GlobalSearchSettings(self.cost, self.staged, self.stages, swarm, local, self.swarm_samples, self.starts)
 
 
 def fit(
@@ -230,7 +157,7 @@ class _Request:
             return fit_calibration(calibration, opened, settings, rng, watched, checkpoint=cache)
 
         # Outliers, ripple and kinds of noise belong to the likeliest values: all are compared on the same readings.
-        found = best_values(self.candidates, fitted)
+        found = _likeliest(self.candidates, fitted)
         filtered = found.calibration.process is not None
         if not filtered and not watched.asked_to_end:
             found = _without_outliers(found, opened, settings, watched, cache)
@@ -251,10 +178,51 @@ class _Request:
         )
 
 
+def _likeliest(candidates: Sequence[ValueCombination], fitted: Callable[[ValueCombination], Fit]) -> Fit:
+    """Return the fit with the likeliest values, with how much worse the others are.
+
+    The fit itself where nothing is listed.
+
+    Parameters
+    ----------
+    candidates : sequence of ValueCombination
+    fitted : callable
+        The fit of a combination, to the same readings as that of the others.
+
+    Raises
+    ------
+    CannotFinishError
+        If the model cannot be fitted with any of the values.
+    """
+    if len(candidates) == 1 and not candidates[0].values:
+        return fitted(candidates[0])
+    fits: list[tuple[ValueCombination, Fit]] = []
+    failed: list[ValueTrial] = []
+    last: Exception | None = None
+    for candidate in candidates:
+        try:
+            fits.append((candidate, fitted(compiled(candidate))))
+        except (CannotFinishError, InputError) as error:
+            failed.append(ValueTrial(candidate.values, candidate.numbers, candidate.modifiers, failed=str(error)))
+            last = error
+    if not fits:
+        assert last is not None
+        raise last
+    fits.sort(key=lambda pair: -pair[1].log_posterior)
+    best = fits[0][1]
+    worse = np.array([best.log_posterior - fit.log_posterior for _, fit in fits])
+    weights = np.exp(-worse / likelihood_temperature(best.optimum))
+    trials = [
+        ValueTrial(c.values, c.numbers, c.modifiers, float(share), float(w))
+        for (c, _), share, w in zip(fits, weights / weights.sum(), worse, strict=True)
+    ]
+    return replace(best, trials=(*trials, *failed))
+
+
 def _without_outliers(
     found: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None, cache: Checkpoint | None
 ) -> Fit:
-    """The fit again without readings that are outliers of it, as long as there are any."""
+    """Fit again without readings that are outliers of the fit, as long as there are any."""
     for _ in range(MAX_OUTLIER_ROUNDS):
         cleaned, findings = without_outliers(found.calibration, found.fitted)
         if not findings:
@@ -268,7 +236,7 @@ def _without_outliers(
 def _with_sensors(
     first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None, cache: Checkpoint | None
 ) -> Fit:
-    """The fit with its sensors described; if ripple is to be subtracted, refitted to the readings without it."""
+    """Describe the sensors of a fit; if ripple is to be subtracted, fit again to the readings without it."""
     began = time.perf_counter()
     calibration = first.calibration
     found, subtract = first, settings.ripple == "subtract"
@@ -316,7 +284,7 @@ def _refit_from(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
 
 
 def _continued(first: Fit, refitted: Fit) -> Fit:
-    """A refit with the work of the first fit counted."""
+    """Count the work of the first fit in a refit."""
     outcomes = {o: refitted.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
     return replace(
         refitted,
@@ -387,7 +355,7 @@ def fit_calibration(
 
 
 def _modes(search: GlobalSearch, found: Fit, result: GlobalSearchResult) -> tuple[Mode, ...]:
-    """Other optima that fit as well, where the cost is a posterior and no filter's."""
+    """Find other optima that fit as well, where the cost is a posterior and no filter's."""
     if search.settings.cost != "posterior" or search.objective.filters or search.progress.asked_to_end:
         return ()
     swarm = result.swarm if found.free == result.optimum.free else None

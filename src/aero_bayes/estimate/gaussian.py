@@ -14,7 +14,7 @@ MIN_EIGENVALUE = 1e-12
 
 
 def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArray:
-    """Inverse (f, f) of a Hessian that contains the priors; a direction flatter than its prior gets the prior's width.
+    """Invert a Hessian (f, f) that contains the priors; a direction flatter than its prior gets the width of the prior.
 
     ``prior_sd`` (f,) are standard deviations of the priors in the same coordinates.
     """
@@ -25,7 +25,7 @@ def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArra
 
 
 def log_precision(hessian: FloatArray, width: FloatArray) -> float:
-    """Log-determinant of the precision of a Gaussian posterior in a box of a given width (f,).
+    """Compute the log-determinant of the precision of a Gaussian posterior in a box of a given width (f,).
 
     The Hessian (f, f) is scaled to a unit diagonal first, so that its small eigenvalues are directions that the data do
     not determine, whatever the units of the coordinates.
@@ -39,13 +39,13 @@ def log_precision(hessian: FloatArray, width: FloatArray) -> float:
 
 
 def unlimited_sd(hessian: FloatArray) -> FloatArray:
-    """Standard deviations (f,) of a Gaussian by its Hessian alone: huge along a direction that is not determined."""
+    """Compute standard deviations (f,) of a Gaussian by its Hessian alone: huge where nothing determines it."""
     unit, values, vectors = _scaled(hessian)
     return np.asarray(unit * np.sqrt(np.sum(vectors**2 / values, axis=1)))
 
 
 def _scaled(hessian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Units (f,) in which a Hessian has a unit diagonal, its eigenvalues there, never zero, and its eigenvectors."""
+    """Scale a Hessian to a unit diagonal: the units (f,), its eigenvalues there, never zero, and its eigenvectors."""
     own = np.diag(hessian)
     unit = 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0))
     values, vectors = np.linalg.eigh(hessian * np.outer(unit, unit))

@@ -95,7 +95,7 @@ class GlobalSearch:
         return self.local_settings.least_squares(self.kinds)
 
     def initial_noise(self) -> dict[str, OutputNoise]:
-        """Noise of each output at the start; under Eq. 6 it never changes."""
+        """Choose the noise of each output at the start; under Eq. 6 it never changes."""
         scale = self.objective.calibration.scale
         same = EQ6_NOISE_SHARE * float(np.min(scale))
         eq6 = self.settings.cost == "eq6"
@@ -146,7 +146,7 @@ class GlobalSearch:
         return self.settle_noise(here)
 
     def seen_gains(self, here: Optimum) -> FloatArray:
-        """By how many nats each point where the search has been is better than an optimum, under its noise."""
+        """Compute by how many nats each point where the search has been is better than an optimum, under its noise."""
         if not self.seen:
             return np.zeros(0)
         found = self.objective.residuals(np.array(self.seen))
@@ -157,7 +157,7 @@ class GlobalSearch:
     def _best_plateau(
         self, here: Optimum, noise: Mapping[str, OutputNoise] | None, settings: LocalFitSettings
     ) -> Optimum:
-        """The best of fits from the plateaus of parameters that act in steps, which no local step could reach."""
+        """Fit from the plateaus of parameters that act in steps, which no local step could reach; returns the best."""
         found = [here]
         for point in other_plateaus(self.objective, here)[:MAX_PLATEAUS]:
             with suppress(CannotFinishError):
@@ -172,7 +172,7 @@ class GlobalSearch:
         return float(part.log_prior(point[None, list(free)])[0])
 
     def _best_of_seen(self, here: Optimum) -> Optimum:
-        """The optimum, or the one near a better point where the search has been: no step may lose what was found."""
+        """Choose the optimum, or one near a better point where the search has been: no step may lose what was found."""
         for _ in range(3):
             gains = self.seen_gains(here)
             if gains.max(initial=0.0) <= MAX_SEEN_GAIN:
@@ -205,7 +205,7 @@ class GlobalSearch:
         return with_robust_covariance(self.objective, here)
 
     def _outputs_overfitted_by_noise(self, here: Optimum, noise: Mapping[str, OutputNoise]) -> set[str]:
-        """Outputs whose correlated noise absorbs signal: least squares leaves noticeably smaller residuals."""
+        """Find outputs whose correlated noise absorbs signal: least squares leaves noticeably smaller residuals."""
         correlated = {o for o, n in noise.items() if n.kind == "ou"}
         if not correlated:
             return set()
@@ -291,7 +291,7 @@ class GlobalSearch:
         return best.coordinates, swarm
 
     def _fit_from_start(self, objective: Objective, start: FloatArray, free: Sequence[int]) -> Optimum | None:
-        """A local least-squares fit from the starting values; None if the swarm is not to be skipped anyway."""
+        """Fit least squares from the starting values; None if the swarm is not to be skipped anyway."""
         if self.settings.good_enough <= 0.0 or self.settings.cost == "eq6":
             return None
         with suppress(CannotFinishError):
@@ -302,7 +302,7 @@ class GlobalSearch:
         self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise],
         from_start: Optimum | None,
     ) -> Optimum:  # fmt: skip
-        """The best of several local fits with white noise, ``from_start`` among them."""
+        """Choose the best of several local fits with white noise, ``from_start`` among them."""
         eq6 = self.settings.cost == "eq6"
         found = [from_start] if from_start is not None else []
         for at in starts:
@@ -322,7 +322,7 @@ class GlobalSearch:
         return found[int(np.argmax(levels))]
 
     def _stages(self, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
-        """The user's stages, or stages by causality: parameters that move few outputs come first."""
+        """Return the user's stages, or stages by causality: parameters that move few outputs come first."""
         if not self.settings.staged or self.objective.filters:
             return ()
         if self.settings.stages is not None:

@@ -127,7 +127,7 @@ class Identifiability:
 
 
 def status_of(ratio: float) -> Status:
-    """Status for a ratio of posterior to prior standard deviation."""
+    """Judge a ratio of posterior to prior standard deviation."""
     if ratio > UNIDENTIFIED_ABOVE:
         return Status.UNIDENTIFIED
     return Status.WEAK if ratio > IDENTIFIED_BELOW else Status.IDENTIFIED
@@ -194,7 +194,7 @@ def assess(
 
 
 def collinear(information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Eigenvalues and eigenvectors of the information, scaled to a unit diagonal.
+    """Compute eigenvalues and eigenvectors of the information, scaled to a unit diagonal.
 
     Along an eigenvector with a small eigenvalue the parameters compensate each other (Belsley, Kuh & Welsch, 1980,
     Regression Diagnostics).
@@ -222,7 +222,7 @@ def _combinations(
     prior_sd: FloatArray,
     seen: NDArray[np.bool_],
 ) -> tuple[Combination, ...]:
-    """Combinations that are determined of parameters whose common changes leave the outputs as they are."""
+    """Find combinations that are determined of parameters whose common changes leave the outputs as they are."""
     columns = [int(j) for j in np.flatnonzero(seen) if logarithmic[int(j)]]
     if len(columns) < 2:
         return ()
@@ -244,7 +244,7 @@ def _combinations(
 
 
 def _groups(null: FloatArray) -> list[list[int]]:
-    """Sets of parameters that share null directions."""
+    """Find sets of parameters that share null directions."""
     if null.shape[1] == 0:
         return []
     projector = null @ np.linalg.pinv(null)
@@ -265,7 +265,7 @@ def _groups(null: FloatArray) -> list[list[int]]:
 def _names(
     names: Sequence[str], values: FloatArray, group: Sequence[int], null: FloatArray
 ) -> list[tuple[str, FloatArray]]:
-    """Products of powers, or sums, that do not change along the null directions, with their gradient on log axes."""
+    """Name products of powers, or sums, that null directions leave as they are, with their gradient on log axes."""
     basis = np.linalg.svd(null.T)[2][np.linalg.matrix_rank(null, tol=1e-8 * np.abs(null).max()) :]
     found = []
     for row in _reduced(basis):
@@ -285,7 +285,7 @@ def _names(
 
 
 def _reduced(rows: FloatArray) -> FloatArray:
-    """Row-reduced form, which shows small whole exponents where there are some."""
+    """Reduce rows, so that small whole exponents show where there are some."""
     rows = rows.copy()
     pivot = 0
     for column in range(rows.shape[1]):

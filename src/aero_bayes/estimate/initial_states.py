@@ -38,7 +38,7 @@ def start_parameters(
     suffix: str,
     given: Collection[str] = (),
 ) -> tuple[dict[str, float], list[Parameter]]:
-    """Initial values of states by name, and those that are estimated.
+    """Choose initial values of states by name, and those that are estimated.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def _with_free_start(p: Parameter, experiment: Experiment, model: Model) -> Para
 
 
 def _range(values: FloatArray) -> float:
-    """Range of readings, gaps left out."""
+    """Compute the range of readings, gaps left out."""
     return float(np.nanmax(values) - np.nanmin(values))
 
 
@@ -152,7 +152,7 @@ def _start(name: str, of: str, state: Variable, expected: float, spread: float, 
 
 
 def _start_prior(state: Variable, expected: float, spread: float) -> tuple[float, float, Normal]:
-    """Bounds and prior of a state's initial value."""
+    """Choose bounds and prior of a state's initial value."""
     low, high = expected - MAX_DEVIATION * spread, expected + MAX_DEVIATION * spread
     if state.minimum is not None and state.minimum < expected:
         low = max(low, state.minimum)

@@ -29,7 +29,7 @@ MIN_LOG_LIKELIHOOD_GAIN = 10.0
 
 
 def moving_inputs(calibration: Calibration) -> tuple[str, ...]:
-    """Inputs that may be linear between their samples: most of their changes follow another change at once."""
+    """List inputs that may be linear between their samples: most of their changes follow another change at once."""
     changes: dict[str, int] = {}
     follow: dict[str, int] = {}
     for recording in calibration.recordings:

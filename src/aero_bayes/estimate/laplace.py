@@ -38,7 +38,7 @@ class Laplace:
         return np.sqrt(np.diag(self.covariance))
 
     def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Draws of the Gaussian in search coordinates, shape (count, d)."""
+        """Draw from the Gaussian in search coordinates, shape (count, d)."""
         sizes, axes = np.linalg.eigh(self.covariance)
         return np.asarray(
             self.mean + rng.standard_normal((count, self.mean.size)) * np.sqrt(np.maximum(sizes, 0.0)) @ axes.T
@@ -91,7 +91,7 @@ def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdj
 
 
 def widened_covariance(objective: Objective, optimum: Optimum) -> FloatArray:
-    """Covariance of the free columns' posterior, in search coordinates."""
+    """Compute the covariance of the free columns' posterior, in search coordinates."""
     items = ParameterSet(tuple(objective.parameters.items[j] for j in optimum.free))
     information = optimum.whitened.information
     if (spread := curvature_adjustment(objective, optimum)) is not None:
@@ -113,7 +113,7 @@ def noise_covariance(
     noise: Mapping[str, OutputNoise],
     step: float = 0.02,
 ) -> FloatArray:
-    """Covariance of the logarithms of the noise parameters, from second differences of their log-posterior."""
+    """Compute the covariance of the noise parameters' logarithms, from second differences of their log-posterior."""
     centre = layout.pack(noise)
     size = layout.size
     hessian = np.zeros((size, size))

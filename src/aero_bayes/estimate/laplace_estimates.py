@@ -22,7 +22,7 @@ def laplace_estimates(
     identifiability: Identifiability,
     laplace: Laplace,
 ) -> dict[str, Estimate]:
-    """Value, central 90 % interval and status of every parameter, the model's fixed ones included.
+    """Compute value, central 90 % interval and status of every parameter, the model's fixed ones included.
 
     The interval is that of the Gaussian in search coordinates, mapped to SI units. Parameters that the data do not
     determine, and those on a bound of their search, get none.
@@ -61,7 +61,7 @@ def laplace_estimates(
 
 
 def _note(status: Status, free: bool, name: str, identifiability: Identifiability) -> str:
-    """Why a parameter has no interval; empty if it has one."""
+    """Say why a parameter has no interval; empty if it has one."""
     if name in identifiability.in_steps:
         return identifiability.in_steps[name].note
     if name in identifiability.no_effect:

@@ -132,7 +132,7 @@ def blocks_of_time(series: Sequence[Series], leverage: FloatArray, count: int, l
 
 
 def time_cells(series: Sequence[Series], leverage: FloatArray, recording: int, count: int) -> list[Readings]:
-    """Readings of one recording (columns of the whitened slopes) in ``count`` cells that follow each other in time.
+    """Cut readings of one recording (columns of the whitened slopes) into ``count`` cells, one after the other.
 
     Each cell holds the same sum of the number of readings and of their leverage (N,), both as shares of the
     recording's. So no cell is empty unless one reading outweighs it, and a transient that tells much is cut into many.

@@ -51,7 +51,7 @@ class QuadraticModel:
         return 1.0
 
     def predicted_decrease(self, step: FloatArray) -> float:
-        """Decrease of the cost that the model predicts for a step (p,)."""
+        """Compute the decrease of the cost that the model predicts for a step (p,)."""
         return -float(self.gradient @ step + 0.5 * step @ self.hessian @ step)
 
 
@@ -62,11 +62,11 @@ class CostFunction(Protocol[Quadratic]):
     """The cost that a search minimises; a user's own objective has these two methods."""
 
     def evaluate(self, point: FloatArray) -> Quadratic | None:
-        """The quadratic model of the cost at a point (p,); None where the cost cannot be evaluated."""
+        """Return the quadratic model of the cost at a point (p,); None where the cost cannot be evaluated."""
         ...
 
     def update_noise(self, here: Quadratic) -> Quadratic:
-        """The model at the same point with new noise, at no higher cost; ``here`` itself if nothing changes."""
+        """Return the model at the same point with new noise, at no higher cost; ``here`` itself if nothing changes."""
         ...
 
 
@@ -269,7 +269,7 @@ def _iterate(
 def _converged(
     here: QuadraticModel, newton_decrease: float, newton: FloatArray, point: FloatArray, settings: LocalSettings
 ) -> Stop | None:
-    """Why the search has converged: the Newton step would lower the cost too little, or is too small; else None."""
+    """Say why the search has converged (the Newton step lowers the cost too little, or is too small), or None."""
     # A decrease below the rounding error of the cost can be predicted but not observed.
     relative = max(settings.relative_tolerance, float(np.finfo(np.float64).eps))
     if newton_decrease <= max(settings.tolerance * here.unit, relative * abs(here.cost)):

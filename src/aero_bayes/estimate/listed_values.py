@@ -57,7 +57,7 @@ class _Choice:
 def split_values(
     chosen: ChosenParameters,
 ) -> tuple[ChosenParameters, dict[str, tuple[ListedValue, ...]]]:
-    """Parameters to search, and the values of those that are listed in place of searched."""
+    """Split parameters to search from those whose values are listed, with these values."""
     if isinstance(chosen, ParameterSet) or not isinstance(chosen, Mapping):
         return chosen, {}
     listed = {}

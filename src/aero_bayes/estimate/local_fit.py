@@ -71,15 +71,15 @@ class LocalFitSettings:
     prior: bool = True
 
     def with_limits(self, iterations: int, tolerance: float) -> LocalFitSettings:
-        """Settings with other limits, for a fit that need not be exact."""
+        """Return settings with other limits, for a fit that need not be exact."""
         return replace(self, local=replace(self.local, iterations=iterations, tolerance=tolerance))
 
     def at_temperature(self, temperature: float) -> LocalFitSettings:
-        """The same as exact in log-likelihood over ``temperature``: what counts less need not be found as closely."""
+        """Return settings as exact in log-likelihood over ``temperature``: what counts less is found less closely."""
         return replace(self, local=replace(self.local, tolerance=self.local.tolerance * temperature))
 
     def least_squares(self, outputs: Iterable[str]) -> LocalFitSettings:
-        """Settings with white noise of each output, so that the fit is one of least squares."""
+        """Return settings with white noise of each output, so that the fit is one of least squares."""
         return replace(self, kinds=dict.fromkeys(outputs, "white"))
 
 
@@ -103,7 +103,7 @@ class Optimum:
     steps: int
 
     def sd(self, column: int) -> float:
-        """Standard deviation of a free column's search coordinate."""
+        """Compute the standard deviation of a free column's search coordinate."""
         k = self.free.index(column)
         return math.sqrt(max(float(self.covariance[k, k]), 0.0))
 
@@ -119,7 +119,7 @@ class Optimum:
         return replace(moved, covariance=covariance, log_evidence=evidence)
 
     def laplace(self, parameters: ParameterSet, temperature: float = 1.0) -> tuple[FloatArray, float]:
-        """Covariance and log-evidence of the posterior with the likelihood to the power ``1 / temperature``.
+        """Compute covariance and log-evidence of the posterior with the likelihood to the power ``1 / temperature``.
 
         By Laplace's approximation (MacKay, 1992, Neural Computation 4, 415).
         """
@@ -253,7 +253,7 @@ class _NegativeLogPosterior:
         )  # fmt: skip
 
     def restore(self, kept: Arrays) -> LocalResult[_PosteriorModel]:
-        """The result of a search from the checkpoint, with one simulation, which is not counted again."""
+        """Return the result of a search from the checkpoint, with one simulation, which is not counted again."""
         point, iterations, evaluations = kept["point"].astype(np.float64), int(kept["steps"][0]), int(kept["steps"][1])
         quadratic = None
         if "outputs" in kept:
@@ -266,7 +266,7 @@ class _NegativeLogPosterior:
         return LocalResult(point, quadratic, iterations, Stop(str(kept["reason"])), evaluations)
 
     def log_prior(self, x: FloatArray) -> float:
-        """Log-density of the free columns' priors in search coordinates (fixed ones are not counted)."""
+        """Compute the log-density of the free columns' priors in search coordinates (fixed ones are not counted)."""
         if not self.settings.prior:
             return 0.0
         parameters = self.objective.parameters
@@ -275,7 +275,7 @@ class _NegativeLogPosterior:
         return sum(float(parameters.items[j].prior.log_pdf(values[j])) + math.log(float(slopes[j])) for j in self.free)
 
     def _prior_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient and curvature of the negative log-prior over the free columns."""
+        """Compute the gradient and curvature of the negative log-prior over the free columns."""
         count = len(self.free)
         if not self.settings.prior:
             return np.zeros(count), np.zeros((count, count))
@@ -294,7 +294,7 @@ def _pack(found: LocalResult[_PosteriorModel]) -> Arrays:
 
 
 def _laplace(hessian: FloatArray, parameters: ParameterSet, free: Sequence[int]) -> tuple[FloatArray, float]:
-    """Covariance of the Gaussian approximation over the free columns, and the logarithm of its volume."""
+    """Compute the covariance of the Gaussian approximation over the free columns, and the logarithm of its volume."""
     columns = list(free)
     low, high = (bound[columns] for bound in parameters.box)
     volume = 0.5 * (len(columns) * math.log(2.0 * math.pi) - log_precision(hessian, high - low))

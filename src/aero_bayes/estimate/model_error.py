@@ -14,7 +14,7 @@ from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE
 
 
 def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, OutputNoise]) -> set[str]:
-    """Outputs whose innovations are correlated over time, or with those of another output of the same recording.
+    """Find outputs whose innovations are correlated over time, or with another output of the same recording.
 
     Sensors have noise of their own each. What two outputs have in common, and what one-step predictions leave of the
     past, is an error of the model. Outputs whose noise the user declares white are taken at that word.

@@ -63,7 +63,7 @@ def modes_sentence(modes: Sequence[Mode], names: Sequence[str]) -> str:
 
 
 def find_modes(search: GlobalSearch, here: Optimum, swarm: SwarmResult | None) -> tuple[Mode, ...]:
-    """Other optima within reach of the reported one, likeliest first.
+    """Find other optima within reach of the reported one, likeliest first.
 
     Parameters
     ----------
@@ -173,6 +173,6 @@ def is_another(objective: Objective, known: Sequence[Optimum], end: Optimum) -> 
 
 
 def _levels(objective: Objective, at: Optimum, points: FloatArray) -> list[float]:
-    """Log-likelihood of points (n, p) under the noise of an optimum; minus infinity where a run fails."""
+    """Compute the log-likelihood of points (n, p) under the noise of an optimum; minus infinity where a run fails."""
     found = objective.residuals(points)
     return [-np.inf if f is None else objective.whiten(f, at.noise).log_likelihood for f in found]

@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 def typical(
     calibration: Calibration, values: FloatArray, recordings: Sequence[Recording]
 ) -> dict[ProblemTarget, FloatArray]:
-    """Mean over the fitted recordings of what belongs to each alone.
+    """Compute the mean over the fitted recordings of what belongs to each alone.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def typical(
 
 
 def _beyond_noise(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
-    """Mean of distances, less the share that their standard deviations let expect."""
+    """Compute the mean of distances, less the share that their standard deviations let expect."""
     mean = np.mean([distance for distance, _ in parts], axis=0)
     variance = sum(sd**2 for _, sd in parts) / len(parts) ** 2
     square = np.square(mean)
@@ -77,7 +77,7 @@ def first_reading(recording: Recording, target: ProblemTarget, calibration: Cali
 
 
 def _started(target: ProblemTarget, calibration: Calibration) -> tuple[str, ...]:
-    """States whose initial value a target is."""
+    """Return the states whose initial value a target is."""
     if isinstance(target, StartTarget):
         return (target.state,)
     return next((p.starts for p in calibration.parameters if p.target == target), ())

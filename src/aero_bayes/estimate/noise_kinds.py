@@ -101,7 +101,7 @@ def refit_with_spread(
 
 
 def _of_output(output: str, series: Sequence[Series], here: Optimum) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Residuals and predictions of one output in each recording."""
+    """Collect residuals and predictions of one output in each recording."""
     own = [k for k, s in enumerate(series) if s.output == output]
     return [here.evaluation.residual[k] for k in own], [here.evaluation.predicted[k] for k in own]
 

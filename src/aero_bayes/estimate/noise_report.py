@@ -19,7 +19,7 @@ MAX_NOISE_EXCESS = 2.0
 
 
 def noise_table(calibration: Calibration, noise: Mapping[str, OutputNoise]) -> dict[str, dict[str, object]]:
-    """Noise by output as result.json has it: ``sd`` and lag-one ``rho`` at the sample interval, and their parts."""
+    """Write the noise by output for result.json: ``sd`` and lag-one ``rho`` at the sample interval, and their parts."""
     table = noise_at_interval(
         noise, float(np.median(np.concatenate([np.diff(e.time) for e in calibration.experiments])))
     )
@@ -38,7 +38,7 @@ def noise_at_interval(noise: Mapping[str, OutputNoise], interval: float) -> dict
 
 
 def process_noise_table(process: ProcessNoise | None, parameters: Mapping[str, Estimate]) -> dict[str, object]:
-    """Diffusion by state as result.json has it, with the spread of those that were estimated."""
+    """Write the diffusion by state as result.json has it, with the spread of those that were estimated."""
     given = process.diffusion if process is not None else {}
     table: dict[str, object] = {name: {"value": value} for name, value in given.items()}
     for name, estimate in parameters.items():

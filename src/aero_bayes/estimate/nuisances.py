@@ -18,7 +18,7 @@ from aero_bayes.simulation.model import Model
 def largest_delay(
     recordings: Sequence[Recording], model: Model, settings: CalibrationSettings
 ) -> float | Mapping[str, float]:
-    """Largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs."""
+    """Return the largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs."""
     declared = model.declared.recording.max_input_delay
     limit = declared if settings.max_input_delay is None else settings.max_input_delay
     if settings.delay == "free" and not limit:
@@ -40,7 +40,7 @@ def nuisance_parameters(
     limit: float | Mapping[str, float],
     policy: DelayPolicy,
 ) -> list[Parameter]:
-    """Initial values and delay of each recording in turn, or the delays of single inputs at the end."""
+    """List initial values and delay of each recording in turn, or the delays of single inputs at the end."""
     nuisances: list[Parameter] = []
     for index, (experiment, own) in enumerate(zip(experiments, starts, strict=True)):
         nuisances += own

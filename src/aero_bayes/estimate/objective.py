@@ -132,13 +132,13 @@ class Objective:
         self.outcomes: Counter[Outcome] = Counter() if outcomes is None else outcomes
 
     def with_outputs(self, outputs: Sequence[str]) -> Objective:
-        """The objective of some of the outputs."""
+        """Return the objective of some of the outputs."""
         return self.with_calibration(self.calibration, self.simulator, outputs)
 
     def with_calibration(
         self, calibration: Calibration, simulator: Simulator, outputs: Sequence[str] | None = None
     ) -> Objective:
-        """Another calibration, its simulations counted and its searches kept where those of this one are."""
+        """Return the objective of another calibration; simulations count and searches are kept where this one does."""
         return type(self)(
             calibration, simulator, outputs=outputs, outcomes=self.outcomes, result_cache=self.result_cache
         )
@@ -150,7 +150,7 @@ class Objective:
         work: Callable[[], Arrays],
         complete: Callable[[], bool] = lambda: True,
     ) -> Arrays:
-        """The result of ``work``, from the cache if it is there (memoised by kind, calibration and arguments).
+        """Return the result of ``work``, from the cache if it is there (memoised by kind, calibration and arguments).
 
         ``work`` must depend on nothing else. Its simulations are counted either way. A result is kept only if it is
         ``complete``.
@@ -220,7 +220,7 @@ class Objective:
         return Evaluation(tuple(predicted), tuple(residual), tuple(slopes) if scale is not None else None)
 
     def residuals(self, coordinates: FloatArray) -> list[Evaluation | None]:
-        """Comparisons, without slopes, of several parameter vectors (rows) with the data; None where one failed."""
+        """Compare several parameter vectors (rows) with the data, without slopes; None where one failed."""
         found = self.simulate(self.parameters.from_search(coordinates))
         return [
             self._residual([found.outputs[s.experiment][k, s.sampling.index, s.column] for s in self.series])
@@ -248,7 +248,7 @@ class Objective:
         return Whitened(np.concatenate(white), np.concatenate(by, axis=1), log_det, self.readings)
 
     def predictions(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """Outputs (n, m) of each experiment at SI values (p,).
+        """Compute outputs (n, m) of each experiment at SI values (p,).
 
         Raises
         ------
@@ -258,15 +258,15 @@ class Objective:
         return tuple(y[0] for y in self.simulate(values[np.newaxis, :]).outputs)
 
     def smoothed_states(self, values: FloatArray) -> tuple[SmoothedStates, ...]:
-        """States of each recording at SI values (p,) given all its readings: none without process noise."""
+        """Compute states of each recording at SI values (p,) given all its readings: none without process noise."""
         return ()
 
     def reading_noise(self, coordinates: FloatArray) -> dict[str, OutputNoise]:
-        """Noise of each output that is among the parameters, at search coordinates (p,): none without process noise."""
+        """Return the outputs' noise that is searched, at search coordinates (p,): none without process noise."""
         return {}
 
     def by_output(self, rows: FloatArray) -> dict[str, FloatArray]:
-        """Values (N,) of all series end to end, by output."""
+        """Join the values (N,) of all series end to end, by output."""
         parts: dict[str, list[FloatArray]] = {output: [] for output in self.outputs}
         ends = np.cumsum([series.sampling.size for series in self.series])
         for series, values in zip(self.series, np.split(rows, ends[:-1]), strict=True):
@@ -276,25 +276,31 @@ class Objective:
     # reduced in the engine
 
     def simulate(self, values: FloatArray, active: Sequence[int] | None = None) -> Trajectories:
-        """Trajectories of SI values (n, p)."""
+        """Simulate SI values (n, p)."""
         found = self.simulator.simulate(values, active=active)
         self._count(found.outcomes)
         return found
 
     def log_likelihood(self, values: FloatArray, noise: FloatArray) -> FloatArray:
-        """Log-likelihood of each experiment at SI values (n, p), shape (n, E); minus infinity where the run failed."""
+        """Compute the log-likelihood of each experiment at SI values (n, p), shape (n, E).
+
+        Minus infinity for a failed run.
+        """
         found = self.simulator.log_likelihood(values, noise)
         self._count(found.outcomes)
         return found.log_likelihood
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
-        """Likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values."""
+        """Compute likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values."""
         found = self.simulator.gauss_newton(self.parameters.away_from_zero(values, active), noise, active=active)
         self._count(found.outcomes)
         return found
 
     def noise_rows(self, noise: Mapping[str, OutputNoise]) -> FloatArray:
-        """Noise triples as the engine takes them, shape (1, 1, m, 3); outputs that do not count get large noise."""
+        """Write noise triples as the engine takes them, shape (1, 1, m, 3).
+
+        Outputs that do not count get large noise.
+        """
         scale = self.calibration.scale
         rows = [
             noise[name].as_row() if name in self.outputs else (IGNORED_NOISE_FACTOR * float(scale[k]), 0.0, 0.0)

@@ -228,12 +228,12 @@ def _matlab_names(names: Sequence[str]) -> list[str]:
 
 
 def _cells(value: Any) -> Any:
-    """Lists of texts as MATLAB's cell arrays."""
+    """Write lists of texts as MATLAB's cell arrays."""
     return np.array(value, dtype=object) if isinstance(value, list) else value
 
 
 def _matlab_lines(name: str, value: Any) -> list[str]:
-    """Assignments that give a variable of MATLAB a value, a list of texts, a matrix or fields."""
+    """Write assignments that give a variable of MATLAB a value, a list of texts, a matrix or fields."""
     if isinstance(value, Mapping):
         return [line for key, v in value.items() for line in _matlab_lines(f"{name}.{key}", v)]
     return [f"{name} = {_matlab_text(value)};"]

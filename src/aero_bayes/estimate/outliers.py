@@ -80,7 +80,7 @@ def without_outliers(
 
 
 def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, FloatArray]) -> Mask:
-    """Rows of an output whose readings are outliers of a fit.
+    """Mark rows of an output whose readings are outliers of a fit.
 
     Parameters
     ----------

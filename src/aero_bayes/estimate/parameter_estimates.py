@@ -52,12 +52,12 @@ def estimates_html(table: Mapping[str, Estimate], caption: str, warnings: Sequen
 
 
 def fixed_reasons(model: Model, fixed: Collection[str]) -> dict[str, str]:
-    """Why parameters of a model are not fitted, by name; ``fixed`` are those that the configuration sets."""
+    """Say why parameters of a model are not fitted, by name; ``fixed`` are those that the configuration sets."""
     return {name: "held at the value that the configuration gives" for name in fixed} | dict(model.declared.fixed)
 
 
 def fixed_parameters(calibration: Calibration) -> dict[str, Estimate]:
-    """Parameters of the model that are not fitted, where the reason is known."""
+    """List parameters of the model that are not fitted, where the reason is known."""
     fitted = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
     reasons = fixed_reasons(calibration.model, calibration.fixed)
     table = {}

@@ -93,7 +93,7 @@ class Parameter:
 
 
 def prior_curvature(second: FloatArray) -> FloatArray:
-    """Curvature (k, k) of negative log-priors from their second derivatives (k,); never so flat that it is singular."""
+    """Compute the curvature (k, k) of negative log-priors from their second derivatives (k,); never singular."""
     return np.diag(np.maximum(-second, MIN_PRIOR_CURVATURE))
 
 
@@ -127,7 +127,7 @@ class ParameterSet:
         return any(item.name == name for item in self.items)
 
     def index(self, name: str) -> int:
-        """Column of a parameter."""
+        """Return the column of a parameter."""
         for j, item in enumerate(self.items):
             if item.name == name:
                 return j
@@ -179,7 +179,7 @@ class ParameterSet:
         return np.where(log, np.log(np.where(log, values, 1.0)), values / self._width)
 
     def from_search(self, coordinates: FloatArray) -> FloatArray:
-        """SI values of search coordinates, shape (..., p), clipped by one rounding to the bounds."""
+        """Convert search coordinates to SI values, shape (..., p), clipped by one rounding to the bounds."""
         coordinates = np.asarray(coordinates, dtype=np.float64)
         log = self.logarithmic
         values = np.where(log, np.exp(np.where(log, coordinates, 0.0)), coordinates * self._width)
@@ -189,7 +189,7 @@ class ParameterSet:
         return np.where(inside, clipped, values)
 
     def away_from_zero(self, values: FloatArray, active: Sequence[int]) -> FloatArray:
-        """SI values (..., p) with active parameters at a lower bound of zero moved slightly above it.
+        """Move active parameters at a lower bound of zero slightly above it, in SI values (..., p).
 
         The sensitivities of a law vanish where its magnitude is exactly zero.
         """
@@ -201,12 +201,12 @@ class ParameterSet:
         return lifted
 
     def jacobian(self, values: FloatArray) -> FloatArray:
-        """Derivative of each value with respect to its own coordinate, shape (..., p)."""
+        """Compute the derivative of each value with respect to its own coordinate, shape (..., p)."""
         values = np.asarray(values, dtype=np.float64)
         return np.where(self.logarithmic, values, self._width)
 
     def log_prior(self, coordinates: FloatArray) -> FloatArray:
-        """Log-density of the priors in search coordinates, shape (n,) for coordinates (n, p)."""
+        """Compute the log-density of the priors in search coordinates, shape (n,) for coordinates (n, p)."""
         coordinates = np.atleast_2d(coordinates)
         low, high = self.box
         inside = np.all((coordinates >= low) & (coordinates <= high), axis=1)
@@ -219,7 +219,7 @@ class ParameterSet:
         return total
 
     def prior_derivatives(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """First and second derivative of the log-prior by each search coordinate, shape (..., p)."""
+        """Compute the first and second derivative of the log-prior by each search coordinate, shape (..., p)."""
         coordinates = np.asarray(coordinates, dtype=np.float64)
         values = self.from_search(coordinates)
         slope = self.jacobian(values)
@@ -232,11 +232,11 @@ class ParameterSet:
         return first + log, second + np.where(log, first, 0.0)
 
     def sample_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Independent draws from the priors in SI units, shape (size, p)."""
+        """Draw independently from the priors in SI units, shape (size, p)."""
         return np.stack([item.prior.sample(rng, size) for item in self.items], axis=1)
 
     def prior_sd(self) -> FloatArray:
-        """Standard deviation of each prior in search coordinates, shape (p,)."""
+        """Compute the standard deviation of each prior in search coordinates, shape (p,)."""
         return np.array([search_sd(p.prior, p.lower, p.upper, p.scale) for p in self.items])
 
     def with_start(self, values: FloatArray) -> ParameterSet:
@@ -337,7 +337,7 @@ def _override(name: str, spec: ParameterSpec, known: Override) -> Override:
 def parameters_from_model(
     model: Model, free: Sequence[str] | None = None, overrides: Mapping[str, Override] | None = None
 ) -> ParameterSet:
-    """Parameters of a model, by name, with bounds and start from the model unless overridden.
+    """Make parameters of a model, by name, with bounds and start from the model unless overridden.
 
     Parameters
     ----------

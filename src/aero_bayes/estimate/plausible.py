@@ -31,7 +31,7 @@ def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
 
 
 def screened(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
-    """Recordings with their faults mended and told, cut at gaps; units that they lack are the model's."""
+    """Mend and tell faults of recordings, and cut them at gaps; units that they lack are the model's."""
     units = {v.name: v.unit for v in (*model.inputs, *model.outputs)}
     return screen_all([replace(r, units={**units, **r.units}) if set(units) - set(r.units) else r for r in recordings])
 

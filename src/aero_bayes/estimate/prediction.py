@@ -104,7 +104,7 @@ class RecordingPrediction:
         return plot_backend().prediction_figure(self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
-        """Median and 90 % band by time (s): columns (output, lower | median | upper), SI units.
+        """Return median and 90 % band by time (s): columns (output, lower | median | upper), SI units.
 
         Examples
         --------
@@ -164,7 +164,7 @@ class FittedPredictor:
         seed: int = 1,
         workers: int | None = 0,
     ) -> RecordingPrediction:
-        """Readings of a recording for draws of free and noise parameters.
+        """Predict readings of a recording for draws of free and noise parameters.
 
         Parameters
         ----------

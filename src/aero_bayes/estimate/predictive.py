@@ -48,7 +48,7 @@ class Predictive:
 
 
 def recording_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
-    """Log-density of all readings at a time given the earlier ones, (k, n), of residuals (k, n, m), noise (k, m, 3)."""
+    """Compute the log-density (k, n) of readings given earlier ones, of residuals (k, n, m), noise (k, m, 3)."""
     out = np.zeros(residual.shape[:2])
     for j in range(residual.shape[2]):
         out += reading_log_density(time, residual[:, :, j], noise[:, j])
@@ -56,12 +56,12 @@ def recording_log_density(time: FloatArray, residual: FloatArray, noise: FloatAr
 
 
 def edges(n: int, blocks: int) -> NDArray[np.int64]:
-    """Rows between ``blocks`` blocks of about equal length, the ends included."""
+    """Cut rows into ``blocks`` blocks of about equal length; returns the edges, the ends included."""
     return np.unique(np.linspace(0, n, min(blocks, n) + 1).astype(np.int64))
 
 
 def noise_draws(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
-    """Draws of the noise, shape (k, n, m), for noise triples (k, m, 3)."""
+    """Draw noise, shape (k, n, m), for noise triples (k, m, 3)."""
     k, m = noise.shape[:2]
     white, ou, tau = np.moveaxis(noise, 2, 0)
     out = np.empty((k, time.size, m))
@@ -78,7 +78,7 @@ def predict_from_outputs(
     time: FloatArray, outputs: NDArray[np.float32], noise: FloatArray, density: FloatArray, factors: FloatArray,
     rng: np.random.Generator, stored: int, blocks: int,
 ) -> Predictive:  # fmt: skip
-    """Readings from simulated outputs (k, n, m), noise triples (k, m, 3) and the density of each block (k, b)."""
+    """Predict readings from simulated outputs (k, n, m), noise triples (k, m, 3) and densities of blocks (k, b)."""
     sd = np.hypot(noise[:, np.newaxis, :, 0], noise[:, np.newaxis, :, 1])
     return _summarise(
         time, outputs, sd, lambda rows: noise_draws(rng, time[rows], noise), density, factors, stored, blocks
@@ -89,7 +89,7 @@ def predict_from_filter(
     time: FloatArray, measured: FloatArray, predicted: FloatArray, variance: FloatArray, factors: FloatArray,
     rng: np.random.Generator, stored: int, blocks: int,
 ) -> Predictive:  # fmt: skip
-    """Readings from a filter's predictions (k, n, m) of independent readings, and their variances."""
+    """Predict readings from a filter's predictions (k, n, m) of independent readings, and their variances."""
     density = np.nansum(-0.5 * ((measured - predicted) ** 2 / variance + np.log(2.0 * np.pi * variance)), axis=2)
     bounds = edges(time.size, blocks)
     sd = np.sqrt(variance)
@@ -109,7 +109,7 @@ def _summarise(
     stored: int,
     blocks: int,
 ) -> Predictive:
-    """Bands and draws of readings.
+    """Summarise readings by bands and draws.
 
     Parameters
     ----------

@@ -34,15 +34,15 @@ class Prior(Protocol):
     def upper(self) -> float: ...
 
     def log_pdf(self, x: ArrayLike) -> FloatArray:
-        """Log-density at ``x`` (any shape), minus infinity outside the bounds."""
+        """Compute the log-density at ``x`` (any shape), minus infinity outside the bounds."""
         ...
 
     def derivatives(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """First and second derivative of the log-density inside the bounds."""
+        """Compute the first and second derivative of the log-density inside the bounds."""
         ...
 
     def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Independent draws, shape (size,)."""
+        """Draw independently, shape (size,)."""
         ...
 
     def bounded(self, lower: float, upper: float) -> Prior:
@@ -64,7 +64,7 @@ def _inside(x: FloatArray, lower: float, upper: float, value: FloatArray) -> Flo
 
 
 def _log_mass(a: float, b: float) -> float:
-    """Logarithm of the standard normal's mass between a and b, in either tail without cancellation."""
+    """Compute the logarithm of the standard normal's mass between a and b, in either tail without cancellation."""
     if a > 0.0:
         a, b = -b, -a
     if b <= 0.0:
@@ -74,7 +74,7 @@ def _log_mass(a: float, b: float) -> float:
 
 
 def _truncated_normal(rng: np.random.Generator, a: float, b: float, size: int) -> FloatArray:
-    """Draws of a standard normal between a and b by inversion, in the tail that keeps its digits."""
+    """Draw from a standard normal between a and b by inversion, in the tail that keeps its digits."""
     flip = a > 0.0
     if flip:
         a, b = -b, -a
@@ -293,7 +293,10 @@ class LogNormal:
 
 @lru_cache(maxsize=4096)
 def search_sd(prior: Prior, lower: float, upper: float, scale: Literal["log", "linear"]) -> float:
-    """Standard deviation of a prior in its search coordinate, by quadrature; kept, as every local fit asks for it."""
+    """Compute the standard deviation of a prior in its search coordinate, by quadrature.
+
+    Kept, as every local fit asks for it.
+    """
     width = upper - lower
     low, high = (math.log(lower), math.log(upper)) if scale == "log" else (lower / width, upper / width)
     u = np.linspace(low, high, 4001)

@@ -92,7 +92,7 @@ def uncertain_start(
     model: Model,
     given: Mapping[str, float],
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Initial values of states and their standard deviations, by state.
+    """Compute initial values of states and their standard deviations, by state.
 
     An initial value is not estimated beside process noise but integrated out: one that is free to meet the first
     reading would let that reading's noise shrink to nothing.

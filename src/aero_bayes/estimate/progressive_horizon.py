@@ -102,7 +102,7 @@ def floor_ratio(objective: Objective, residual: Sequence[FloatArray]) -> float:
 
 
 def _residual_ratio(these: Sequence[FloatArray], those: Sequence[FloatArray]) -> float:
-    """Geometric mean over all series of the ratio of their RMS residuals."""
+    """Compute the geometric mean over all series of the ratio of their RMS residuals."""
     logs = [
         0.5 * math.log(max(float(one @ one), 1e-300) / max(float(other @ other), 1e-300))
         for one, other in zip(these, those, strict=True)

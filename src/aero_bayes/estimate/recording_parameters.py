@@ -52,7 +52,7 @@ def for_recordings(parameters: ParameterSet, model: Model, recordings: Sequence[
 
 
 def _groups(p: Parameter, recordings: Sequence[Recording]) -> dict[str, list[int]]:
-    """Indices of the recordings that share a value, by the name of the value: the parts of one, or each its own."""
+    """Group recordings that share a value, by the name of the value: the parts of one, or each its own."""
     found: dict[str, list[int]] = {}
     for index, recording in enumerate(recordings):
         shared = recording.part_of and not p.starts

@@ -242,7 +242,7 @@ class Fit(OtherTools):
         return trials_sentence(self.trials)
 
     def noise_table(self) -> dict[str, Json]:
-        """Noise by output: ``sd`` and lag-one ``rho`` at the sample interval, and what they are made of."""
+        """Write the noise by output: ``sd`` and lag-one ``rho`` at the sample interval, and what they are made of."""
         return noise_table(self.calibration, self.noise)
 
     def to_dict(self) -> Json:

@@ -50,7 +50,7 @@ def simulate(
 
 
 def as_recording(inputs: Recording | Mapping[str, ArrayLike], calibration: Calibration) -> Recording:
-    """Inputs by name as a recording of nothing; InputError for what the model does not take."""
+    """Take inputs by name as a recording of nothing; InputError for what the model does not take."""
     if not isinstance(inputs, Recording):
         columns = {name: np.asarray(values, dtype=np.float64) for name, values in inputs.items()}
         if "time" not in columns:
@@ -82,7 +82,7 @@ def run_problem(
     workers: int | None = 0,
     engine: str = "native",
 ) -> Trajectories:
-    """Outputs of a calibration's model over a recording's times for many parameter vectors.
+    """Simulate a calibration's model over a recording's times for many parameter vectors.
 
     Parameters
     ----------

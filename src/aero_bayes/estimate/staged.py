@@ -25,7 +25,7 @@ class Stage:
 
 
 def causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArray) -> tuple[Stage, ...]:
-    """Stages from the effects of parameters on outputs.
+    """Order stages from the effects of parameters on outputs.
 
     Parameters
     ----------
@@ -52,7 +52,10 @@ def causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArr
 
 
 def stages_by_effect(objective: Objective, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
-    """Stages of the free columns, by their effects at a point (p,) in search coordinates; none where one would do."""
+    """Order stages of the free columns by their effects at a point (p,) in search coordinates.
+
+    None where one would do.
+    """
     calibration = objective.calibration
     found = objective.evaluate(point, free)
     if found is None or found.slopes is None or len(calibration.outputs) == 1:

@@ -83,7 +83,7 @@ def acts_in_steps(objective: Objective, point: FloatArray, column: int) -> bool:
 
 
 def other_plateaus(objective: Objective, here: Optimum) -> list[FloatArray]:
-    """Where to fit from to leave a plateau: search coordinates (p,), one for each other value of the cost.
+    """List where to fit from to leave a plateau: search coordinates (p,), one for each other value of the cost.
 
     Empty where all free columns have a slope, or act in no steps.
     """
@@ -107,7 +107,10 @@ def _plateaus(objective: Objective, point: FloatArray, column: int) -> list[Floa
 
 
 def log_likelihood_at(objective: Objective, here: Optimum, point: FloatArray) -> float:
-    """Log-likelihood of search coordinates (p,) under the noise of an optimum; minus infinity where a run fails."""
+    """Compute the log-likelihood of search coordinates (p,) under the noise of an optimum.
+
+    Minus infinity if a run fails.
+    """
     found = objective.evaluate(point)
     return -np.inf if found is None else objective.whiten(found, here.noise).log_likelihood
 

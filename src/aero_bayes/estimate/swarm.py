@@ -97,7 +97,7 @@ class Swarm:
         return int(np.argmin(self.own_cost))
 
     def ask(self) -> FloatArray:
-        """Positions to evaluate, shape (particles, d)."""
+        """Return positions to evaluate, shape (particles, d)."""
         return self.position
 
     def tell(self, cost: FloatArray) -> None:

@@ -59,18 +59,18 @@ class NoiseLayout:
         return tuple(f"noise.{self.outputs[k]}.{_NOISE_PARTS[j]}" for k, j in np.argwhere(self._mask))
 
     def pack(self, noise: Mapping[str, OutputNoise]) -> FloatArray:
-        """Coordinates of an estimate, shape (q,)."""
+        """Return the coordinates of an estimate, shape (q,)."""
         rows = np.array([noise[name].as_row() for name in self.outputs])
         return np.asarray(np.log(rows[self._mask]))
 
     def unpack(self, coordinates: FloatArray) -> FloatArray:
-        """Noise triples as a simulator takes them, shape (n, 1, m, 3)."""
+        """Return noise triples as a simulator takes them, shape (n, 1, m, 3)."""
         full = np.tile(np.array([n.as_row() for n in self.reference]), (len(coordinates), 1, 1))
         full[:, self._mask] = np.exp(coordinates)
         return full[:, None]
 
     def estimates(self, coordinates: FloatArray) -> dict[str, OutputNoise]:
-        """The estimate at one point, shape (q,)."""
+        """Return the estimate at one point, shape (q,)."""
         rows = self.unpack(coordinates[None])[0, 0]
         return {
             name: replace(reference, sd_white=float(row[0]), sd_ou=float(row[1]), tau=float(row[2]))
@@ -78,7 +78,7 @@ class NoiseLayout:
         }
 
     def log_prior(self, coordinates: FloatArray) -> FloatArray:
-        """Log-density, shape (n,)."""
+        """Compute the log-density, shape (n,)."""
         z = (coordinates - self.centre[self._mask]) / self.sigma
         density = -0.5 * np.sum(z**2, axis=1) - self.size * np.log(self.sigma * np.sqrt(2.0 * np.pi))
         return np.asarray(np.where(np.all(np.abs(z * self.sigma) < self.limit, axis=1), density, -np.inf))
@@ -109,7 +109,7 @@ class CurvatureAdjustment:
     map: FloatArray
 
     def __call__(self, coordinates: FloatArray) -> FloatArray:
-        """Points at which the likelihood of points (n, f) is computed."""
+        """Return the points at which the likelihood of points (n, f) is computed."""
         return self.centre + (coordinates - self.centre) @ self.map.T
 
 
@@ -157,18 +157,18 @@ class Target:
         return self.parameters.box
 
     def values(self, coordinates: FloatArray) -> FloatArray:
-        """SI values of all parameters at free coordinates (n, f): shape (n, p)."""
+        """Compute SI values of all parameters at free coordinates (n, f): shape (n, p)."""
         full = np.tile(self.base, (len(coordinates), 1))
         full[:, self.free] = self.parameters.from_search(coordinates)
         return full
 
     def log_likelihood(self, coordinates: FloatArray, noise: FloatArray) -> FloatArray:
-        """Log-likelihood of each experiment, shape (n, E); minus infinity where the run failed."""
+        """Compute the log-likelihood of each experiment, shape (n, E); minus infinity where the run failed."""
         at = coordinates if self.spread is None else self.spread(coordinates)
         return self.objective.log_likelihood(self.values(at), noise)
 
     def cost(self, coordinates: FloatArray, noise: FloatArray) -> FloatArray:
-        """Negative log-posterior at given noise, shape (n,)."""
+        """Compute the negative log-posterior at given noise, shape (n,)."""
         total = np.sum(self.log_likelihood(coordinates, noise), axis=1)
         if self.prior:
             total = total + self.parameters.log_prior(coordinates)
@@ -177,7 +177,7 @@ class Target:
     def quadratic_models(
         self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True
     ) -> QuadraticModels:
-        """Negative log-posterior at given noise with its gradient and Gauss-Newton Hessian in search coordinates."""
+        """Compute the negative log-posterior at given noise with gradient and Hessian in search coordinates."""
         at = coordinates if self.spread is None else self.spread(coordinates)
         result = self.objective.gauss_newton(self.values(at), noise, self.free)
         slope = self.parameters.jacobian(self.parameters.from_search(at))
@@ -196,7 +196,7 @@ class Target:
         return QuadraticModels(cost, gradient, hessian)
 
     def cost_function(self, noise: FloatArray) -> FixedCost:
-        """The cost function at given noise; each evaluation is one simulation, reduced in the engine."""
+        """Return the cost function at given noise; each evaluation is one simulation, reduced in the engine."""
 
         def quadratic(point: FloatArray) -> QuadraticModel | None:
             found = self.quadratic_models(point[None], noise)
@@ -207,7 +207,7 @@ class Target:
         return FixedCost(quadratic)
 
     def predict(self, coordinates: FloatArray) -> tuple[FloatArray, ...]:
-        """Outputs at one point, shape (n, m) for each experiment."""
+        """Compute outputs at one point, shape (n, m) for each experiment."""
         return tuple(y[0] for y in self.objective.simulate(self.values(coordinates[None])).outputs)
 
 
@@ -239,7 +239,7 @@ class JointTarget:
         return np.asarray(self.target.parameters.log_prior(points[:, :f]) + self.layout.log_prior(points[:, f:]))
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Log-posterior, shape (n,). Points outside the priors' support are not simulated."""
+        """Compute the log-posterior, shape (n,). Points outside the priors' support are not simulated."""
         points = np.asarray(points, dtype=np.float64)
         f = len(self.target.free)
         total = np.full(len(points), -np.inf)

@@ -60,7 +60,7 @@ def own_value_reason(flat: FlatModel, v: FlatVariable) -> str:
 
 
 def choices_of(flat: FlatModel, v: FlatVariable) -> dict[str, int]:
-    """Full names of the literals of a parameter's enumeration, with their ordinals."""
+    """List full names of the literals of a parameter's enumeration, with their ordinals."""
     kind = v.type.rpartition(".")[2]
     own = {name: at for name, at in flat.literals.items() if f".{name}".rpartition(".")[0].endswith(f".{kind}")}
     # The compiler lists a literal by its full name, by shorter ones, and each once more in quotes.

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-import numpy as np
-
-from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.identifiability import Status
-from aero_bayes.estimate.listed_values import ListedValue, ValueCombination, compiled, value_text, values_text
-from aero_bayes.estimate.modes import likelihood_temperature
+from aero_bayes.estimate.listed_values import ListedValue, value_text, values_text
 from aero_bayes.estimate.parameter_estimates import Estimate
-
-if TYPE_CHECKING:
-    from aero_bayes.estimate.result import Fit
 
 Json = dict[str, object]
 
@@ -50,47 +42,6 @@ class ValueTrial:
     def to_dict(self) -> Json:
         """Return the entry of result.json."""
         return {"values": dict(self.values), "share": self.share, "worse_by": self.worse_by, "failed": self.failed}
-
-
-def best_values(candidates: Sequence[ValueCombination], fitted: Callable[[ValueCombination], Fit]) -> Fit:
-    """Return the fit with the likeliest values, with how much worse the others are.
-
-    The fit itself where nothing is listed.
-
-    Parameters
-    ----------
-    candidates : sequence of ValueCombination
-    fitted : callable
-        The fit of a combination, to the same readings as that of the others.
-
-    Raises
-    ------
-    CannotFinishError
-        If the model cannot be fitted with any of the values.
-    """
-    if len(candidates) == 1 and not candidates[0].values:
-        return fitted(candidates[0])
-    fits: list[tuple[ValueCombination, Fit]] = []
-    failed: list[ValueTrial] = []
-    last: Exception | None = None
-    for candidate in candidates:
-        try:
-            fits.append((candidate, fitted(compiled(candidate))))
-        except (CannotFinishError, InputError) as error:
-            failed.append(ValueTrial(candidate.values, candidate.numbers, candidate.modifiers, failed=str(error)))
-            last = error
-    if not fits:
-        assert last is not None
-        raise last
-    fits.sort(key=lambda pair: -pair[1].log_posterior)
-    best = fits[0][1]
-    worse = np.array([best.log_posterior - fit.log_posterior for _, fit in fits])
-    weights = np.exp(-worse / likelihood_temperature(best.optimum))
-    trials = [
-        ValueTrial(c.values, c.numbers, c.modifiers, float(share), float(w))
-        for (c, _), share, w in zip(fits, weights / weights.sum(), worse, strict=True)
-    ]
-    return replace(best, trials=(*trials, *failed))
 
 
 def chosen_estimates(trials: Sequence[ValueTrial]) -> dict[str, Estimate]:

@@ -124,7 +124,7 @@ def _nearest(calibration: Calibration, fit: Fit, open_simulator: OpenSimulator) 
 
 
 def _share(calibration: Calibration, outputs: Sequence[FloatArray]) -> float:
-    """Largest RMS residual of an output as a share of the standard deviation of its readings."""
+    """Compute the largest RMS residual of an output as a share of the standard deviation of its readings."""
     shares = []
     for k in range(len(calibration.outputs)):
         read = np.concatenate([y[:, k] for y in calibration.measured])

@@ -166,7 +166,7 @@ class _ClassReader:
                 self.equation(cls, section, (*inside, opening), head)
 
     def condition(self) -> None:
-        """Past the head of a compound equation; an if-expression in it brings a ``then`` of its own."""
+        """Skip the head of a compound equation; an if-expression in it brings a ``then`` of its own."""
         self.at += 1
         open_ifs = 0
         while self.at < len(self.tokens):

@@ -145,14 +145,14 @@ class ClassText:
         return found
 
     def walk(self) -> Iterator[ClassText]:
-        """This class and those inside it."""
+        """Yield this class and those inside it."""
         yield self
         for inner in self.classes:
             yield from inner.walk()
 
 
 def snake_case(name: str) -> str:
-    """``CoulombFriction`` -> ``coulomb_friction``."""
+    """Write ``CoulombFriction`` as ``coulomb_friction``."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 

@@ -112,7 +112,7 @@ def build_tree(
 
 
 def look_up(library: ClassLibrary, name: str, scope: str) -> str | None:
-    """Full name of a class as seen from within another, by Modelica's rule: from the inside outwards."""
+    """Find the full name of a class as seen from within another, by Modelica's rule: from the inside outwards."""
     parts = scope.split(".")
     return next(
         (full for size in range(len(parts), -1, -1) if (full := ".".join([*parts[:size], name])) in library), None

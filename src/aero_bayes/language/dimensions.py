@@ -81,12 +81,12 @@ def dimension_of_unit(unit: str) -> Dimension | None:
 
 
 def without_angle(dim: Dimension) -> Dimension:
-    """Torques are given in N.m as often as in N.m/rad: a radian is a number."""
+    """Drop the angle, since torques are given in N.m as often as in N.m/rad: a radian is a number."""
     return {k: v for k, v in dim.items() if k != "rad"}
 
 
 def unit_factors(unit: str) -> Dimension | None:
-    """Exponents of the unit's own symbols, ``N.s/m`` as N, s and 1/m; None where it is empty or not understood."""
+    """Return the exponents of the unit's own symbols, ``N.s/m`` as N, s and 1/m; None where it is not understood."""
     if base_units(unit) is None:
         return None
     return _product([("*", {symbol: float(power)}) for symbol, power in symbols_of(unit) if symbol not in ("1", "%")])

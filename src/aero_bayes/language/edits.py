@@ -50,7 +50,7 @@ def indentation(text: str, at: int) -> str:
 
 
 def add_declarations(text: str, cls: ClassText, lines: Sequence[str]) -> list[TextEdit]:
-    """New lines after the last public declaration of a class, or at its beginning where there is none."""
+    """Add lines after the last public declaration of a class, or at its beginning where there is none."""
     if not lines:
         return []
     public = [s.end for s in cls.statements if s.section == "public"]
@@ -66,7 +66,7 @@ def add_declarations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Te
 
 
 def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[TextEdit]:
-    """New lines at the end of a class's equations; an equation section is opened where there is none."""
+    """Add lines at the end of a class's equations; an equation section is opened where there is none."""
     if not lines:
         return []
     outer = indentation(text, cls.start)
@@ -185,7 +185,7 @@ def _first_of_line(text: str, at: int) -> int:
 
 
 def _rest_of_line(text: str, at: int, limit: int) -> int:
-    """Past a comment that closes the line, so that it stays with what it speaks of."""
+    """Step over a comment that closes the line, so that it stays with what it speaks of."""
     end = text.find("\n", at, limit)
     end = end if end >= 0 else limit
     rest = text[at:end].strip()

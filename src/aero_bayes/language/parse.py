@@ -211,7 +211,7 @@ class _ExpressionParser:
         return tuple(found)
 
     def loops(self, item: Expression, begin: int) -> Expression:
-        """``item for i in values, j in others``; the first variable is that of the inner loop."""
+        """Read ``item for i in values, j in others``; the first variable is that of the inner loop."""
         while True:
             variable = self.next().word
             self.need("in")

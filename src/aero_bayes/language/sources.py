@@ -65,7 +65,7 @@ class Sources:
         return {cls.full_name: (file, cls) for file, cls in reversed(every)}
 
     def at(self, place: SourceLocation) -> tuple[SourceFile, ClassText, int]:
-        """File, class and position in characters of a place."""
+        """Find the file, class and position in characters of a place."""
         file = self.files.get(place.file)
         if file is None:
             raise InputError(f"{place}: the file is not among the sources")
@@ -76,7 +76,7 @@ class Sources:
         return file, cls, position
 
     def resolve(self, cls: ClassText, name: str) -> str:
-        """Full name of a class by the name that another class uses."""
+        """Find the full name of a class by the name that another class uses."""
         first, dot, rest = name.removeprefix(".").partition(".")
         if first in cls.class_names:
             return f"{cls.full_name}.{name}"
@@ -89,7 +89,7 @@ class Sources:
         return self.meanings(cls).get(first, first) + dot + rest
 
     def meanings(self, cls: ClassText) -> dict[str, str]:
-        """Full names of what the packages around a class define or import, by the names used inside it."""
+        """Return full names of what the packages around a class define or import, by the names used inside it."""
         every = [cls for _, cls in self.by_name.values()]
         found: dict[str, str] = {}
         around = cls.within
@@ -114,7 +114,7 @@ def _imports(cls: ClassText) -> list[list[str]]:
 
 
 def _imported(cls: ClassText) -> dict[str, str]:
-    """Full names by the names that the imports of a class give them."""
+    """Return full names by the names that the imports of a class give them."""
     found: dict[str, str] = {}
     for words in _imports(cls):
         alias = words[0] if words[1:2] == ["="] else words[-1]
@@ -129,7 +129,7 @@ def _opened_packages(cls: ClassText) -> list[str]:
 
 
 def sources_in(files: Iterable[Path]) -> Sources:
-    """Some files by their paths. Raises InputError, with the file, for what is no Modelica."""
+    """Read some files by their paths. Raises InputError, with the file, for what is no Modelica."""
     return Sources({str(path): read_file(path, str(path)) for path in files})
 
 
@@ -148,7 +148,7 @@ def modelica_files(sources: Iterable[Path]) -> Iterator[Path]:
 
 
 def read_modelica_text(path: Path) -> str:
-    """Text of a Modelica file without a byte-order mark. Raises InputError, with the line, for what is not UTF-8."""
+    """Read a Modelica file without a byte-order mark. Raises InputError, with the line, for what is not UTF-8."""
     raw = path.read_bytes()
     try:
         return raw.decode("utf-8-sig")
@@ -186,7 +186,7 @@ def read_classes_of(source: Path) -> tuple[ClassText, ...]:
 
 
 def main_class(source: Path) -> str:
-    """Full name of the one model of a source that no other class there uses.
+    """Find the full name of the one model of a source that no other class there uses.
 
     Raises
     ------

@@ -58,7 +58,7 @@ _FACTOR = re.compile(r"([A-Za-z]+|[1%])([+-]?\d+)?$")
 
 
 def base_units(unit: str) -> tuple[float, dict[str, int]] | None:
-    """Factor and exponents of the SI base units, or None where the expression is not understood.
+    """Return factor and exponents of the SI base units, or None where the expression is not understood.
 
     ``unit`` follows the Modelica grammar: ``N.m.s2/rad2``, ``kg.m2``, ``1/V``, ``(m.s)/(kg)``.
     """
@@ -128,7 +128,7 @@ def to_modelica_unit(unit: str) -> str:
 
 
 def conversion(unit: str, to: str) -> tuple[float, float] | None:
-    """Factor and offset that turn a number in one unit into a number in another; None where none does."""
+    """Return factor and offset that turn a number in one unit into a number in another; None where none does."""
     one, other = to_modelica_unit(unit), to_modelica_unit(to)
     if one in TEMPERATURES and other in TEMPERATURES:
         (zero, degree), (new_zero, new_degree) = TEMPERATURES[one], TEMPERATURES[other]

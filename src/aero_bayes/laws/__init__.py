@@ -12,12 +12,12 @@ from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.laws.model_sources import reserved_names
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import PlacedLaw, place_law, place_laws
-from aero_bayes.laws.write_model import WrittenModel, write_law, write_laws
+from aero_bayes.laws.write_model import WrittenModel, write_laws
 
 __all__ = [
     "LAW_INTERFACES", "Candidate", "CandidateFilter", "CandidateTerm",
     "FmuBoundary", "FmuPlaces", "Law", "LawModels", "LawPlaces",
     "ModelicaFamily", "PlacedLaw", "WrittenModel", "compose_law", "compose_laws", "couple",
     "find_candidates", "law_models", "place_law", "place_laws", "ports_with_laws", "read_laws",
-    "reserved_names", "shipped_laws", "with_candidates", "with_probes", "write_law", "write_laws",
+    "reserved_names", "shipped_laws", "with_candidates", "with_probes", "write_laws",
 ]  # fmt: skip

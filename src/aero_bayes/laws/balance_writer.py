@@ -134,7 +134,7 @@ class BalanceWriter:
         return min(found, key=lambda f: f[:2])[2]
 
     def _turns(self, s: SourceStatement) -> list[tuple[str, int] | None]:
-        """Nothing for a statement by itself; the variable of a loop around it with each value it may have."""
+        """Return nothing for a statement by itself; the variable of a loop around it with each value it may have."""
         if not s.inside:
             return [None]
         words = [t.word for t in s.head]

@@ -88,5 +88,5 @@ class ConnectionWriter:
 
 
 def edits_in_series(text: str, cls: ClassText, port: Port, chain: Sequence[str]) -> list[TextEdit]:
-    """Edits that put a chain of components before the second connector of a port; empty if no connection is found."""
+    """Return edits that put a chain of components before the second connector of a port; empty without a connection."""
     return insert_before_connector(text, cls.equations, port.connectors[1], [(f"{c}.p", f"{c}.n") for c in chain])

@@ -164,7 +164,7 @@ class _CoupledDescription:
             yield _Coupled(v, v.name, reference, "output", initial="calculated")
 
     def description(self, identifier: str, guid: str) -> bytes:
-        """modelDescription.xml."""
+        """Write the modelDescription.xml."""
         inner = self.inner
         root = ET.Element(
             "fmiModelDescription", fmiVersion="2.0", modelName=self.coupling.flat.name, guid=guid,
@@ -201,7 +201,10 @@ class _CoupledDescription:
         return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'.encode()
 
     def _rate_depends(self, s: _Coupled) -> tuple[str, ...] | None:
-        """Dependencies of a derivative as the FMU states them; None (all) where laws have states or read states."""
+        """Return dependencies of a derivative as the FMU states them.
+
+        None (all) where laws have states or read states.
+        """
         inner = self.inner
         if inner.jacobian_pattern is None or self.laws.states or self.coupling.states:
             return None

@@ -64,7 +64,7 @@ class FmuFamily(ModelicaFamily):
         return super().prepare(calibration, fit, open_simulator)
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
-        """Nominal values from the fit. Those of a force are from its recording, or its nominal attribute."""
+        """Compute nominal values from the fit. Those of a force are from its recording, or its nominal attribute."""
         inner = self.inner
         names = {v.name for v in inner.outputs if v.kind == "real"}
         states = [s.name for s in inner.states]

@@ -78,7 +78,7 @@ def _equations(
     inside = {name: f"{PLANT}.{_reference(v.name)}" for v, name in coupling.states}
 
     def read(placed: PlacedLaw, signal: str = "") -> None:
-        """Equations for the inputs of a law; ``signal`` is what it acts on."""
+        """Add equations for the inputs of a law; ``signal`` is what it acts on."""
         for s in placed.law.interface.inputs:
             if s in placed.law.used_inputs:
                 given = placed.port.signals[s]

@@ -304,7 +304,7 @@ def _equation(formula: Formula, local: Mapping[str, str], at_signal: bool) -> st
 
 @cache
 def disturbances() -> Mapping[bool, Law]:
-    """Unknown signals as laws, by whether they act at an input or an output: each is a state that stands still."""
+    """Make unknown signals as laws, by whether they act at an input or an output: each is a state that stands still."""
     found = {}
     for at_signal in (False, True):
         id_, output, inputs = ("unknown_change", "y", ("u",)) if at_signal else ("unknown_term", "q", ())

@@ -165,7 +165,7 @@ class ModelFamily(Protocol):
         ...
 
     def curves(self) -> Mapping[str, str]:
-        """Learned curves, and the variable over which each is learned."""
+        """Return learned curves, and the variable over which each is learned."""
         ...
 
     def basis(self, id_: str) -> CurveBasis:

@@ -147,7 +147,7 @@ class ModelicaFamily:
         return refinements(self.terms.placed)
 
     def curves(self) -> Mapping[str, str]:
-        """Learned curves, and the variable over which each is learned."""
+        """Return learned curves, and the variable over which each is learned."""
         return {id_: curve_variable(placed) for id_, placed in self.terms.placed.items() if placed.law.curve_input}
 
     def basis(self, id_: str) -> CurveBasis:
@@ -162,7 +162,7 @@ class ModelicaFamily:
         return tuple(fitted_parameters(self.terms.placed[id_]))
 
     def starts(self, id_: str) -> tuple[tuple[float, ...], ...]:
-        """Starting values of the parameters of a candidate; none for a learned curve."""
+        """Return starting values of the parameters of a candidate; none for a learned curve."""
         return self.terms.starts[id_]
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
@@ -201,7 +201,7 @@ class ModelicaFamily:
         )
 
     def _sized(self, ids: Iterable[str]) -> list[PlacedLaw]:
-        """Placed laws by id. The first request for a curve computes the nominal values of all curves."""
+        """Return placed laws by id. The first request for a curve computes the nominal values of all curves."""
         wanted = list(ids)
         if self._curve_nominals_pending and {placed.id for placed in self._curves()} & set(wanted):
             for id_, size in self._curve_nominals_pending.pop()().items():
@@ -209,14 +209,14 @@ class ModelicaFamily:
         return [self.terms.placed[id_] for id_ in wanted]
 
     def _curves(self) -> list[PlacedLaw]:
-        """Learned curves in replaceable models."""
+        """Return learned curves in replaceable models."""
         every = self.terms.placed.values()
         return [placed for placed in every if placed.port.replaceable is not None and placed.law.curve_input]
 
     def _curve_nominals(
         self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator
     ) -> dict[str, float]:
-        """Nominal value of the input of each curve, from a simulation at the fit; empty if that fails."""
+        """Compute the nominal value of the input of each curve, from a simulation at the fit; empty if that fails."""
         placed_laws = self._curves()
         flat, names = with_curve_inputs(self._redeclared(placed_laws), placed_laws)
         found: dict[str, float] = {}
@@ -227,7 +227,7 @@ class ModelicaFamily:
         return found
 
     def _ordered(self, ids: Iterable[str]) -> list[PlacedLaw]:
-        """Placed laws in the order in which they are composed.
+        """Return placed laws in the order in which they are composed.
 
         Those in replaceable models come first, in their own order. Of the others, laws that need the derivative of a
         reading are the innermost.

@@ -83,7 +83,7 @@ class PlacedLaw:
         return {k: v for k, v in found.items() if math.isfinite(v)}
 
     def declarations(self) -> Iterator[str]:
-        """Modelica declarations of the fitted parameters in the model."""
+        """Yield Modelica declarations of the fitted parameters in the model."""
         for p in self.parameters():
             attributes = [f'unit = "{self.unit(p)}"'] if self.unit(p) else []
             attributes += [f"{k} = {v:.6g}" for k, v in self.limits(p).items()]
@@ -91,7 +91,7 @@ class PlacedLaw:
             yield f"parameter Real {self.names[p.name]}{given} {about};"
 
     def unit(self, p: LawParameter) -> str:
-        """Unit of a parameter, from the units of the port."""
+        """Return the unit of a parameter, from the units of the port."""
         signals = {**self.port.units, "h_1": self.port.units.get("h", "")}
         if signals.get("v") and not signals.get("x"):
             signals["x"] = f"s.{signals['v']}"

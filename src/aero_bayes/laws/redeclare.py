@@ -76,7 +76,7 @@ def redeclaring_class(base: str, name: str, placed_laws: Sequence[PlacedLaw]) ->
 
 
 def component_path(placed: PlacedLaw, placed_laws: Sequence[PlacedLaw]) -> str:
-    """Path of the component of a law in the redeclaring class; the first if there are several."""
+    """Return the path of the component of a law in the redeclaring class; the first if there are several."""
     place = _place(placed)
     alone = sum(_place(other).name == place.name for other in placed_laws) == 1
     return place.components[0] if alone else f"{place.components[0]}.{placed.instance}"

@@ -135,7 +135,7 @@ class SignalWriter:
 
 
 def component_connections(cls: ClassText, name: str) -> list[tuple[SourceStatement, str]]:
-    """Connections of a component's input, with what stands at the other end; none in a loop or under a condition.
+    """Return the connections of a component's input, with what stands at the other end; none in a loop or condition.
 
     What is connected otherwise too has no other end.
     """

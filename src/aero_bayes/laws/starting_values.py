@@ -44,7 +44,7 @@ def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
 def starting_values(
     placed: PlacedLaw, effect: DeclaredEffect | None = None, highest: float = 1.0
 ) -> tuple[tuple[float, ...], ...]:
-    """Starting values of the parameters of a law: all combinations of a few values of each.
+    """Return starting values of the parameters of a law: all combinations of a few values of each.
 
     Magnitudes have both signs where the bounds allow it.
 

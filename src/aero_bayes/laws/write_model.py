@@ -14,7 +14,6 @@ from aero_bayes.laws.law_writer import with_laws_written
 from aero_bayes.laws.model_sources import read_sources
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.laws.redeclare import redeclaring_class, split_by_replaceable
-from aero_bayes.scratch import ScratchFolder
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class WrittenModel:
     diff: str
 
 
-def write_law(
+def write_laws(
     sources: Sequence[Path],
     model: str,
     flat: FlatModel,
@@ -41,7 +40,8 @@ def write_law(
     """Write a model with laws to ``out_dir/<name>.mo``.
 
     If all laws are at connections, the model extends the class of the user. Otherwise it is a copy of that class, with
-    comments and layout kept. A library is never edited.
+    comments and layout kept. Laws in replaceable models are redeclared by a class that extends it, or the class with
+    the other laws, which comes first in the file. A library is never edited.
 
     Parameters
     ----------
@@ -53,61 +53,56 @@ def write_law(
         The model without the laws, in which the ports were found.
     placed_laws : sequence of PlacedLaw
         In the order in which :func:`~aero_bayes.laws.compose.compose_laws` gets them.
+    out_dir : path
+        Folder of the file.
     name : str, optional
         Name of the written class; by default the name of the model and those of the laws.
+
+    Returns
+    -------
+    WrittenModel
 
     Raises
     ------
     InputError
         Where the source has no place for a law, although the flat model has one.
     """
-    known = read_sources(sources, flat)
-    file, cls = known.find(model)
-    title = name or "_".join([cls.name, *(u.instance for u in placed_laws)])
-    target = with_laws_written(known, (file, cls), flat, placed_laws, title)
-    text = target.written()
+    inside, others = split_by_replaceable(placed_laws)
+    title = name or _name(model, placed_laws)
+    base, text, before, old = model, "within ;\n", "", "/dev/null"
+    if others or not inside:
+        base = _name(model, others) if inside else title
+        text, before, old = _edited_source(sources, model, flat, others, base)
+    if inside:
+        text += "\n".join([*redeclaring_class(base, title, inside), ""])
+        before, old = "", "/dev/null"
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    before, old = ("", "/dev/null") if target.extends else (target.original(), file.file)
     return WrittenModel(title, path, text, unified_diff(before, text, old, path.name))
 
 
 def can_be_written(sources: Sequence[Path], model: str, flat: FlatModel, placed: PlacedLaw) -> bool:
-    """Return whether the source of a model has a place for a law, see :func:`write_law`."""
+    """Return whether the source of a model has a place for a law, see :func:`write_laws`."""
     try:
-        with ScratchFolder() as folder:
-            write_law(sources, model, flat, [placed], folder)
+        _edited_source(sources, model, flat, [placed], _name(model, [placed]))
     except InputError:
         return False
     return True
 
 
-def write_laws(
-    sources: Sequence[Path],
-    model: str,
-    flat: FlatModel,
-    placed_laws: Sequence[PlacedLaw],
-    out_dir: Path | str,
-    name: str = "",
-) -> WrittenModel:
-    """Write laws as :func:`write_law` does, also those in replaceable models as well.
+def _name(model: str, placed_laws: Sequence[PlacedLaw]) -> str:
+    """Name the written class after the model and its laws."""
+    return "_".join([model.rpartition(".")[2], *(placed.instance for placed in placed_laws)])
 
-    The model then extends the class of the user, or the class with the other laws, which comes first in the file.
-    """
-    inside, others = split_by_replaceable(placed_laws)
-    if not inside:
-        return write_law(sources, model, flat, others, out_dir, name)
-    title = name or "_".join([model.rpartition(".")[2], *(u.instance for u in placed_laws)])
-    before, base = "within ;\n", model
-    if others:
-        with ScratchFolder() as folder:
-            first = write_law(sources, model, flat, others, folder)
-        before, base = first.text, first.name
-    text = before + "\n".join([*redeclaring_class(base, title, inside), ""])
-    path = Path(out_dir) / f"{title}.mo"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return WrittenModel(title, path, text, unified_diff("", text, "/dev/null", path.name))
+
+def _edited_source(
+    sources: Sequence[Path], model: str, flat: FlatModel, placed_laws: Sequence[PlacedLaw], title: str
+) -> tuple[str, str, str]:
+    """Return the text with laws outside of replaceable models, and the text before with its name, for the diff."""
+    known = read_sources(sources, flat)
+    found = known.find(model)
+    target = with_laws_written(known, found, flat, placed_laws, title)
+    before, old = ("", "/dev/null") if target.extends else (target.original(), found[0].file)
+    return target.written(), before, old

@@ -13,7 +13,8 @@ from aero_bayes.data import noise_floors
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.finished_fit import finished_fit
-from aero_bayes.estimate.fit import MAX_OUTLIER_ROUNDS, FitSettings
+from aero_bayes.estimate.fit import MAX_OUTLIER_ROUNDS
+from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.interpolation import choose_interpolation

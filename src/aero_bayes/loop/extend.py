@@ -12,7 +12,7 @@ from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.finished_fit import finished_fit
-from aero_bayes.estimate.fit import FitSettings
+from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.parameters import ParameterSet

@@ -58,7 +58,7 @@ def draw_panels(
     figure: Figure | Axes | None = None,
     dark: bool = False,
 ) -> Figure:
-    """Panels one below the other over a common x axis.
+    """Draw panels one below the other over a common x axis.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def pairs_figure(
     figure: Figure | Axes | None = None,
     dark: bool = False,
 ) -> Figure:
-    """Marginal densities, the regions that hold 50 % and 90 % of every pair, and rank correlations.
+    """Draw marginal densities, the regions that hold 50 % and 90 % of every pair, and rank correlations.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ def palette(dark: bool = False) -> Mapping[str, str]:
 
 
 def settings(colours: Mapping[str, str]) -> dict[Any, Any]:
-    """Matplotlib's settings for one figure; they are not set for others."""
+    """Return matplotlib's settings for one figure; they are not set for others."""
     return {
         "font.size": 9.0,
         "text.color": colours["ink"],
@@ -62,6 +62,6 @@ def settings(colours: Mapping[str, str]) -> dict[Any, Any]:
 
 
 def mathematics(words: str) -> str:
-    """``R_a`` with a subscript, as matplotlib sets it."""
+    """Write ``R_a`` with a subscript, as matplotlib sets it."""
     escaped = words.replace("$", r"\$")
     return re.sub(r"(?<![\w.])([A-Za-zΑ-ω]{1,2})_([A-Za-z0-9]{1,6})(?![\w.])", r"$\\mathrm{\1_{\2}}$", escaped)

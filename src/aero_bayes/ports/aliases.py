@@ -182,7 +182,7 @@ def derived_names(tree: Expression) -> Iterator[str]:
 
 
 def _equal(e: FlatEquation) -> tuple[str, str, int] | None:
-    """Two names and their relative sign, for ``a = b``, ``a = -b``, ``a + b = 0``, ``a - b = 0``."""
+    """Return two names and their relative sign, for ``a = b``, ``a = -b``, ``a + b = 0``, ``a - b = 0``."""
     match e.left, e.right:
         case Name(a, ()), Name(b, ()):
             return a, b, 1

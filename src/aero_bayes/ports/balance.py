@@ -135,7 +135,7 @@ def parameter_values(flat: FlatModel) -> dict[str, float]:
 
 
 def _unit(entry: InsertionPoint, sides: tuple[Expression, Expression], units: Mapping[str, str]) -> str:
-    """Unit of a term in the sum of an insertion point; a torque is in N.m, not in N.m.rad."""
+    """Return the unit of a term in the sum of an insertion point; a torque is in N.m, not in N.m.rad."""
 
     def unit_of(name: str) -> str:
         # elements of an array have its unit

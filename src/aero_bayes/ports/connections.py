@@ -28,7 +28,7 @@ def _sum_names(tree: Expression) -> list[str]:
 
 
 def _potential(s: AliasStructure, connector: str) -> str:
-    """Local name of the only potential variable of a connector; empty if there are several."""
+    """Return the local name of the only potential variable of a connector; empty if there are several."""
     inner = [n for n, v in s.variables.items() if n.startswith(connector + ".") and not v.flow]
     return inner[0].rpartition(".")[2] if len(inner) == 1 and inner[0].rpartition(".")[0] == connector else ""
 
@@ -75,7 +75,7 @@ def connecting_components(s: AliasStructure, one: Port, other: Port) -> set[str]
 
 
 def _motion_of(s: AliasStructure, connector: str, potential: str) -> str:
-    """Representative of the potential of a connector; empty if it has no such potential."""
+    """Return the representative of the potential of a connector; empty if it has no such potential."""
     return s.moving.get(f"{connector}.{potential}", ("", 1))[0]
 
 
@@ -107,7 +107,7 @@ def storage_pin_port(s: AliasStructure, state: str) -> Port | None:
 
 
 def branch_ports(s: AliasStructure, taken: Iterable[Port]) -> Iterator[Port]:
-    """Ports in series at pins of components without a state, such as resistors: one in each branch without a port."""
+    """Yield ports in series at pins of components without a state: one in each branch without any."""
     seen = {s.moving[p.signals["i"]][0] for p in taken if p.kind == "electrical"}
     sets = [flows for _, flows in _flow_sums(s) if len(flows) > 1]
     for i, e in enumerate(s.flat.equations):

@@ -71,7 +71,7 @@ class InsertionPoint:
         return [*opening, TextEdit(end, end, f"{')' if wrap else ''} {operator} {text}")]
 
     def dimension(self, of: Callable[[str], Dimension | None], sides: Sequence[Expression] = ()) -> Dimension | None:
-        """Dimension of the terms, from the first term whose variables all have a unit.
+        """Return the dimension of the terms, from the first term whose variables all have a unit.
 
         Names are tried before products. Terms with numbers are tried last, because a number such as 9.81 may have a
         dimension that is not written.
@@ -153,7 +153,7 @@ def element_of_row(side: Expression, row: RowIndex) -> Expression:
 
 
 def _solved_right_side(tree: Expression) -> tuple[Expression, Factors] | None:
-    """``b`` of ``solve(M, b)``, with the matrix as a factor."""
+    """Return ``b`` of ``solve(M, b)``, with the matrix as a factor."""
     match tree:
         case Call(function, (matrix, right)) if function.rpartition(".")[2] == "solve":
             return right, (("*", matrix),)

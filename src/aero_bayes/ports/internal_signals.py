@@ -14,7 +14,7 @@ Determined = tuple[int, set[str], set[str]]
 
 
 def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
-    """Ports at variables that an explicit equation computes from states and inputs, such as the output of a controller.
+    """Yield ports at variables that an explicit equation computes from states and inputs, as in a controller.
 
     A variable that is computed from states alone is a signal only without feedback: if its states do not depend on it,
     as from one filter to the next. A law at a signal acts as at an input: the rest of the model reads its output.
@@ -88,7 +88,7 @@ def _dependents(s: AliasStructure, told: Sequence[Determined]) -> dict[str, set[
 
 
 def _reachable(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
-    """Some classes, and all that they act on directly or indirectly (reachability in the dependency graph)."""
+    """Find some classes, and all that they act on directly or indirectly (reachability in the dependency graph)."""
     found, waiting = {*begin}, [*begin]
     while waiting:
         new = onward.get(waiting.pop(), set()) - found
@@ -104,7 +104,7 @@ def _is_component_signal(s: AliasStructure, name: str, causality: str) -> bool:
 
 
 def defining_equations(flat: FlatModel, port: Port) -> list[int]:
-    """Indices of the equations that define a signal: its own one, or all connection equations if it is connected."""
+    """List the equations that define a signal: its own one, or all connection equations if it is connected."""
     if port.defining_equation is None:
         return []
     if flat.equations[port.defining_equation].origin != "connection":
@@ -127,7 +127,7 @@ def _gives(e: FlatEquation, name: str) -> bool:
 
 
 def _explicit_variables(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
-    """Local variables that exactly one explicit equation defines, with the index of that equation."""
+    """Return local variables that exactly one explicit equation defines, with the index of that equation."""
     derived = {n for e in s.flat.equations for n in derived_in(e)}
     local = {
         v.name for v in flat.variables

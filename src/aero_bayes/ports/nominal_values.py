@@ -105,7 +105,7 @@ def _near(
 
 
 def _undriven(calibration: Calibration) -> Calibration:
-    """Long experiments without inputs. Inputs that are temperatures keep their means."""
+    """Make long experiments without inputs. Inputs that are temperatures keep their means."""
     warm = {v.name for v in calibration.model.inputs if v.unit in KELVIN}
     experiments = []
     for e in calibration.experiments:
@@ -132,7 +132,7 @@ def _recorded_over(
 
 
 def _first_readings(structure: AliasStructure, ports: Sequence[Port], calibration: Calibration) -> dict[str, float]:
-    """Initial values of levels that are outputs, from the first readings of the first recording."""
+    """Return initial values of levels that are outputs, from the first readings of the first recording."""
     first = calibration.experiments[0]
     found = {}
     for port in ports:
@@ -267,7 +267,7 @@ def share_visited_twice(parts: Sequence[FloatArray]) -> float:
 
 
 def _turning_points(signal: FloatArray, least: float) -> FloatArray:
-    """First value, extremes from which a signal (n,) moves back by more than ``least``, and the last extreme."""
+    """Find first value, extremes from which a signal (n,) moves back by more than ``least``, and the last extreme."""
     found, extreme, rising = [float(signal[0])], float(signal[0]), None
     for value in signal.tolist():
         if rising is None:
@@ -394,6 +394,6 @@ def fastest_time_scale(calibration: Calibration, fit: Optimum) -> float:
 
 
 def _smooth(measured: FloatArray, width: int = 5) -> FloatArray:
-    """Moving averages, which suppress noise in the derivative."""
+    """Compute moving averages, which suppress noise in the derivative."""
     kernel = np.ones(width) / width
     return np.stack([np.convolve(y, kernel, mode="same") for y in measured.T], axis=1)

@@ -53,7 +53,7 @@ class ReplaceableModel:
 
 
 def find_replaceable_models(known: Sources, model: str) -> tuple[ReplaceableModel, ...]:
-    """Replaceable models with components, of a model and the classes that it extends."""
+    """Find replaceable models with components, of a model and the classes that it extends."""
     try:
         chain = known.lineage(*known.find(model))
     except InputError:
@@ -91,7 +91,7 @@ def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStateme
 
 
 def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], name: str) -> Iterator[str]:
-    """Paths of the components of a replaceable model, also in components to which it is passed by a redeclaration."""
+    """Yield paths of the components of a replaceable model, also where it is passed on by a redeclaration."""
     for _, cls in reversed(chain):
         for c in cls.components():
             if c.type == name:
@@ -105,7 +105,7 @@ def _components(known: Sources, chain: Sequence[tuple[SourceFile, ClassText]], n
 
 
 def _passed(c: ComponentDeclaration, name: str) -> list[str]:
-    """Replaceable models of the class of a component that are redeclared as ``name``."""
+    """Return replaceable models of the class of a component that are redeclared as ``name``."""
     parts = [[t.word for t in part] for part in split_outside(c.arguments[1:-1])]
     return [w[2] for w in parts if len(w) == 5 and w[0] == "redeclare" and w[3] == "=" and w[4] == name]
 

@@ -64,7 +64,7 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
 
 
 def _names(directories: Sequence[Path]) -> list[str]:
-    """Shortest last parts of the paths that are unique."""
+    """Return the shortest last parts of the paths that are unique."""
     parts = [path.resolve().parts for path in directories]
     for depth in range(1, max(map(len, parts)) + 1):
         names = ["/".join(p[-depth:]) for p in parts]
@@ -131,7 +131,7 @@ def _interval_drawing(
 
 
 def estimates_by_run_table(runs: Runs) -> Markup | None:
-    """Value, interval and status of every parameter, run by run."""
+    """Write value, interval and status of every parameter, run by run."""
     rows = []
     for name, entries in _shared(runs).items():
         unit = next((pretty_unit(entry.unit) for entry in entries.values()), "")

@@ -32,12 +32,12 @@ class Scene:
 
 
 def largest(*arrays: FloatArray | None) -> float:
-    """Greatest finite magnitude."""
+    """Compute the greatest finite magnitude."""
     return max((float(np.nanmax(np.abs(a))) for a in arrays if a is not None and np.isfinite(a).any()), default=0.0)
 
 
 def named(signals: Sequence[str]) -> str:
-    """Signals in words for an alternative text."""
+    """Name signals in words for an alternative text."""
     words = [greek_name(name) for name in signals]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
@@ -60,7 +60,7 @@ def summed(run: RunDirectory, recording: str, *terms: tuple[int, str]) -> tuple[
 
 
 def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tuple[FloatArray, Source] | None:
-    """Residual, measured minus model, less the ripple that the fit subtracted."""
+    """Compute the residual, measured minus model, less the ripple that the fit subtracted."""
     terms = [(1, f"measured/{output}"), (-1, f"{model}/{output}")]
     if model == FINAL_SERIES and f"ripple/{recording}/{output}" in run.series:
         terms.append((-1, f"ripple/{output}"))
@@ -89,7 +89,7 @@ def opening_scene(run: RunDirectory) -> Scene | None:
 
 
 def scene_panels(run: RunDirectory, scene: Scene) -> list[Panel]:
-    """Panels of the curves (small, since they overlap) and of the residuals (large)."""
+    """Draw panels of the curves (small, since they overlap) and of the residuals (large)."""
     return _output_panels(run, scene.recording, scene.output, (85.0, 210.0), scene.stretch)
 
 
@@ -105,7 +105,7 @@ def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
 
 
 def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Plate | None:
-    """Inputs, then every output (except one that is shown elsewhere) with its residual, over one time axis."""
+    """Draw the inputs, then every output (except one that is shown elsewhere) with its residual, over one time axis."""
     outputs = _outputs(run, recording, without)
     if not outputs or len(run.time(recording)) < 2:
         return None
@@ -121,7 +121,7 @@ def _outputs(run: RunDirectory, recording: str, without: str) -> list[str]:
 def recording_panels(
     run: RunDirectory, recording: str, without: str = "", outputs: Sequence[str] | None = None
 ) -> list[Panel]:
-    """Inputs, then every recorded output (except one that is shown elsewhere) with its residual."""
+    """Draw the inputs, then every recorded output (except one that is shown elsewhere) with its residual."""
     time, panels = run.time(recording), []
     for name in run.signals("input", recording):
         values, source = summed(run, recording, (1, f"input/{name}")) or (np.zeros(0), None)
@@ -152,7 +152,7 @@ def _state_panel(run: RunDirectory, recording: str, name: str) -> Panel:
 
 
 def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
-    """Legend of a recording's curves: colours and labels."""
+    """Return the legend of a recording's curves: colours and labels."""
     fitted, base = run.signals(FINAL_SERIES, recording), run.signals(BASE_SERIES, recording)
     entries = [
         (MEASURED, "measured", True),
@@ -168,7 +168,7 @@ def _output_panels(
     run: RunDirectory, recording: str, name: str, heights: tuple[float, float],
     stretch: tuple[float, float] | None = None,
 ) -> list[Panel]:  # fmt: skip
-    """Panels of the curve and of its residual."""
+    """Draw panels of the curve and of its residual."""
     time = run.time(recording)
     final = "after" if f"{BASE_SERIES}/{recording}/{name}" in run.series else "fitted"
     shown = [(MEASURED, "measured", summed(run, recording, (1, f"measured/{name}"))),

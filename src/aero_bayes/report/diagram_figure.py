@@ -127,7 +127,7 @@ def _outline(shape: ShapeJson, icon: Place) -> Iterator[tuple[float, float]]:
 
 
 def _line_between(first: ComponentJson, second: ComponentJson) -> list[tuple[float, float]]:
-    """From the nearer side of one component to that of another, with one step between."""
+    """Lead a line from the nearer side of one component to that of another, with one step between."""
     (a, b), (c, d) = _centre(first), _centre(second)
     half = [0.5 * abs(item.extent[2] - item.extent[0]) for item in (first, second)]
     if abs(c - a) <= half[0] + half[1]:  # one above the other

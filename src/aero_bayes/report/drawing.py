@@ -148,7 +148,7 @@ def columns_for(width: float) -> int:
 
 
 def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Markup:
-    """Panels one below the other over a common x axis.
+    """Draw panels one below the other over a common x axis.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
 
 
 def nice_ticks(low: float, high: float, most: int) -> list[float]:
-    """At most ``most`` round values between two ends: the finest step of 1, 2, 2.5 or 5 times a power of ten."""
+    """Choose at most ``most`` round values between two ends: the finest step of 1, 2, 2.5 or 5 times a power of ten."""
     if not high > low or most < 1:
         return []
     power = 10.0 ** (math.floor(math.log10((high - low) / most)) - 1)
@@ -214,7 +214,7 @@ def _x_limits(panels: Sequence[Panel]) -> tuple[float, float]:
 
 
 def _scale(panel: Panel) -> tuple[tuple[float, float], list[float]]:
-    """Limits of the y axis, a little beyond what is drawn, and its ticks."""
+    """Choose limits of the y axis, a little beyond what is drawn, and its ticks."""
     low, high = panel.y_limits or _reach(panel)
     if panel.log_y:
         decades = [10.0**power for power in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)]
@@ -242,7 +242,7 @@ def _reach(panel: Panel) -> tuple[float, float]:
 
 
 def _panel_spec(panel: Panel, frame: _PanelFrame) -> dict[str, object] | None:
-    """Data that the script needs to redraw a panel; None for a static one."""
+    """Return the data that the script needs to redraw a panel; None for a static one."""
     if not any(isinstance(layer, Line | Band) and layer.source for layer in panel.layers):
         return None
     box = [round(side, 1) for side in (frame.left, frame.top, frame.width, frame.height)]

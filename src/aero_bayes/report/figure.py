@@ -45,7 +45,7 @@ def plate(
     link: str = "",
     width: float = WIDE_WIDTH,
 ) -> Plate:
-    """Panels as a figure. One as wide as the page is drawn a second time, for phones.
+    """Make panels a figure. One as wide as the page is drawn a second time, for phones.
 
     Parameters
     ----------

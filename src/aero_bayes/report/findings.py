@@ -25,7 +25,7 @@ R_HAT_LIMIT = 1.01
 
 
 def residual_floor_table(run: RunDirectory) -> Markup | None:
-    """Residual size against the noise floor and the whiteness test, by recording and output."""
+    """Write the residual size against the noise floor and the whiteness test, by recording and output."""
     rows: list[tuple[object, ...]] = []
     for recording, outputs in run.result.residual.items():
         for output, found in outputs.items():
@@ -89,7 +89,7 @@ def process_noise_table(run: RunDirectory) -> Markup | None:
 
 
 def sampler_table(mcmc: McmcJson) -> Markup | None:
-    """R-hat, effective draws and autocorrelation time by parameter; insufficient ones are marked."""
+    """Write R-hat, effective draws and autocorrelation time by parameter; insufficient ones are marked."""
     rows: list[tuple[object, ...]] = []
     marked = []
     for name, found in mcmc.per_parameter.items():
@@ -127,7 +127,7 @@ def _mode_words(mode: ModeDrawsJson) -> str:
 
 
 def fit_error_table(run: RunDirectory) -> Markup | None:
-    """RMS error of the fit by role and output, where no residual table says it by recording."""
+    """Write the RMS error of the fit by role and output, where no residual table says it by recording."""
     errors = {split: outputs for split, outputs in run.result.fit.rms.items() if outputs}
     outputs = list(dict.fromkeys(output for found in errors.values() for output in found))
     if not outputs or run.result.residual:
@@ -142,7 +142,7 @@ def fit_error_table(run: RunDirectory) -> Markup | None:
 
 
 def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
-    """Interpolation of the inputs, the cost, and why each optimiser stopped."""
+    """List the interpolation of the inputs, the cost, and why each optimiser stopped."""
     fit = run.result.fit
     words = {"hold": "constant", "linear": "linear"}
     facts = [(f"{name} between samples", words[how]) for name, how in fit.interpolation.items()]
@@ -165,7 +165,7 @@ def probability(p: float | None) -> str:
 
 
 def left_out_table(run: RunDirectory) -> Markup | None:
-    """Error of each recording predicted from the others, beside that of the fit to all recordings."""
+    """Write the error of each recording predicted from the others, beside that of the fit to all recordings."""
     rows = []
     for recording, entry in run.result.prediction.recordings.items():
         for output, error in entry.rms.items():
@@ -187,7 +187,7 @@ def left_out_table(run: RunDirectory) -> Markup | None:
 
 
 def stretches_table(run: RunDirectory) -> Markup | None:
-    """Expected log-density of blocks of time that were left out."""
+    """Write the expected log-density of blocks of time that were left out."""
     words = {
         "leave_future_out": "each block, predicted from earlier blocks",
         "leave_one_out": "each block, predicted from all others",

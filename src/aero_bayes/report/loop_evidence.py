@@ -63,7 +63,7 @@ def process_noise_words(loop: LoopJson) -> str:
 
 
 def process_noise_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
-    """Parameters with process noise beside those without; None where process noise does not explain what is left."""
+    """Write parameters with process noise beside those without; None where it does not explain what is left."""
     if loop.process_noise is None or not loop.process_noise.explains:
         return None
     rows = []

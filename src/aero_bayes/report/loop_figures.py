@@ -29,7 +29,7 @@ LETTER, LABEL_LETTERS = 6.3, 52
 
 
 def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
-    """Rounds that tried anything, all candidates (those taken first, then by their best gain), those to be drawn."""
+    """Return rounds that tried anything, all candidates (those taken first, then by gain), and those to be drawn."""
     steps = [step for step in loop.steps if any(c.share is not None for c in step.candidates)]
     best: dict[str, float] = {}
     for step in steps:
@@ -108,7 +108,7 @@ def short_label(id_: str, words: Mapping[str, str], letters: int = LABEL_LETTERS
 
 
 def _bar(canvas: Canvas, found: CandidateJson, step: StepJson, place: tuple[float, float, float], text: str) -> None:
-    """A candidate's fall of the error as a bar (left, top, length), with its text where it falls at all."""
+    """Draw a candidate's fall of the error as a bar (left, top, length), with its text where it falls at all."""
     left, y, length = place
     chosen = found.id == step.chosen
     colour, opacity = (WARM_COLOUR, 1.0) if chosen else (ACCENT, 0.45)

@@ -31,7 +31,7 @@ def stated_verdict(result: RunJson) -> VerdictJson:
 
 
 def readings(result: RunJson) -> list[KeyFigure]:
-    """Key figures on the quality of the result."""
+    """List key figures on the quality of the result."""
     outputs = dict.fromkeys(out for found in result.residual.values() for out in found)
     found = [_residual_reading(result, output) for output in outputs]
     mcmc = result.mcmc
@@ -114,7 +114,7 @@ def _residual_reading(result: RunJson, output: str) -> KeyFigure:
 
 
 def _exact(value: object) -> object:
-    """Whole numbers such as a seed stay as they are."""
+    """Keep whole numbers such as a seed as they are."""
     if isinstance(value, int) and not isinstance(value, bool):
         return str(value)
     return _hash(value) if isinstance(value, str) and len(value) == 64 else generic_cell(value)

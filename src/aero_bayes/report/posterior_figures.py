@@ -35,7 +35,7 @@ def most_correlated(posterior: Mapping[str, FloatArray], most: int = 8) -> list[
 
 
 def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) -> Plate | None:
-    """Marginal densities on the diagonal, 50 % and 90 % regions of every pair below it."""
+    """Draw marginal densities on the diagonal, 50 % and 90 % regions of every pair below it."""
     names = most_correlated(posterior)
     if len(names) < 2:
         return None
@@ -75,7 +75,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
 
 
 def drawn(posterior: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Evenly chosen draws of all ensembles, by ``draws/parameter``: what the script marks."""
+    """Choose draws of all ensembles evenly, by ``draws/parameter``: what the script marks."""
     return {
         f"draws/{name}": values.ravel()[np.linspace(0, values.size - 1, min(_DRAWS, values.size)).astype(int)]
         for name, values in posterior.items()
@@ -107,7 +107,7 @@ def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) 
 
 
 def history_plate(history: Sequence[float | None], label: str) -> Plate | None:
-    """Best cost over the iterations of the particle swarm."""
+    """Draw the best cost over the iterations of the particle swarm."""
     best = np.array([cost if cost is not None else np.nan for cost in history], dtype=np.float64)
     if np.count_nonzero(np.isfinite(best)) < 2:
         return None
@@ -166,7 +166,7 @@ def rim(bins: int = 44) -> FloatArray:
 
 
 def marginal(draws: FloatArray, bins: int = 40) -> FloatArray:
-    """Smoothed histogram of draws over their range, shape (bins,), 1 at its peak."""
+    """Compute the smoothed histogram of draws over their range, shape (bins,), 1 at its peak."""
     counts, _ = np.histogram(draws, bins=bins, range=span(draws))
     smooth = gaussian_filter(counts.astype(np.float64), 1.2, mode="nearest")
     return np.asarray(smooth / smooth.max(), dtype=np.float64)
@@ -183,7 +183,7 @@ def _joint(canvas: Canvas, across: FloatArray, up: FloatArray, left: float, top:
 
 
 def _number(canvas: Canvas, correlation: float, left: float, top: float, cell: float) -> None:
-    """The rank correlation in the mirrored cell: the stronger, the larger and darker."""
+    """Write the rank correlation in the mirrored cell: the stronger, the larger and darker."""
     strength = abs(correlation)
     colour = INK if strength >= 0.5 else MUTED
     text = minus(f"{correlation:+.2f}")

@@ -160,7 +160,7 @@ class RunDirectory:
         return self.series[f"time/{recording}"]
 
     def span(self, recording: str) -> tuple[float, float]:
-        """First and last sample time of a recording, in s."""
+        """Return the first and last sample time of a recording, in s."""
         time = self.time(recording)
         return float(time[0]), float(time[-1])
 

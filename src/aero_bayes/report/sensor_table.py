@@ -15,7 +15,7 @@ _TURN = {"1": "once a turn", "2": "twice a turn"}
 
 
 def sensor_table(run: RunDirectory) -> Markup | None:
-    """Ripple with its evidence and the noise with and without it, and the quantum of encoders; by output."""
+    """Write ripple with its evidence and the noise with and without it, and the quantum of encoders; by output."""
     rows: list[tuple[object, ...]] = []
     for output, found in run.result.sensors.items():
         unit = pretty_unit(run.result.unit(output))

@@ -40,7 +40,7 @@ def study_plate(run: RunDirectory, study: StudyJson) -> Plate | None:
 
 
 def _readable(models: dict[str, FloatArray], measured: FloatArray | None) -> tuple[float, float] | None:
-    """Limits about the measurement where a model leaves it by far, so that one wild curve does not flatten the rest."""
+    """Limit the axis about the measurement, so that a curve that is far off does not flatten the rest."""
     if measured is None or not np.isfinite(measured).any():
         return None
     low, high = float(np.nanmin(measured)), float(np.nanmax(measured))

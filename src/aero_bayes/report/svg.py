@@ -33,7 +33,7 @@ class Canvas:
         self, x: ArrayLike, y: ArrayLike, colour: str, width: float = 1.0, dashes: str = "",
         data: Mapping[str, object] | None = None,
     ) -> None:  # fmt: skip
-        """A polyline; NaN values break it. ``data`` is what the page's script needs to draw it anew."""
+        """Draw a polyline; NaN values break it. ``data`` is what the page's script needs to draw it anew."""
         style = f"fill:none;stroke:var(--{colour});stroke-width:{width:g}"
         style += f";stroke-dasharray:{dashes}" if dashes else ""
         self._path(_polyline(np.asarray(x, float), np.asarray(y, float)), style, data)
@@ -42,7 +42,7 @@ class Canvas:
         self, x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float, edge: float,
         data: Mapping[str, object] | None = None,
     ) -> None:  # fmt: skip
-        """The area between two curves, one piece between gaps (NaN)."""
+        """Fill the area between two curves, one piece between gaps (NaN)."""
         style = f"fill:var(--{colour});fill-opacity:{opacity:g}"
         if edge > 0:
             style += f";stroke:var(--{colour});stroke-opacity:{opacity:g};stroke-width:{edge:g}"
@@ -56,7 +56,7 @@ class Canvas:
         self._path(outline, style, data)
 
     def regions(self, rings: list[FloatArray], colour: str, opacity: float) -> None:
-        """Closed rings, each of shape (n, 2); a ring within another is a hole."""
+        """Fill closed rings, each of shape (n, 2); a ring within another is a hole."""
         outline = "".join(_polyline(ring[:, 0], ring[:, 1]) + "Z" for ring in rings)
         self._path(outline, f"fill:var(--{colour});fill-opacity:{opacity:g};fill-rule:evenodd")
 
@@ -74,18 +74,18 @@ class Canvas:
     def text(
         self, x: float, y: float, words: str, colour: str = MUTED, size: float = 11.5, anchor: str = "start"
     ) -> None:
-        """Words on the base line at (x, y); R_a is set with a subscript. ``anchor``: start, middle or end."""
+        """Write words on the base line at (x, y); R_a is set with a subscript. ``anchor``: start, middle or end."""
         where = Markup(
             '<text x="{:.1f}" y="{:.1f}" font-size="{:.3g}" text-anchor="{}" style="fill:var(--{})">{}</text>'
         )
         self._parts.append(where.format(x, y, size, anchor, colour, _subscripts(words)))
 
     def shape(self, outline: str, style: str) -> None:
-        """SVG path data with a style."""
+        """Draw SVG path data with a style."""
         self._path(outline, style)
 
     def group(self, css_class: str, data: Mapping[str, object] | None = None) -> None:
-        """What is drawn from here to ``end`` belongs together."""
+        """Begin a group, to which belongs what is drawn from here to ``end``."""
         self._parts.append(Markup('<g class="{}"{}>').format(css_class, _attribute(data)))
 
     def clip(self, left: float, top: float, width: float, height: float) -> None:
@@ -104,7 +104,7 @@ class Canvas:
         self._parts.append(Markup("</g>"))
 
     def svg(self) -> Markup:
-        """The drawing as an ``<svg>`` element with its alternative text."""
+        """Write the drawing as an ``<svg>`` element with its alternative text."""
         width, height = self._size
         frame = Markup(
             '<svg class="plot" viewBox="0 0 {0:g} {1:g}" style="max-width:{0:.0f}px" role="img" aria-label="{2}">'
@@ -128,7 +128,7 @@ def _rounded(values: FloatArray) -> list[str]:
 
 
 def _polyline(x: FloatArray, y: FloatArray) -> str:
-    """Path data of every piece between gaps: its first point, then steps from point to point, in tenths of a pixel.
+    """Write the path data of every piece between gaps: its first point, then steps, in tenths of a pixel.
 
     Points that change nothing are left out.
     """
@@ -145,7 +145,7 @@ def _polyline(x: FloatArray, y: FloatArray) -> str:
 
 
 def _turning_points(points: FloatArray) -> FloatArray:
-    """Points of a polyline, shape (n, 2), but for repeated ones and those on the straight way onwards."""
+    """Drop repeated points of a polyline, shape (n, 2), and those on the straight way onwards."""
     moved = np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))
     points = points[moved]
     steps = np.diff(points, axis=0)

@@ -84,7 +84,7 @@ def html_table(
 
 
 def parameter_table(parameters: Mapping[str, ParameterJson]) -> Markup:
-    """Value, 90 % interval, unit, prior and status of every parameter.
+    """Write value, 90 % interval, unit, prior and status of every parameter.
 
     What was fixed, ended on a bound, or is not determined by the data never shows an interval.
     """
@@ -158,7 +158,7 @@ def interval_glyph(stated: ParameterJson, name: str) -> Markup:
 
 
 def ratio_glyph(before: float | None, after: float | None) -> Markup:
-    """Errors before (ring) and after (dot) in multiples of the noise floor (line at 1), on a logarithmic axis."""
+    """Draw errors before (ring) and after (dot) in multiples of the noise floor (line at 1), on a logarithmic axis."""
     known = [ratio for ratio in (before, after) if ratio is not None and ratio > 0]
     if not known:
         return Markup("")
@@ -193,7 +193,7 @@ def bar(share: float, words: str) -> Markup:
 
 
 def generic_cell(value: object, digits: int = 4) -> object:
-    """Whatever a run stated, as a cell: numbers rounded, mappings and lists spelt out."""
+    """Write whatever a run stated as a cell: numbers rounded, mappings and lists spelt out."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):

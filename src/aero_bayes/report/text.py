@@ -16,7 +16,7 @@ NO_VALUE = "–"
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """``digits`` significant digits, a power of ten only where the number would be unreadable without."""
+    """Write ``digits`` significant digits, a power of ten only where the number would be unreadable without."""
     if value is None or not math.isfinite(value):
         return NO_VALUE
     if value == 0:
@@ -119,7 +119,7 @@ def rounded_value(
 
 
 def pretty_unit(unit: object) -> str:
-    """``kg.m2`` and ``kg m^2`` become kg·m², ``ohm`` becomes Ω; what is not understood stays as it is."""
+    """Write ``kg.m2`` and ``kg m^2`` as kg·m², ``ohm`` as Ω; what is not understood stays as it is."""
     text = "" if unit is None else str(unit).strip()
     if text in {"1", "-"}:
         return ""
@@ -129,7 +129,7 @@ def pretty_unit(unit: object) -> str:
 
 
 def scaled_unit(largest: float, unit: object) -> tuple[float, str]:
-    """Factor and unit for an axis whose greatest magnitude is ``largest``: 0.002 rad reads better as 2 mrad."""
+    """Choose factor and unit for an axis whose greatest magnitude is ``largest``: 0.002 rad reads better as 2 mrad."""
     label = pretty_unit(unit)
     if label not in _PREFIXED or not 0 < largest < 0.1:
         return 1.0, label
@@ -176,19 +176,19 @@ def role_words(role: str) -> str:
 
 
 def signal_title(name: str, unit: str, meaning: str = "") -> str:
-    """Title of a panel: symbol, meaning, unit."""
+    """Return the title of a panel: symbol, meaning, unit."""
     title = f"{greek_name(name)}: {meaning}" if meaning else greek_name(name)
     return f"{title} ({unit})" if unit else title
 
 
 def named_effect(id_: str, words: Mapping[str, str]) -> Markup:
-    """``pivot_friction (dry friction at the pivot)``, the id set as code; ``words`` by id."""
+    """Write ``pivot_friction (dry friction at the pivot)``, the id set as code; ``words`` by id."""
     code = Markup("<code>{}</code>").format(id_)
     return Markup("{} ({})").format(code, words[id_]) if words.get(id_) else code
 
 
 def sentence(text: object, words: Mapping[str, str] | None = None, signals: Collection[str] = ()) -> Markup:
-    """Escaped text with ``backquoted`` names and signals set as symbols, and ids of effects put in words."""
+    """Escape a text, with ``backquoted`` names and signals set as symbols, and ids of effects put in words."""
     words = words or {}
     parts = str(text).split("`")
     if len(parts) % 2 == 0:

@@ -67,7 +67,7 @@ def band_envelope(
 
 
 def column_means(time: FloatArray, values: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
-    """Mean of every time column: the slow part of a noisy series.
+    """Compute the mean of every time column: the slow part of a noisy series.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ class PosteriorDraws:
         return unfinished + self.fit.warnings
 
     def samples(self, name: str) -> FloatArray:
-        """Draws of one parameter by ``name`` over all ensembles, in its SI unit, shape (ensembles * draws,)."""
+        """Return draws of one parameter by ``name`` over all ensembles, in its SI unit, shape (ensembles * draws,)."""
         return self.draws[:, :, self.names.index(name)].ravel()
 
     @cached_property

@@ -20,7 +20,7 @@ MAX_PARETO_K = 0.6
 
 
 def laplace_evidence(fit: Fit) -> float:
-    """Log-evidence of a fit, noise parameters integrated out with the rest (MacKay, 2003, chapter 27)."""
+    """Compute the log-evidence of a fit, noise parameters integrated out with the rest (MacKay, 2003, chapter 27)."""
     layout = NoiseLayout.of(fit.calibration, fit.noise)
     noise = fit.laplace.mean[fit.laplace.parameters :]
     determinant = float(np.linalg.slogdet(fit.laplace.covariance)[1])
@@ -31,7 +31,7 @@ def laplace_evidence(fit: Fit) -> float:
 def importance_posterior(
     fit: Fit, simulator: Simulator, size: int, rng: np.random.Generator, *, rounds: int = 8, dof: float = 8.0
 ) -> WeightedSample:
-    """Posterior of a fit by importance sampling from its Laplace approximation, improved from round to round.
+    """Sample the posterior of a fit by importance from its Laplace approximation, improved from round to round.
 
     Parameters
     ----------

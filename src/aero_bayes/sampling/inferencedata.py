@@ -21,7 +21,7 @@ from aero_bayes.sampling.draws import PosteriorDraws
 
 
 def _groups(posterior: PosteriorDraws) -> tuple[dict[str, dict[str, Any]], dict[str, Any], dict[str, list[str]]]:
-    """Groups of variables, coordinates and dimensions."""
+    """Collect groups of variables, coordinates and dimensions."""
     chains = posterior.draws.shape[0]
     groups: dict[str, dict[str, Any]] = {
         "posterior": {n: posterior.draws[:, :, j] for j, n in enumerate(posterior.names)},
@@ -69,7 +69,7 @@ def _prior(posterior: PosteriorDraws) -> dict[str, Any]:
 
 
 def to_inference_data(posterior: PosteriorDraws) -> Any:
-    """ArviZ InferenceData, or the DataTree that takes its place from ArviZ 1.0 on."""
+    """Make ArviZ InferenceData, or the DataTree that takes its place from ArviZ 1.0 on."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import arviz

@@ -42,12 +42,12 @@ class ModeDraws:
     converged: bool
 
     def to_dict(self) -> dict[str, object]:
-        """As ``mcmc.modes`` in result.json holds it."""
+        """Return the entry of ``mcmc.modes`` in result.json."""
         return {"values": self.values, "share": self.share, "draws": self.draws, "converged": self.converged}
 
 
 def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:
-    """A fit at each mode, the reported one first; ``simulator`` is of its calibration's problem.
+    """Fit at each mode, the reported one first; ``simulator`` is of its calibration's problem.
 
     A mode that leads back to another one under the noise of the fit is left out.
     """
@@ -87,12 +87,12 @@ class Region:
         self._nearest = NearestMode.of(fits)
 
     def log_prior(self, points: FloatArray) -> FloatArray:
-        """Log-prior, shape (n,), minus infinity outside the region."""
+        """Compute the log-prior, shape (n,), minus infinity outside the region."""
         inside = self._nearest.of_points(points[:, : len(self.joint.target.free)]) == self.own
         return np.where(inside, self.joint.log_prior(points), -np.inf)
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Log-posterior, shape (n,); points outside the region are not simulated."""
+        """Compute the log-posterior, shape (n,); points outside the region are not simulated."""
         points = np.asarray(points, dtype=np.float64)
         total = np.full(len(points), -np.inf)
         inside = np.isfinite(self.log_prior(points))
@@ -147,7 +147,7 @@ class NearestAdjustment(CurvatureAdjustment):
 def mode_shares(
     fits: Sequence[Fit], regions: Sequence[Region], chains: Sequence[Chain], rng: np.random.Generator
 ) -> FloatArray:
-    """How likely each mode is, shape (k,): by importance sampling from what its chain has learnt.
+    """Compute how likely each mode is, shape (k,): by importance sampling from what its chain has learnt.
 
     Laplace's approximation, as the fit has it, where the weights of a mode's draws are not reliable, and where readings
     count as fewer since noise does not describe the residual.
@@ -167,7 +167,7 @@ def mode_shares(
 def mixed(
     parts: Sequence[tuple[FloatArray, FloatArray]], shares: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, list[int]]:
-    """Draws (e, n, d) and densities (e, n) of all modes in random order, each by its share, and how many are of each.
+    """Mix draws (e, n, d) and densities (e, n) of all modes in random order, each by its share; count those of each.
 
     ``parts`` has those of each mode.
     """
@@ -181,7 +181,7 @@ def mixed(
 
 
 def worst(chains: Sequence[Chain]) -> tuple[Convergence, ...]:
-    """The diagnosis of each dimension in the chain that is worst in it."""
+    """Return the diagnosis of each dimension in the chain that is worst in it."""
     return tuple(
         Convergence(
             max(d.r_hat for d in each), max(d.tau for d in each), min(d.ess_bulk for d in each),

@@ -31,7 +31,7 @@ def posterior_predictive(
     stored: int = 600,
     blocks: int = 2000,
 ) -> tuple[Predictive, ...]:
-    """Predictions of posterior draws for each recording.
+    """Predict each recording from posterior draws.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def posterior_predictive(
 def _filtered(
     joint: JointTarget, coordinates: FloatArray, factors: FloatArray, rng: np.random.Generator, stored: int, blocks: int
 ) -> tuple[Predictive, ...]:
-    """With process noise each reading is predicted from all before it, by the filter of each draw."""
+    """Predict each reading from all before it, by the filter of each draw (with process noise)."""
     found = cast(Filter, joint.target.simulator).filter(joint.target.values(coordinates))
     good = np.all(found.outcomes == Outcome.OK, axis=1)
     if not good.any():

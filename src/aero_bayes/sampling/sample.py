@@ -173,7 +173,7 @@ def identity(fit: Fit) -> str:
 
 
 def _thin(chain: Chain, draws: int) -> tuple[FloatArray, FloatArray]:
-    """At most ``draws`` points of each ensemble, evenly over steps and walkers: (e, draws, d) and (e, draws)."""
+    """Take at most ``draws`` points of each ensemble, evenly over steps and walkers: (e, draws, d) and (e, draws)."""
     ensembles, steps, walkers, d = chain.points.shape
     flat = chain.points.reshape(ensembles, steps * walkers, d)
     rows = np.unique(np.linspace(0, steps * walkers - 1, min(draws, steps * walkers)).astype(np.int64))

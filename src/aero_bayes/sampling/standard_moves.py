@@ -25,7 +25,7 @@ class MakeMoves(Protocol):
 
 
 def standard_moves(adaptation: Adaptation, prior: Density) -> Sequence[tuple[Move, float]]:
-    """Delayed acceptance by the surrogate; moves that need none until there is one, and where it is no good."""
+    """Choose delayed acceptance by the surrogate; moves that need none until there is one, and where it is no good."""
     if adaptation.surrogate_density is None or (adaptation.frozen and adaptation.acceptance == 0.0):
         share = 0.85 if adaptation.frozen else 0.3
         return [(IndependenceMove(adaptation.proposal), share), (DifferentialMove(), 0.09), (StretchMove(), 0.06)]

@@ -63,20 +63,20 @@ class RunJson(JsonTable):
     seconds: JsonNumber = None
 
     def unit(self, signal: str) -> str:
-        """Unit of an input, output or state; empty if unknown."""
+        """Return the unit of an input, output or state; empty if unknown."""
         described = self.signals.get(signal)
         return self.units.get(signal) or (described.unit if described else "")
 
     def description(self, signal: str) -> str:
-        """Description of a signal in the model."""
+        """Return the description of a signal in the model."""
         return self.signals[signal].description if signal in self.signals else ""
 
     def role(self, recording: str) -> str:
-        """``train`` or ``test``; empty for a recording that the run does not know."""
+        """Return ``train`` or ``test``; empty for a recording that the run does not know."""
         return next((row.role for row in self.recordings if row.name == recording), "")
 
     def noise_floor(self, recording: str, output: str) -> float | None:
-        """Noise of an output as estimated from the recording alone."""
+        """Return the noise of an output as estimated from the recording alone."""
         found = self.residual.get(recording, {}).get(output)
         if found is not None and found.noise_floor is not None:
             return found.noise_floor
@@ -89,7 +89,7 @@ class RunJson(JsonTable):
 
 
 def undeclared(part: BaseModel, path: str = "") -> Iterator[str]:
-    """Dotted paths of the keys below a part that no class names."""
+    """Yield dotted paths of the keys below a part that no class names."""
     yield from (f"{path}{key}" for key in part.model_extra or {})
     for name in type(part).model_fields:
         yield from _undeclared_within(getattr(part, name), f"{path}{name}")

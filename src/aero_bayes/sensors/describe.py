@@ -25,7 +25,7 @@ def describe_sensors(
     *,
     subtracted: bool,
 ) -> dict[str, Json]:
-    """Ripple and quantisation by output, as they go into result.json.
+    """Describe ripple and quantisation by output, as they go into result.json.
 
     Parameters
     ----------

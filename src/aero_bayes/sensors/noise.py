@@ -60,7 +60,7 @@ class OutputNoise:
         return math.hypot(self.sd_white, self.sd_ou)
 
     def rho(self, interval: float) -> float:
-        """Correlation of two readings that are ``interval`` seconds apart."""
+        """Compute the correlation of two readings that are ``interval`` seconds apart."""
         if self.kind == "white":
             return 0.0
         return (self.sd_ou / self.sd) ** 2 * math.exp(-interval / self.tau)
@@ -72,7 +72,7 @@ class OutputNoise:
         return (self.white_identified and not self.model_error, correlated, correlated)
 
     def as_row(self) -> tuple[float, float, float]:
-        """``(sd_white, sd_ou, tau)``, as a simulator takes them."""
+        """Return ``(sd_white, sd_ou, tau)``, as a simulator takes them."""
         return (self.sd_white, self.sd_ou, self.tau)
 
 
@@ -151,7 +151,7 @@ class SampleTimes:
 
     @classmethod
     def of(cls, time: FloatArray, values: FloatArray, spread: FloatArray | None = None) -> SampleTimes:
-        """Times (n,) at which ``values`` (n,) are not NaN, with the relative spread (n,) of their noise."""
+        """Take times (n,) at which ``values`` (n,) are not NaN, with the relative spread (n,) of their noise."""
         index = np.flatnonzero(np.isfinite(values))
         seen, own = time[index], None if spread is None else spread[index]
         if seen.size < 2:
@@ -167,7 +167,7 @@ class SampleTimes:
         return int(self.index.size)
 
     def equalised(self, rows: FloatArray) -> FloatArray:
-        """Rows (k, n), or one (n,), over the relative spread of each reading: their noise is equally large."""
+        """Divide rows (k, n), or one (n,), by the relative spread of each reading: their noise is then even."""
         return rows if self.spread is None else rows / self.spread
 
     @property

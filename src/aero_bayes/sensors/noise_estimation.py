@@ -27,7 +27,7 @@ def update_output_noise(
     longest: float | None = None,
     start: OutputNoise | None = None,
 ) -> OutputNoise:
-    """Noise of one output over several recordings that maximises Whittle's likelihood.
+    """Find the noise of one output over several recordings that maximises Whittle's likelihood.
 
     This is the quick estimate with which a search updates the noise between its steps.
 
@@ -58,7 +58,7 @@ def estimate_noise(
     guess: OutputNoise | None = None,
     floor: float = 0.0,
 ) -> OutputNoise:
-    """Maximum-likelihood noise of one output over several recordings.
+    """Estimate the noise of one output over several recordings by maximum likelihood.
 
     Parameters
     ----------

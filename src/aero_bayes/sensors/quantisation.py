@@ -109,7 +109,7 @@ class Quantisation:
 
 
 def rounding_error(time: FloatArray, fitted: FloatArray, step: float, zero: float = 0.0) -> OutputNoise:
-    """Rounding error of a signal (n,), as noise: the least noise that an encoder has.
+    """Estimate the rounding error of a signal (n,), as noise: the least noise that an encoder has.
 
     The error of a signal that crosses many steps between samples is white, with standard deviation ``step / sqrt(12)``.
     That of a slow signal is correlated for as long as the signal takes for a step.
@@ -119,7 +119,7 @@ def rounding_error(time: FloatArray, fitted: FloatArray, step: float, zero: floa
 
 
 def interval_log_density(reading: FloatArray, predicted: FloatArray, sd: FloatArray | float, step: float) -> FloatArray:
-    """Log-density of a quantised reading: log of its probability over ``step``. Arrays of any shape.
+    """Compute the log-density of a quantised reading: log of its probability over ``step``. Arrays of any shape.
 
     It tends to the Gaussian log-density of ``reading - predicted`` if ``step`` is much less than ``sd``. Zero for NaN.
     """
@@ -131,7 +131,7 @@ def interval_log_density(reading: FloatArray, predicted: FloatArray, sd: FloatAr
 
 
 def describe_quantisation(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quantisation | None:
-    """Quantisation of readings (n,) of a fitted signal (n,); None if they are continuous."""
+    """Describe the quantisation of readings (n,) of a fitted signal (n,); None if they are continuous."""
     step = quantisation_step(readings)
     if step is None:
         return None
@@ -145,7 +145,7 @@ def describe_quantisation(time: FloatArray, readings: FloatArray, fitted: FloatA
 
 
 def _gaussian_on_grid(residual: FloatArray, sd: float, step: float) -> float:
-    """Gaussian log-likelihood of residuals on a grid of ``step``, normalised to a sum of one over the grid.
+    """Compute the Gaussian log-likelihood of residuals on a grid of ``step``, normalised to a sum of one over the grid.
 
     Without normalisation, a constant signal would seem too likely.
     """
@@ -156,12 +156,12 @@ def _gaussian_on_grid(residual: FloatArray, sd: float, step: float) -> float:
 
 
 def _zero(readings: FloatArray, step: float) -> float:
-    """Offset of the grid of readings."""
+    """Compute the offset of the grid of readings."""
     return float(readings[np.flatnonzero(np.isfinite(readings))[0]]) % step
 
 
 def _noise_before_rounding(reading: FloatArray, fitted: FloatArray, step: float) -> tuple[float, float]:
-    """Maximum likelihood estimate of the standard deviation before rounding, and the log-likelihood."""
+    """Compute the maximum likelihood estimate of the standard deviation before rounding, and the log-likelihood."""
 
     def loss(log_sd: float) -> float:
         return -float(np.sum(interval_log_density(reading, fitted, math.exp(log_sd), step)))

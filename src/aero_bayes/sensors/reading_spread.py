@@ -71,7 +71,7 @@ class SpreadModel:
         return 1.0 if math.isinf(self.freedom) else math.sqrt((self.freedom + 3.0) / (self.freedom + 1.0))
 
     def log_density(self, residual: FloatArray, predicted: FloatArray) -> FloatArray:
-        """Log-density (n,) of residuals (n,) at predicted readings (n,)."""
+        """Compute the log-density (n,) of residuals (n,) at predicted readings (n,)."""
         if self.kind == "student":
             nu, z = self.freedom, residual / self.base
             constant = gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu) - 0.5 * math.log(nu * math.pi)
@@ -80,7 +80,10 @@ class SpreadModel:
         return np.asarray(-0.5 * ((residual / sd) ** 2 + LOG_2PI) - np.log(sd))
 
     def spread(self, residual: FloatArray, predicted: FloatArray) -> FloatArray:
-        """Relative standard deviation (n,) of each reading; for heavy tails the inverse root of its weight."""
+        """Compute the relative standard deviation (n,) of each reading.
+
+        For heavy tails the inverse root of its weight.
+        """
         if self.kind == "student":
             z = residual / self.base
             return np.asarray(np.sqrt((self.freedom + z * z) / (self.freedom + 1.0)))
@@ -92,7 +95,9 @@ class SpreadModel:
 
 
 def estimate_spread(kind: SpreadKind, residual: FloatArray, predicted: FloatArray) -> SpreadModel:
-    """Maximum-likelihood spread of one kind, over a grid of its shape; the scale at each shape is exact.
+    """Estimate the spread of one kind by maximum likelihood, over a grid of its shape.
+
+    The scale at each shape is exact.
 
     Parameters
     ----------
@@ -164,7 +169,7 @@ def choose_spread(residuals: Sequence[FloatArray], predictions: Sequence[FloatAr
 
 
 def _left_out_density(kind: SpreadKind, residual: FloatArray, predicted: FloatArray) -> FloatArray:
-    """Log-density (n,) of each reading by an estimate without its block."""
+    """Compute the log-density (n,) of each reading by an estimate without its block."""
     found = np.empty_like(residual)
     for block in np.array_split(np.arange(residual.size), BLOCKS):
         rest = np.ones(residual.size, dtype=bool)

@@ -116,7 +116,7 @@ def find_ripple(
 def find_ripples(
     time: FloatArray, readings: FloatArray, fitted: FloatArray, outputs: Sequence[str], units: Sequence[str]
 ) -> dict[str, Ripple]:
-    """Ripple of every output of one recording, by output; empty if no speed of a rotor was recorded.
+    """Find the ripple of every output of one recording, by output; empty if no speed of a rotor was recorded.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def _segments(time: FloatArray, residual: FloatArray, speed: FloatArray, orders:
 def _estimate(
     segments: list[_Segment], time: FloatArray, residual: FloatArray, noise: OutputNoise, orders: Sequence[int]
 ) -> tuple[tuple[RippleOrder, ...], FloatArray]:
-    """Orders whose evidence is high enough, and the posterior mean of their sum, (n,)."""
+    """Find orders whose evidence is high enough, and the posterior mean of their sum, (n,)."""
     values = np.zeros(time.size)
     found = []
     for order in orders:
@@ -196,7 +196,7 @@ def _estimate(
 def _form(
     segments: list[_Segment], key: tuple[int, str], time: FloatArray, residual: FloatArray, noise: OutputNoise
 ) -> tuple[RippleOrder, FloatArray] | None:
-    """Evidence and posterior mean of one order under one law of its amplitude."""
+    """Compute the evidence and posterior mean of one order under one law of its amplitude."""
     own = [p for p in segments if key in p.columns]
     if not own:
         return None
@@ -217,7 +217,7 @@ def _form(
 
 
 def _best_variance(terms: list[tuple[FloatArray, FloatArray]]) -> tuple[float, float]:
-    """Prior variance of a and b that maximises the evidence, and the log-evidence over that of no ripple."""
+    """Find the prior variance of a and b that maximises the evidence, and the log-evidence over that of no ripple."""
     grams, scores = np.array([g for g, _ in terms]), np.array([s for _, s in terms])
     eigenvalues, vectors = np.linalg.eigh(grams)
     squares = np.einsum("kij,ki->kj", vectors, scores) ** 2

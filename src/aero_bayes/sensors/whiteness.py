@@ -21,7 +21,7 @@ MIN_AUTOCORRELATION, AUTOCORRELATION_WINDOW = 0.05, 5.0
 
 
 def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
-    """Autocovariance along the last axis by FFT, biased (divided by n), about a known mean or that of each series."""
+    """Compute the autocovariance along the last axis by FFT, divided by n, about a known mean or that of each."""
     n = series.shape[-1]
     centred = series - (series.mean(axis=-1, keepdims=True) if mean is None else mean)
     size = 1 << (2 * n - 1).bit_length()
@@ -30,7 +30,7 @@ def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
 
 
 def autocorrelation(values: FloatArray, lags: int | None = None) -> FloatArray:
-    """Autocorrelation at lags 0, 1, ..., ``lags`` samples, by FFT.
+    """Compute the autocorrelation at lags 0, 1, ..., ``lags`` samples, by FFT.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def integrated_time(correlation: FloatArray, smallest: float = -math.inf) -> flo
 
 
 def residual_correlation_time(residuals: Sequence[FloatArray]) -> float:
-    """Integrated autocorrelation time in samples, at least 1, over several recordings of one output.
+    """Compute the integrated autocorrelation time in samples, at least 1, over several recordings of one output.
 
     The sum ends where the autocorrelation falls below :data:`MIN_AUTOCORRELATION`: beyond, a single recording gives
     mostly its own scatter.
@@ -155,7 +155,9 @@ def _correlation_time_of_series(residual: FloatArray) -> float:
 
 
 def block_variance_ratio(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:
-    """Variance of block means over what white noise of the same variance would have; the largest over block sizes.
+    """Compute the variance of block means over what white noise of the same variance would have.
+
+    The largest over sizes.
 
     It is the batch means estimate of the integrated autocorrelation time. Above one, errors are slower than the noise
     model says, and averages (hence parameters) are less certain. Fast ripple makes it less than one. Only sizes that

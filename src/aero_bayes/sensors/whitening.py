@@ -34,7 +34,7 @@ def _compiled_filter() -> Any:
 def whiten_rows(
     rows: FloatArray, time: FloatArray, noise: FloatArray, interval: float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Innovations of rows over their standard deviations.
+    """Compute innovations of rows over their standard deviations.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def whiten(rows: FloatArray, sampling: SampleTimes, noise: OutputNoise) -> tuple
 
 
 def innovations(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> FloatArray:
-    """One-step prediction errors over their standard deviations: white if the noise model is right.
+    """Compute one-step prediction errors over their standard deviations: white if the noise model is right.
 
     Parameters
     ----------
@@ -134,13 +134,13 @@ def log_density(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> f
 
 
 def log_density_at(residual: FloatArray, sampling: SampleTimes, noise: OutputNoise) -> float:
-    """Gaussian log-density of a residual (n,) at the readings of ``sampling``."""
+    """Compute the Gaussian log-density of a residual (n,) at the readings of ``sampling``."""
     white, log_det = whiten(residual[np.newaxis], sampling, noise)
     return -0.5 * (float(white[0] @ white[0]) + log_det + residual.size * LOG_2PI)
 
 
 def reading_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
-    """Log-density of every reading given the earlier ones, for many residuals at once.
+    """Compute the log-density of every reading given the earlier ones, for many residuals at once.
 
     Parameters
     ----------

@@ -117,12 +117,12 @@ class _Spectrum:
     interval: float
 
     def mean(self, lines: NDArray[np.bool_] | None = None) -> float:
-        """Mean power of the readings, or of some lines (n,); zero for none."""
+        """Compute the mean power of the readings, or of some lines (n,); zero for none."""
         count, observed = (self.count, self.observed) if lines is None else (self.count[lines], self.observed[lines])
         return float(np.sum(count * observed) / (np.sum(count) if lines is None else max(np.sum(count), 1.0)))
 
     def cost(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """Whittle's cost and its gradient (3,), at the logarithms of the two variances and of the time (3,)."""
+        """Compute Whittle's cost and its gradient (3,), at the logarithms of the two variances and of the time (3,)."""
         white, drift, tau = math.exp(x[0]), math.exp(x[1]), math.exp(x[2])
         phi = math.exp(-self.interval / tau)
         below = 1.0 + phi * phi - 2.0 * phi * self.cosine

@@ -71,7 +71,7 @@ Json = dict[str, Any]
 
 
 def run_fit(files: Sequence[Path], options: RunOptions) -> None:
-    """``aero-bayes fit``: PSO, then bounded local search."""
+    """Run ``aero-bayes fit``: PSO, then bounded local search."""
     began = time.perf_counter()
     job = open_job(files, options)
     with resumable(job, "fit") as checkpoint:
@@ -83,7 +83,7 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
-    """``aero-bayes posterior``: fit, then MCMC."""
+    """Run ``aero-bayes posterior``: fit, then MCMC."""
     began = time.perf_counter()
     job = open_job(files, options)
     with resumable(job, "posterior") as checkpoint:
@@ -98,7 +98,7 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
 
 
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
-    """``aero-bayes close-loop``: the effect that the model lacks, and the error before and after."""
+    """Run ``aero-bayes close-loop``: find the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
     job = open_job(train, options, tests=test)
     with resumable(job, "close-loop"):
@@ -144,7 +144,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
 
 
 def run_check(files: Sequence[Path], config_path: Path | None) -> None:
-    """``aero-bayes check``: a summary of every recording; all are read before the first is printed."""
+    """Run ``aero-bayes check``: summarise every recording; all are read before the first is printed."""
     config = load_config(config_path)
     name, fmu = which_model(config, RunOptions(Path()))
     declared = declaration_of(name, config.model.sources)
@@ -196,7 +196,7 @@ def _sample(job: Job, found: Fit, progress: ProgressBar, checkpoint: Checkpoint)
 
 
 def _checks(job: Job, found: Fit, progress: ProgressBar) -> Json:
-    """Profiles of doubtful parameters, and how well the recordings predict each other."""
+    """Compute profiles of doubtful parameters, and how well the recordings predict each other."""
     return merge(profile_part(job, found, progress), prediction_part(job, found, progress))
 
 

@@ -14,7 +14,7 @@ Json = dict[str, Any]
 
 
 def context_part(job: Job, result: Mapping[str, Any]) -> Json:
-    """``diagrams``, ``signals``, ``words`` and ``settings`` of result.json.
+    """Return ``diagrams``, ``signals``, ``words`` and ``settings`` of result.json.
 
     ``result`` is what was found so far: whether a loop extended the model, and the ids of effects that it names.
     """

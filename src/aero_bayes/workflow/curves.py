@@ -16,7 +16,7 @@ Series = dict[str, FloatArray]
 
 
 def measured_series(recordings: Sequence[Recording]) -> Series:
-    """``time/<rec>``, ``input/<rec>/<name>`` and ``measured/<rec>/<output>``."""
+    """Return ``time/<rec>``, ``input/<rec>/<name>`` and ``measured/<rec>/<output>``."""
     series: Series = {}
     for recording in recordings:
         series[f"time/{recording.name}"] = recording.time
@@ -26,7 +26,7 @@ def measured_series(recordings: Sequence[Recording]) -> Series:
 
 
 def unfitted_series(read: Sequence[Recording], used: Sequence[Recording]) -> Series:
-    """``unfitted/<rec>/<output>``: readings that were taken out of a recording before it was fitted, if any.
+    """Return ``unfitted/<rec>/<output>``: readings that were taken out of a recording before it was fitted, if any.
 
     ``read`` are the recordings as they were read, ``used`` the ones that were fitted, or parts of them.
     """
@@ -45,7 +45,7 @@ def unfitted_series(read: Sequence[Recording], used: Sequence[Recording]) -> Ser
 
 
 def fitted_series(fit: Fit) -> Series:
-    """``fitted/<rec>/<output>`` for the outputs that were recorded."""
+    """Return ``fitted/<rec>/<output>`` for the outputs that were recorded."""
     series: Series = {}
     for name, fitted, residual in zip(fit.calibration.names, fit.fitted, fit.residuals, strict=True):
         for column, output in enumerate(fit.outputs):
@@ -55,7 +55,7 @@ def fitted_series(fit: Fit) -> Series:
 
 
 def state_series(names: Sequence[str], states: Mapping[str, SmoothedStates]) -> Series:
-    """``smoothed/<rec>/<state>`` and its 90 % band, ``smoothed_lower/...`` and ``smoothed_upper/...``.
+    """Return ``smoothed/<rec>/<state>`` and its 90 % band, ``smoothed_lower/...`` and ``smoothed_upper/...``.
 
     ``states`` are by recording; their columns have the ``names``.
     """
@@ -68,7 +68,7 @@ def state_series(names: Sequence[str], states: Mapping[str, SmoothedStates]) -> 
 
 
 def ripple_series(recordings: Sequence[Recording], fit: Fit) -> Series:
-    """``ripple/<rec>/<output>``: the ripple that the fit subtracted from the readings, if any."""
+    """Return ``ripple/<rec>/<output>``: the ripple that the fit subtracted from the readings, if any."""
     series: Series = {}
     calibration = fit.calibration
     fitted = dict(zip(calibration.names, zip(calibration.experiments, calibration.readings, strict=True), strict=True))
@@ -90,7 +90,7 @@ def ripple_series(recordings: Sequence[Recording], fit: Fit) -> Series:
 def band_series(
     names: Sequence[str], outputs: Sequence[str], lower: Sequence[FloatArray], upper: Sequence[FloatArray]
 ) -> Series:
-    """``lower/...`` and ``upper/...``: the 90 % predictive band, each (n, m)."""
+    """Return ``lower/...`` and ``upper/...``: the 90 % predictive band, each (n, m)."""
     series: Series = {}
     for name, low, high in zip(names, lower, upper, strict=True):
         for column, output in enumerate(outputs):

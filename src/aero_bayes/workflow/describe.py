@@ -71,7 +71,7 @@ def recording_row(recording: Recording, role: str) -> Json:
 
 
 def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
-    """Residual reports of a fit by recording and output, with the noise floors of ``recordings``."""
+    """Write residual reports of a fit by recording and output, with the noise floors of ``recordings``."""
     floors = {(r["name"], output): floor for r in recordings for output, floor in r["noise_floor"].items()}
     return reports_by_recording(check_residuals(fit.calibration, fit.series, fit.optimum, floors))
 
@@ -82,7 +82,7 @@ def fit_verdict(
     flat: Sequence[str] = (),
     exact: bool = False,
 ) -> Json:
-    """Verdict on a fit.
+    """Judge a fit.
 
     Parameters
     ----------

@@ -209,7 +209,7 @@ def _with_effect(
 
 
 def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) -> Series:
-    """``plan/...``: the signal and the prediction of each model."""
+    """Return ``plan/...``: the signal and the prediction of each model."""
     series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
     for label, found in models.items():
         seen = expected_outputs(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)

@@ -123,7 +123,7 @@ def _placement(part: ComponentDeclaration) -> tuple[tuple[float, float, float, f
 
 
 def _links(shown: ComponentTree, visible: Mapping[str, ComponentDeclaration]) -> list[_Link]:
-    """Connections, then where a value is handed over by an equation or a modifier between parts not yet connected."""
+    """List connections, then equations and modifiers that hand a value over between parts not yet connected."""
     found: list[_Link] = []
     values = []
     for link in shown.links:

@@ -169,7 +169,7 @@ def split_unit(column: str) -> tuple[str, str]:
 
 
 def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path, matched: ColumnMatch) -> str:
-    """Everything before the parameters."""
+    """Write everything before the parameters."""
     source, *libraries = (Path(os.path.relpath(f, out.absolute().parent)).as_posix() for f in files)
     lines = [
         f"# To fit {name} to {data.name}: aero-bayes fit --config {out.name} --data {data.name} --out DIR",
@@ -229,7 +229,7 @@ def _usual(v: Variable) -> float:
 
 
 def _reasons(model: Model, ordered: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
-    """Why a parameter is not free, by name; empty for those that are."""
+    """Say why a parameter is not free, by name; empty for those that are."""
     tunable, reasons = [], {}
     some = any(own.sets(v.name) for v in ordered)
     for v in ordered:
@@ -299,7 +299,7 @@ def _parameter_lines(ordered: Sequence[Variable], reasons: dict[str, str]) -> st
 
 
 def _about(variable: Variable) -> str:
-    """Unit and description in a comment."""
+    """Write unit and description in a comment."""
     unit = f"in {variable.unit}" if variable.unit else "no unit declared"
     return ", ".join(filter(None, (" ".join(variable.description.split()), unit)))
 

@@ -50,7 +50,7 @@ def run_loop(job: Job, progress: ProgressBar, base: Fit | None = None) -> LoopRe
 
 
 def with_chosen_values(job: Job, found: Fit) -> Job:
-    """The job with the likeliest of its listed values held, as a fit of it found them; the same if none are listed.
+    """Hold the likeliest of the listed values of a job, as a fit of it found them; the same job if none are listed.
 
     Values that are not Real are modifiers of a class that is written beside the results.
     """
@@ -70,7 +70,7 @@ def with_chosen_values(job: Job, found: Fit) -> Job:
 
 
 def loop_settings(job: Job) -> LoopSettings:
-    """How the job wants its loop done.
+    """Return the settings of the loop that the job wants.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def _check(job: Job) -> None:
 
 
 def extended_job(job: Job, loop: LoopResult) -> Job:
-    """The job of the model that came out of the loop: its FMU, and the new parameters among the free ones.
+    """Return the job of the model that came out of the loop: its FMU, and the new parameters among the free ones.
 
     The same job if nothing of the catalogue was added.
     """
@@ -159,7 +159,7 @@ def extended_job(job: Job, loop: LoopResult) -> Job:
 
 
 def loop_part(job: Job, loop: LoopResult) -> Json:
-    """The keys of result.json that the loop fills."""
+    """Return the keys of result.json that the loop fills."""
     interval = min(1.0 / recording.rate_hz for recording in job.recordings)
     return {
         "parameters": loop_parameters(job, loop),
@@ -182,7 +182,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
 
 
 def loop_parameters(job: Job, loop: LoopResult) -> Json:
-    """Table of all parameters of the final model: estimates with their status, and why others were fixed."""
+    """Make the table of all parameters of the final model: estimates with their status, and why others were fixed."""
     new = {item.name: item for item in (*loop.added, *later_of(job))}
     table: Json = {}
     for name, estimate in loop.parameters.items():
@@ -218,7 +218,7 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
 
 
 def averaged_part(loop: LoopResult, posterior: Posterior) -> Json:
-    """Keys of result.json where the data leave several structures, with the chosen one's posterior as sampled."""
+    """Return keys of result.json where the data leave several structures, with the chosen one's posterior."""
     given = loop.averaged.draws if loop.averaged is not None else {}
     sampled = {name: posterior.samples(name) for name in given if name in posterior.names}
     if loop.averaged is None or not sampled:
@@ -237,7 +237,7 @@ def _level(loop: LoopResult) -> str:
 
 
 def loop_series(job: Job, loop: LoopResult) -> Series:
-    """The curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
+    """Return the curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
     fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
     found = loop.process_noise
     states = state_series(found.state_names, found.smoothed) if found is not None and found.explains else {}

@@ -28,7 +28,7 @@ MIN_BOUND_DEVIATIONS = 2.0
 
 
 def parameters_to_profile(found: Fit) -> list[str]:
-    """Fitted physical parameters that are weak or not identified, or that lie at a bound; the weakest first."""
+    """List fitted physical parameters that are weak or not identified, or that lie at a bound; the weakest first."""
     low, high = found.calibration.parameters.box
     point = found.calibration.parameters.to_search(found.values)
     doubts = []

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
-from aero_bayes.estimate.fit import FitSettings
+from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.unknown_names import known_names_hint

@@ -43,7 +43,7 @@ def _stribeck(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 
 
 def _presliding(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    """Dahl's model: a spring that yields at ``F_c``."""
+    """Add Dahl's model: a spring that yields at ``F_c``."""
     index, level, stiffness = a.state(name), p["F_c"], p["F_c"] / p["x_s"]
     force = a.add_state()
     # The force settles within x_s / |v|, and v reaches some 2e9 slacks.
@@ -89,7 +89,7 @@ def _end_stop(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 
 
 def _backlash(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    """Play in series with an elastic coupling: no torque within it, the coupling's own beyond."""
+    """Add play in series with an elastic coupling: no torque within it, the coupling's own beyond."""
     coupling = a.couplings[name]
     stretch, first, second = a.state(name), a.state(coupling.first), a.state(coupling.second)
     k, half = a.parameters[coupling.stiffness], p["gap"] / 2.0
@@ -145,7 +145,7 @@ def _series_resistance(a: Assembly, name: str, p: Parameters, slack: float) -> N
 
 
 def _heating(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    """A resistance that grows with the heat its current has left."""
+    """Let a resistance grow with the heat its current has left."""
     index, rate = a.state(name), 1.0 / p["T_h"]
     rise = a.add_state()
 

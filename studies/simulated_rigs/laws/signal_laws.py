@@ -44,7 +44,7 @@ def _rate_limit(a: Assembly, name: str, p: Parameters, slack: float) -> None:
 
 
 def _square_law(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    """Between the command itself and its square, which are equal at ``u_n``."""
+    """Mix the command itself and its square, which are equal at ``u_n``."""
     a.actuators[name] = mapped_command(lambda u: u + p["a"] * (u * np.abs(u) / p["u_n"] - u))
 
 
