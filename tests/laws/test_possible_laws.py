@@ -6,30 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_rigs import rig
+from small_rigs import RIGS, rig
 
 from aero_bayes import Recording, fit, load_model
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
-from aero_bayes.estimate.fit import FitSettings
+from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.laws import Law, ports_with_laws
 from aero_bayes.laws.candidates import is_possible
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.ports import share_visited_twice
 from aero_bayes.simulation import open_simulator
-
-FALLING = """model Falling
-  parameter Real m(unit = "kg") = 0.03;
-  parameter Real g(unit = "m/s2", min = 9, max = 10) = 9.81;
-  output Real height(unit = "m");
-  Real z(unit = "m", start = 50, fixed = true);
-  Real v(unit = "m/s", start = 0, fixed = true);
-equation
-  der(z) = v;
-  m * der(v) = -m * g;
-  height = z;
-end Falling;
-"""
 
 
 def of(laws: tuple[Law, ...], kind: str, id_: str) -> Law:
@@ -116,8 +103,7 @@ def test_a_curve_needs_a_signal_that_comes_back(laws: tuple[Law, ...]) -> None:
 @pytest.mark.parametrize("bounces", [False, True])
 def test_a_contact_yields_only_where_the_motion_turns(bounces: bool, tmp_path: Path) -> None:
     """The fit of free fall to a ball that the air slows down throws it upwards first; its readings only fall."""
-    path = tmp_path / "Falling.mo"
-    path.write_text(FALLING, encoding="utf-8")
+    path = RIGS / "Falling.mo"
     time = np.arange(60) / 15.0
     height = 50.0 - 20.0 * (time - 2.0 * (1.0 - np.exp(-0.5 * time)))
     if bounces:

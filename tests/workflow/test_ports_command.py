@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from small_rigs import RIGS
 
 from aero_bayes.cli import main
 from simulated_aero import KINDS
@@ -157,25 +158,10 @@ def test_a_force_that_follows_the_motion_is_seen_a_constant_one_not(tmp_path):
     assert {row["id"]: row["visible"] for row in rows}["v"] == "yes"
 
 
-FALLING = """model Falling "A light ball in a vacuum"
-  parameter Real m(unit = "kg") = 0.03;
-  parameter Real g(unit = "m/s2", min = 9.79, max = 9.82) = 9.81;
-  output Real height(unit = "m");
-  Real z(unit = "m", start = 50, fixed = true);
-  Real v(unit = "m/s", start = 0, fixed = true);
-equation
-  der(z) = v;
-  m * der(v) = -m * g;
-  height = z;
-end Falling;
-"""
-
-
 def test_a_fit_without_the_effect_is_not_the_yardstick_of_its_visibility(tmp_path):
     """A ball that the air slows down: what free fall leaves is metres, what the sensor adds centimetres."""
-    (tmp_path / "Falling.mo").write_text(FALLING)
     (tmp_path / "rig.toml").write_text(
-        '[model]\nsources = ["Falling.mo"]\nname = "Falling"\n[data]\ninputs = []\noutputs = ["height"]\n'
+        f'[model]\nsources = ["{RIGS / "Falling.mo"}"]\nname = "Falling"\n[data]\ninputs = []\noutputs = ["height"]\n'
         '[fit]\ninitial_states = "estimated"\n[parameters]\ng = {free = true}\n'
     )
     time = np.arange(60) / 15.0

@@ -29,9 +29,10 @@ class FittedResult(ABC):
     def parameters(self) -> dict[str, Estimate]:
         """Every parameter by name."""
 
+    @property
     @abstractmethod
-    def _predictor(self) -> FittedPredictor:
-        """Return what predicts recordings from draws of parameters."""
+    def predictor(self) -> FittedPredictor:
+        """Predicts recordings from draws of parameters."""
 
     @abstractmethod
     def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
@@ -107,4 +108,4 @@ class FittedResult(ABC):
         True
         """
         points = self._parameter_draws(draws, seed)
-        return self._predictor().predict(points, inputs, seed=seed, workers=workers)
+        return self.predictor.predict(points, inputs, seed=seed, workers=workers)

@@ -108,9 +108,23 @@ class GlobalSearch:
         self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
         known: pso.SwarmResult | None = None, start: FloatArray | None = None,
     ) -> GlobalSearchResult:  # fmt: skip
-        """Search over the free columns from a point (p,) in search coordinates; by default from the starting values.
+        """Search for the optimum over the free columns.
 
-        ``known`` is used in place of a new swarm.
+        Parameters
+        ----------
+        free : sequence of int
+            Columns that are searched; the others keep their start.
+        open_simulator : callable
+            Opens a simulator of a problem.
+        rng : numpy.random.Generator
+        known : SwarmResult, optional
+            Used in place of a new swarm.
+        start : ndarray, shape (p,), optional
+            In search coordinates; by default the starting values.
+
+        Returns
+        -------
+        GlobalSearchResult
 
         Raises
         ------

@@ -305,9 +305,6 @@ class Fit(OtherTools):
         factors = band_factors(self.calibration, self.series, self.optimum, covariance, left)
         return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.engine)
 
-    def _predictor(self) -> FittedPredictor:
-        return self.predictor
-
     def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
         points = self.laplace.draw(draws, np.random.default_rng(seed))
         free, parameters = list(self.free), self.calibration.parameters

@@ -192,10 +192,25 @@ def compose_laws(flat: FlatModel, placed_laws: Sequence[PlacedLaw], models: LawM
 def with_candidates(
     flat: FlatModel, found: Sequence[Candidate], nominals: Mapping[str, Mapping[str, float]], models: LawModels
 ) -> tuple[FlatModel, tuple[PlacedLaw, ...]]:
-    """Return one model with many candidates, all switched off, and the placed laws in the given order.
+    """Build many candidates into one model, all switched off.
 
-    ``nominals`` are the nominal values by the id of the port. Laws that need the derivative of a reading are the
-    innermost ones there.
+    Laws that need the derivative of a reading are the innermost ones there.
+
+    Parameters
+    ----------
+    flat : FlatModel
+    found : sequence of Candidate
+    nominals : mapping of str to mapping of str to float
+        Nominal values by the id of the port.
+    models : mapping
+        Flat models of the laws, see :func:`law_models`.
+
+    Returns
+    -------
+    FlatModel
+        With all of them.
+    tuple of PlacedLaw
+        In the given order.
     """
     placed_laws = place_laws(found, {v.name for v in flat.variables}, nominals)
     inner_first = sorted(placed_laws, key=lambda u: not u.law.needs_derivative)

@@ -224,9 +224,21 @@ def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, s
 def effect_parameter(
     name: str, unit: str, description: str, bounds: tuple[float, float], scale: float, default: float
 ) -> Parameter:
-    """Return the parameter of an effect, with its prior.
+    """Return the parameter of an effect, with its prior: normal about zero, log-uniform where its bounds are positive.
 
-    Normal about zero, or log-uniform where its bounds are positive.
+    Parameters
+    ----------
+    name, unit, description : str
+    bounds : (float, float)
+        In the parameter's unit.
+    scale : float
+        Its nominal value, which the width of a normal prior follows.
+    default : float
+        Start of the search.
+
+    Returns
+    -------
+    Parameter
     """
     low, high = bounds
     target = ParameterTarget(name)

@@ -149,7 +149,20 @@ def place_law(
 def place_laws(
     found: Iterable[Candidate], taken: Collection[str], nominals: Mapping[str, Mapping[str, float]]
 ) -> tuple[PlacedLaw, ...]:
-    """Place candidates in one model, in the given order, under unique names; ``nominals`` by the id of the port."""
+    """Place candidates in one model, in the given order.
+
+    Parameters
+    ----------
+    found : iterable of Candidate
+    taken : collection of str
+        Names that the model uses already; the laws get others.
+    nominals : mapping of str to mapping of str to float
+        Nominal values by the id of the port.
+
+    Returns
+    -------
+    tuple of PlacedLaw
+    """
     placed_laws: list[PlacedLaw] = []
     used = set(taken)
     for c in found:

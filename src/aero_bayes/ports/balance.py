@@ -78,7 +78,21 @@ def find_balance(
 ) -> Balance | None:
     """Return the balance that an equation is; None if the derivative does not occur in it, or not linearly.
 
-    ``row`` is the row of a vector equation.
+    Parameters
+    ----------
+    flat : FlatModel
+    equation : int
+        Its index.
+    driver : callable
+        Whether an expression is the derivative that the balance drives.
+    values, units : mapping of str to float and str
+        Of the model's variables.
+    row : RowIndex, optional
+        Of a vector equation.
+
+    Returns
+    -------
+    Balance or None
     """
     e = flat.equations[equation]
     sides = e.left, e.right

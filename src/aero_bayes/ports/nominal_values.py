@@ -53,6 +53,15 @@ def port_nominals(
     The nominal value of a law's output in a balance is that of the largest term of the balance. Beside them stands the
     range of each signal, ``v_low`` and ``v_high`` for ``v``, and the share of it that is visited twice, ``v_twice``.
 
+    Parameters
+    ----------
+    flat : FlatModel
+    ports : sequence of Port
+    calibration : Calibration
+        Of the model; its recordings are simulated.
+    fit : Optimum
+    open_simulator : callable
+
     Returns
     -------
     dict of str to dict of str to float
@@ -203,9 +212,20 @@ class _AddedOutputs:
 def simulated_signals(
     calibration: Calibration, names: Sequence[str], fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, list[FloatArray]]:
-    """Simulate outputs of a model, by their names, at a fit.
+    """Simulate variables of a model at a fit.
 
-    Each has one array (n,) a recording.
+    Parameters
+    ----------
+    calibration : Calibration
+    names : sequence of str
+        Variables that the model has as outputs.
+    fit : Optimum
+    open_simulator : callable
+
+    Returns
+    -------
+    dict of str to list of ndarray, shape (n,)
+        By name, an array a recording, in the variable's SI unit.
     """
     experiments = tuple(replace(e, outputs=tuple(names), measured=None) for e in calibration.experiments)
     values = calibration.parameters.from_search(fit.coordinates)

@@ -76,7 +76,20 @@ class WeightedSample:
 def importance_sample(
     density: Callable[[FloatArray], FloatArray], proposal: WarpedStudentT, size: int, rng: np.random.Generator
 ) -> WeightedSample:
-    """Draw from a proposal and weigh by a density, (n, d) to (n,), that need not be normalised.
+    """Draw from a proposal and weigh by a density.
+
+    Parameters
+    ----------
+    density : callable
+        Log-density of points (n, d), shape (n,); it need not be normalised.
+    proposal : WarpedStudentT
+    size : int
+        Draws.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    WeightedSample
 
     Raises
     ------

@@ -74,6 +74,8 @@ class Posterior(PosteriorDraws, FittedResult):
     True
     >>> posterior.noise["position"].sd > 0, len(posterior.warnings) >= len(posterior.fit.warnings)
     (True, True)
+    >>> posterior.predictor is posterior.fit.predictor
+    True
     >>> posterior.calibration is fit.calibration, posterior.to_dict()["mcmc"]["ensembles"]
     (True, 4)
     >>> posterior.save(Path("posterior.nc")).name
@@ -139,7 +141,9 @@ class Posterior(PosteriorDraws, FittedResult):
         """
         return to_inference_data(self)
 
-    def _predictor(self) -> FittedPredictor:
+    @property
+    def predictor(self) -> FittedPredictor:
+        """Predicts recordings from draws of parameters, as the fit's."""
         return self.fit.predictor
 
     def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
