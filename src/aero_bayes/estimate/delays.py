@@ -39,6 +39,36 @@ def delay_columns(objective: Objective, free: Sequence[int]) -> list[int]:
     return [j for j in free if isinstance(objective.parameters.items[j].target, DelayTarget)]
 
 
+def better_delays(objective: Objective, here: Optimum, free: Sequence[int], *, prior: bool) -> FloatArray | None:
+    """Search for a better local optimum of the delays than that of a fit.
+
+    Parameters
+    ----------
+    objective : Objective
+    here : Optimum
+    free : sequence of int
+        Columns that are fitted.
+    prior : bool
+        Whether the priors count.
+
+    Returns
+    -------
+    ndarray, shape (p,), or None
+        Search coordinates to fit from; None where there is none, or no delay is free.
+    """
+    if not delay_columns(objective, free):
+        return None
+    values = objective.parameters.from_search(here.coordinates)
+    target = Target(objective.calibration, objective.simulator, values, free, prior=prior)
+    point, moved = search_delays(target, here.coordinates[list(free)], objective.noise_rows(here.noise))
+    objective.outcomes.update(target.outcomes)
+    if not moved:
+        return None
+    coordinates = here.coordinates.copy()
+    coordinates[list(free)] = point
+    return coordinates
+
+
 def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> FloatArray:
     """Set each recording's delay to the best point of a grid; returns the coordinates (p,).
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
-from aero_bayes.estimate.delays import delay_columns, scan_delays, search_delays
+from aero_bayes.estimate.delays import better_delays, delay_columns, scan_delays
 from aero_bayes.estimate.laplace import with_robust_covariance
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise, local_fit
 from aero_bayes.estimate.model_error import correlated_outputs, estimate_output_noise
@@ -317,15 +317,12 @@ class GlobalSearch:
         from_start: Optimum | None,
     ) -> Optimum:  # fmt: skip
         """Choose the best of several local fits with white noise, ``from_start`` among them."""
-        eq6 = self.settings.cost == "eq6"
+        known = noise if self.settings.cost == "eq6" else None
+        settings = self.least_squares_settings.with_limits(25, 0.1)
         found = [from_start] if from_start is not None else []
         for at in starts:
             with suppress(CannotFinishError):
-                found.append(
-                    self._local_fit(
-                        at, free, noise if eq6 else None, self.least_squares_settings.with_limits(25, 0.1), objective
-                    )
-                )
+                found.append(self._local_fit(at, free, known, settings, objective))
         if not found:
             raise CannotFinishError(
                 f"model {objective.calibration.model.name} could not be simulated at any starting point: "
@@ -357,19 +354,9 @@ class GlobalSearch:
 
     def _search_delays(self, here: Optimum, free: Sequence[int]) -> Optimum:
         """Move to better local optima of the delays, with all parameters refitted, as long as there are any."""
-        if not delay_columns(self.objective, free):
-            return here
-        calibration = self.objective.calibration
         for _ in range(3):
-            values = self.objective.parameters.from_search(here.coordinates)
-            target = Target(
-                calibration, self.objective.simulator, values, free, prior=self.settings.cost == "posterior"
-            )
-            point, moved = search_delays(target, here.coordinates[list(free)], self.objective.noise_rows(here.noise))
-            self.objective.outcomes.update(target.outcomes)
-            if not moved:
+            point = better_delays(self.objective, here, free, prior=self.settings.cost == "posterior")
+            if point is None:
                 return here
-            at = here.coordinates.copy()
-            at[list(free)] = point
-            here = self._local_fit(at, free, here.noise, self.local_settings)
+            here = self._local_fit(point, free, here.noise, self.local_settings)
         return here
