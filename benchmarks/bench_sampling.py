@@ -29,6 +29,7 @@ import bench_pints
 import numpy as np
 from bench_density import density
 from harness import TimingRow, ratio, update
+from threadpoolctl import threadpool_limits
 
 from aero_bayes.estimate import CalibrationSettings, Fit, FitSettings, NoiseModel, fit
 from aero_bayes.estimate.target import Target
@@ -98,8 +99,10 @@ def fmpy_seconds(fit: Fit, evaluations: int) -> list[float]:
 
 
 def row(name: str, chain: Chain, seconds: float, note: str = "") -> TimingRow:
-    """Make the row of the seconds of an effective sample."""
-    each = seconds / chain.ess_bulk
+    """Make the row of the seconds of an effective sample; without a time where the limit left none."""
+    each = seconds / chain.ess_bulk if chain.diagnoses and chain.ess_bulk > 0.0 else None
+    if each is None:
+        return TimingRow("sampling", name, None, None, None, None, f"no effective sample in {seconds:.1f} s")
     text = (
         f"{chain.ess_bulk:.0f} effective of {chain.evaluations} evaluations in {seconds:.1f} s, tau {chain.tau:.1f}, "
         f"R-hat {chain.r_hat:.4f}{', ' + note if note else ''}"
@@ -123,7 +126,8 @@ def simulations_row(name: str, posterior: Posterior) -> TimingRow:
 
 def run(out: Path, rounds: int = 15) -> None:
     """Measure, print the rows and merge them into ``out``/bench.json."""
-    with tempfile.TemporaryDirectory() as folder:
+    # As in `sample`: BLAS threads on small matrices wait for each other, without an end in sight on a busy machine.
+    with tempfile.TemporaryDirectory() as folder, threadpool_limits(limits=1, user_api="blas"):
         found = paper_fit(Path(folder))
         ours, ours_seconds = sampled(found, OURS)
         plain, plain_seconds = sampled(found, STRETCH, lambda adaptation, prior: [(StretchMove(), 1.0)])
@@ -142,14 +146,14 @@ def run(out: Path, rounds: int = 15) -> None:
         print(line.line(), flush=True)
     by_name = {line.name: line.seconds for line in rows}
     keys = {
-        "evaluations_an_effective_sample": ours.evaluations / min(ours.ess_bulk, ours.ess_tail),
+        "evaluations_an_effective_sample": ratio(ours.evaluations, min(ours.ess_bulk, ours.ess_tail) or None),
         "simulations_an_effective_sample_with_a_delay": simulations_each(delayed),
         "ess_per_s_over_pints_on_fmpy": ratio(by_name[bench_pints.SAMPLER_SLOW], rows[0].seconds),
         "swarm_evaluations_per_s_over_pints_on_fmpy": ratio(
             by_name[bench_pints.SWARM_SLOW], by_name[bench_pints.SWARM]
         ),
-        "ess_per_s_over_stretch": rows[1].seconds / rows[0].seconds,
-        "ess_per_s_over_fmpy": rows[2].seconds / rows[0].seconds,
+        "ess_per_s_over_stretch": ratio(rows[1].seconds, rows[0].seconds),
+        "ess_per_s_over_fmpy": ratio(rows[2].seconds, rows[0].seconds),
     }
     update(out / "bench.json", keys, rows, GROUPS)
 

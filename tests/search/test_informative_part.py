@@ -8,6 +8,7 @@ import pytest
 
 from aero_bayes.estimate import LocalFitSettings, NoiseModel, Normal, Objective, Parameter
 from aero_bayes.laws import CandidateTerm
+from aero_bayes.loop.long_recordings import FIRST_ROWS, rows_that_tell_enough
 from aero_bayes.search import CandidateModel, FitNoise, Structure
 from aero_bayes.search.informative_part import informative_share
 from aero_bayes.sensors import OutputNoise
@@ -35,7 +36,12 @@ class LinearSimulator:
 
 
 def share(time, own, term, missing):
-    """The share for a model with one parameter and one candidate, given the response to each and what is missing."""
+    """The share of the fit's recording on which structures are explored."""
+    return informative_share(first_fit(time, own, term, missing))
+
+
+def first_fit(time, own, term, missing):
+    """The fit of a model with one parameter and one candidate, given the response to each and what is missing."""
     basis = np.stack([own, term])
     measured = own + missing + np.random.default_rng(5).normal(0.0, 0.1, time.size)
     items = [
@@ -45,8 +51,7 @@ def share(time, own, term, missing):
     objective = Objective(problem, LinearSimulator(time, measured, basis))
     model = CandidateModel(objective, {"term": CandidateTerm("term", "p", ((1.0,),), (1,))}, (0,), open_simulator)
     noise = FitNoise({"y": OutputNoise(0.5)})
-    root = model.fit(Structure(), model.coordinates_of({}, ()), noise, LocalFitSettings(hold_noise=True))
-    return informative_share(root)
+    return model.fit(Structure(), model.coordinates_of({}, ()), noise, LocalFitSettings(hold_noise=True))
 
 
 LONG = np.arange(6000) * 0.05
@@ -78,3 +83,21 @@ def test_all_readings_are_taken_where_the_beginning_shows_too_little(term, missi
 def test_all_is_taken_of_a_short_recording():
     few = LONG[:1500]
     assert share(few, np.sin(few), np.cos(1.7 * few), 0.5 * np.cos(1.7 * few)) == 1.0
+
+
+def rows(time, own, missing, length):
+    """Rows of a recording of some length on which the loop works, the fit having few of its readings."""
+    found = first_fit(time, own, np.cos(1.7 * time), missing)
+    return rows_that_tell_enough(found.model.objective, found.optimum, [length])
+
+
+def test_of_a_very_long_recording_the_first_rows_are_enough_where_all_goes_on_alike():
+    assert rows(LONG, np.sin(LONG), np.cos(2.3 * LONG), 1_000_000) == FIRST_ROWS
+
+
+def test_the_beginning_of_a_very_long_recording_is_doubled_until_a_parameter_or_what_is_missing_has_acted():
+    wave, late = np.sin(LONG), np.where(0.2 * LONG[-1] < LONG, np.cos(2.3 * LONG), 0.0)
+    # Needed is half of the information per reading, 40 % of all: at 40 % of the rows a half of them has acted.
+    assert rows(LONG, wave, late, 1_000_000) == 16 * FIRST_ROWS
+    assert rows(LONG, late, wave, 1_000_000) == 16 * FIRST_ROWS
+    assert rows(LONG, wave, np.where(0.8 * LONG[-1] < LONG, wave, 0.0), 200_000) >= 200_000

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import comb
 
 import numpy as np
@@ -148,9 +149,18 @@ class Differences:
             variances.append(_trimmed(found[use]))
         return np.array(lags), np.array(variances), windows, rested
 
+    @cached_property
+    def _since_jump(self) -> FloatArray:
+        """Compute the time since the last jump of an input, infinite before the first."""
+        jumps = input_jumps(self.time, self.inputs)
+        if jumps.size == 0:
+            return np.full(self.time.size, np.inf)
+        last = np.searchsorted(jumps, self.time, side="right") - 1
+        return np.where(last >= 0, self.time - jumps[np.maximum(last, 0)], np.inf)
+
     def _undisturbed(self, rows: NDArray[np.intp], usable: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], bool]:
         """Find windows (w, p + 1) without a jump of an input in or shortly before them; all, if these are too few."""
-        since, interval = _since_jump(self.time, self.inputs), float(np.median(np.diff(self.time)))
+        since, interval = self._since_jump, float(np.median(np.diff(self.time)))
         length = self.time[rows[:, -1]] - self.time[rows[:, 0]]
         # Undisturbed: the last jump before the end of the window is before its start.
         calm = np.where(since[rows[:, -1]] >= length, since[rows[:, 0]] / interval, -1.0)
@@ -168,15 +178,6 @@ def input_jumps(time: FloatArray, inputs: Sequence[FloatArray]) -> FloatArray:
         changed |= np.abs(np.diff(values)) > 0.01 * max(float(np.ptp(values)), 1e-300)
     jumps: FloatArray = time[1:][changed]
     return jumps
-
-
-def _since_jump(time: FloatArray, inputs: Sequence[FloatArray]) -> FloatArray:
-    """Time since the last jump of an input, infinite before the first."""
-    jumps = input_jumps(time, inputs)
-    if jumps.size == 0:
-        return np.full(time.size, np.inf)
-    last = np.searchsorted(jumps, time, side="right") - 1
-    return np.where(last >= 0, time - jumps[np.maximum(last, 0)], np.inf)
 
 
 def _weights(time: FloatArray, order: int, lag: int) -> tuple[FloatArray, NDArray[np.intp]]:

@@ -21,9 +21,7 @@ CHANGES_PER_SAMPLE = 2
 STEPS_PER_SAMPLE, MIN_STEPS, LOOSE_TOLERANCE = 10, 5000, 1e-4
 
 
-def with_few_samples(
-    calibration: Calibration, simulator: Simulator, samples: int, close: float = MAX_AVERAGING_ERROR
-) -> Calibration:
+def with_few_samples(calibration: Calibration, simulator: Simulator, samples: int) -> Calibration:
     """Return the calibration with about ``samples`` samples of each recording, and inputs that change about as rarely.
 
     An input that changes at every sample makes the solver restart there, however few outputs are asked for. So it is
@@ -35,14 +33,12 @@ def with_few_samples(
     simulator : Simulator
         Of the calibration's problem.
     samples : int
-    close : float
-        Largest error of an output due to averaging, at the starting values, as a share of its range.
     """
     thinned = calibration.thinned(samples)
     if max(s.time.size for e in calibration.experiments for s in e.inputs or (_CONSTANT_INPUT,)) <= 2 * samples:
         return thinned
     averaged = replace(thinned, experiments=tuple(_averaged(e, samples) for e in thinned.experiments))
-    if _close(calibration, simulator, averaged, close):
+    if _close(calibration, simulator, averaged):
         return averaged
     changes = CHANGES_PER_SAMPLE * samples
     return replace(
@@ -85,7 +81,7 @@ def _blocks(signal: InputSignal, samples: int) -> InputSignal:
     )
 
 
-def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration, close: float) -> bool:
+def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration) -> bool:
     from aero_bayes.simulation import open_simulator
 
     start = calibration.parameters.start[np.newaxis]
@@ -97,7 +93,7 @@ def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration
     for full, part, e, c in zip(whole.outputs, few.outputs, calibration.experiments, averaged.experiments, strict=True):
         rows = np.searchsorted(e.time, c.time)
         error = np.sqrt(np.mean((full[0, rows] - part[0]) ** 2, axis=0))
-        if np.any(error > close * np.maximum(np.ptp(full[0], axis=0), 1e-300)):
+        if np.any(error > MAX_AVERAGING_ERROR * np.maximum(np.ptp(full[0], axis=0), 1e-300)):
             return False
     return True
 

@@ -24,7 +24,6 @@ from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.recording_parameters import for_recordings
-from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.solver_difference import with_solver_difference
@@ -37,8 +36,6 @@ from aero_bayes.simulation.interface import StartTarget
 FloatArray = NDArray[np.float64]
 Floors = Mapping[tuple[str, str], float]
 
-#: Largest error of an output due to averaged inputs in a search on fewer samples, as a share of its range.
-MAX_BASE_FIT_AVERAGING_ERROR = 0.005
 #: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
 MAX_READING_DEVIATIONS = 5.0
 
@@ -159,15 +156,6 @@ def best_fit(context: LoopContext, calibration: Calibration, values: FloatArray,
         )
         context.statistics.add_simulations(objective)
     return found
-
-
-def for_search(context: LoopContext, plain: Calibration) -> Calibration:
-    """The calibration on fewer samples, where its inputs change so often that each simulation costs much."""
-    samples = context.settings.search_samples
-    if max((s.time.size for e in plain.experiments for s in e.inputs), default=0) <= 2 * samples:
-        return plain
-    with context.open(plain.problem()) as simulator:
-        return with_few_samples(plain, simulator, samples, MAX_BASE_FIT_AVERAGING_ERROR)
 
 
 def _reports(context: LoopContext, plain: Calibration, fit: Optimum, floors: Floors) -> tuple[ResidualReport, ...]:

@@ -26,7 +26,7 @@ from aero_bayes.laws.fmu_places import FmuPlaces
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.laws.modelica_family import ModelicaFamily
-from aero_bayes.loop.base_fit import BaseFit, fit_base_model, for_search
+from aero_bayes.loop.base_fit import BaseFit, fit_base_model
 from aero_bayes.loop.conclude import conclude, diagnosed, other_cause
 from aero_bayes.loop.context import LoopContext, LoopStatistics
 from aero_bayes.loop.fixed_values import find_alternatives
@@ -34,6 +34,7 @@ from aero_bayes.loop.forecast import announce_duration
 from aero_bayes.loop.formula_names import with_plain_names
 from aero_bayes.loop.formulas import propose_formulas, wants_formulas
 from aero_bayes.loop.from_fit import recordings_of, settings_of
+from aero_bayes.loop.long_recordings import on_beginnings
 from aero_bayes.loop.make_result import result_of
 from aero_bayes.loop.process_noise import find_process_noise, states_of
 from aero_bayes.loop.result import LoopResult
@@ -132,7 +133,7 @@ def close_loop(
         context = LoopContext(family, recordings, settings, pool, folder, watched, LoopStatistics(watched), seed)
         states = states_of(family.base_model(), settings)
         base = fit_base_model(context, begin)
-        cache, choice = search_structures(context, base)
+        cache, choice = search_structures(*on_beginnings(context, base, begin))
         conclusion = diagnosed(conclude(context, base, choice), base, settings)
         context.statistics.keep_only(conclusion.written.path if conclusion.written is not None else None)
         alternatives = find_alternatives(cache, choice.explored, choice.fitted, settings) if conclusion.effects else ()
@@ -149,7 +150,7 @@ def close_loop(
 def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, Choice]:
     """Search over structures from the first model at its best, and choose."""
     settings, family = context.settings, context.family
-    plain = for_search(context, base.plain)
+    plain = base.plain
     family.prepare(plain, base.fit, context.open)
     source = ModelSource(
         family, plain, base.fit.free, context.open_objective, context.open, settings.calibration.interpolation == "auto"

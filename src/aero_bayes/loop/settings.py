@@ -50,9 +50,6 @@ class LoopSettings(SettingsDisplay):
         Parameters of the base model to fit; by default those that its package declares to be searched.
     free_later : tuple of str
         Parameters that are fixed until an effect is added with which the data determine them.
-    search_samples : int
-        Number of samples for the comparison of candidates, if an input changes more than twice as often; the final
-        model is fitted to all samples.
     max_minutes : float
         Time limit of the search; the loop continues with what was found by then, and says so.
     min_share : float
@@ -104,7 +101,6 @@ class LoopSettings(SettingsDisplay):
     overrides: Mapping[str, Override] = field(default_factory=dict)
     free: tuple[str, ...] | None = None
     free_later: tuple[str, ...] = ()
-    search_samples: int = 5000
     max_minutes: float = 20.0
     min_share: float = 0.75
     include_smaller: bool = False

@@ -6,13 +6,15 @@ chosen by it are then fitted to all of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.estimate.objective import Evaluation, Objective
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.starts import with_nominal_shapes
+from aero_bayes.sensors import OutputNoise
 
 FloatArray = NDArray[np.float64]
 
@@ -44,30 +46,49 @@ def informative_share(fitted: FittedModel) -> float:
     if found is None or found.slopes is None:
         return 1.0
     for share in SHARES:
-        parts = list(_compared(fitted, found.slopes, found.residual, share))
-        readings = sum(count for count, _, _ in parts)
-        if readings < MIN_READINGS:
-            continue
-        inside = np.sum([part for _, part, _ in parts], axis=0)
-        whole = np.sum([all_readings for _, _, all_readings in parts], axis=0)
-        seen = whole > 0.0
-        if np.all(inside[seen] >= MIN_RELATIVE_INFORMATION * whole[seen] * readings / model.objective.readings):
+        shares = [share] * len(model.objective.calibration.experiments)
+        if tells_enough(model.objective, found, fitted.optimum.noise, shares, MIN_READINGS):
             return share
     return 1.0
 
 
+def tells_enough(
+    objective: Objective, found: Evaluation, noise: Mapping[str, OutputNoise], shares: Sequence[float], least: int = 1
+) -> bool:
+    """Return whether the beginnings of the recordings tell as much per reading as the whole.
+
+    Parameters
+    ----------
+    objective : Objective
+    found : Evaluation
+        Of all readings, with slopes.
+    noise : mapping of str to OutputNoise
+        Of each output.
+    shares : sequence of float
+        The share of each recording that is looked at.
+    least : int
+        Readings that the beginnings have at least.
+    """
+    parts = list(_compared(objective, found, noise, shares))
+    readings = sum(count for count, _, _ in parts)
+    inside = np.sum([part for _, part, _ in parts], axis=0)
+    whole = np.sum([all_readings for _, _, all_readings in parts], axis=0)
+    enough = inside >= MIN_RELATIVE_INFORMATION * whole * readings / objective.readings
+    return readings >= least and bool(np.all(enough[whole > 0.0]))
+
+
 def _compared(
-    fitted: FittedModel, slopes: tuple[FloatArray, ...], residual: tuple[FloatArray, ...], share: float
+    objective: Objective, found: Evaluation, noise: Mapping[str, OutputNoise], shares: Sequence[float]
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
     """Yield, for each series its readings in the part, and the information in the part and in the whole.
 
     The information (k + m,) is that of each of the k columns, and the squared residual of each of the m outputs.
     """
-    objective = fitted.model.objective
-    for series, by, r in zip(objective.series, slopes, residual, strict=True):
-        experiment = objective.calibration.experiments[series.experiment]
-        inside = series.sampling.index < int(share * experiment.time.size)
-        unit = fitted.optimum.noise[series.output].sd
+    assert found.slopes is not None
+    for series, by, r in zip(objective.series, found.slopes, found.residual, strict=True):
+        rows = objective.calibration.experiments[series.experiment].time.size
+        inside = series.sampling.index < int(shares[series.experiment] * rows)
+        unit = noise[series.output].sd
         own = np.array([output == series.output for output in objective.outputs], dtype=np.float64)
-        rows = np.concatenate(((by / unit) ** 2, own[:, np.newaxis] * (r / unit) ** 2))
-        yield int(inside.sum()), rows[:, inside].sum(axis=1), rows.sum(axis=1)
+        squares = np.concatenate(((by / unit) ** 2, own[:, np.newaxis] * (r / unit) ** 2))
+        yield int(inside.sum()), squares[:, inside].sum(axis=1), squares.sum(axis=1)
