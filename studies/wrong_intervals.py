@@ -36,14 +36,14 @@ class Intervals:
 
 
 def intervals_of_fit(fit: Fit) -> dict[str, Intervals]:
-    """Return those that ``fit`` reports; parameters without an interval are left out."""
+    """Return the intervals that ``fit`` reports; parameters without an interval are left out."""
     shown = [name for name, estimate in fit.parameters.items() if estimate.q05 is not None]
     found = gaussian(fit, fit.laplace.covariance)
     return {name: found[name] for name in shown if name in found}
 
 
 def least_squares_intervals(fit: Fit) -> dict[str, Intervals]:
-    """Return those of a fit under white noise with the covariance that ``curve_fit`` gives.
+    """Compute the intervals of a fit under white noise with the covariance that ``curve_fit`` gives.
 
     ``(J'J)^-1`` times the variance.
 

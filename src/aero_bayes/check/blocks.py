@@ -27,7 +27,7 @@ def block_edges(joint: JointTarget, blocks: int) -> tuple[FloatArray, ...]:
 
 
 def block_log_likelihood(joint: JointTarget, points: FloatArray, edges: Sequence[FloatArray]) -> list[FloatArray]:
-    """Return log-density of every block of every recording given the readings before it.
+    """Compute the log-density of every block of every recording given the readings before it.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def check_separation(
 def _repetition(
     separation: Separation, truth: ExperimentPredictor, rival: ExperimentPredictor, rng: np.random.Generator
 ) -> float | None:
-    """Return log-evidence of the true model less that of the other one, under the noise of the other one."""
+    """Compute the log-evidence of the true model less that of the other, under the noise of the other one."""
     noise = [rival.fit.noise[name] for name in truth.fit.calibration.outputs]
     values = np.append(truth.values, truth.delay_value)
     measured = simulated_experiment(truth, separation, values, noise, rng)

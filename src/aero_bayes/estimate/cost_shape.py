@@ -22,7 +22,7 @@ KINK_MARGIN = 1e-6
 
 
 def cost_shape(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> CostShape:
-    """Return which of the free coordinates are logarithms, and where a delay among them has kinks.
+    """Tell which of the free coordinates are logarithms, and where a delay among them has kinks.
 
     ``intervals`` are the sample intervals of the recordings in s.
     """

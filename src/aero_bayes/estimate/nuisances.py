@@ -63,7 +63,7 @@ def input_delay(name: str, limit: float) -> Parameter:
 
 
 def _delays(experiments: Sequence[Experiment], limits: Mapping[str, float], policy: DelayPolicy) -> list[Parameter]:
-    """Return those of single inputs."""
+    """List the delays of single inputs."""
     wanted = {
         name: limit for name, limit in limits.items() if limit and _delay_wanted(experiments, policy, limit, name)
     }

@@ -157,7 +157,7 @@ def _problem(
 
 
 def _index(recording: Recording, calibration: Calibration) -> int | None:
-    """Return which of the fitted recordings this is, if any."""
+    """Find which of the fitted recordings this is, if any."""
     same = (k for k, fitted in enumerate(calibration.recordings) if fitted.sha256 == recording.sha256)
     return next(same, None)
 

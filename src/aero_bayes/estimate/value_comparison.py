@@ -57,7 +57,7 @@ def chosen_estimates(trials: Sequence[ValueTrial]) -> dict[str, Estimate]:
 
 
 def trials_sentence(trials: Sequence[ValueTrial]) -> str:
-    """Return which of the listed values is reported, and how much worse the others are; empty where none are listed."""
+    """Say which of the listed values is reported, and how much worse the others are; empty where none are listed."""
     if not trials:
         return ""
     others = [

@@ -67,7 +67,7 @@ def standalone_text(known: Sources, file: SourceFile, cls: ClassText) -> str:
 
 
 def _clause(clause: SourceStatement) -> tuple[str, Sequence[Token]]:
-    """Return name and modifiers of an extends clause."""
+    """Return the name and the modifiers of an extends clause."""
     at = find_outside(clause.core, frozenset({"("}), 1)
     name = "".join(t.word for t in clause.core[1:at])
     return name, clause.core[at + 1 : skip_group(clause.core, at) - 1] if at < len(clause.core) else ()

@@ -57,7 +57,7 @@ class _ClassReader:
         return end
 
     def class_head(self) -> int | None:
-        """Return index of the class's name where a class begins here."""
+        """Return the index of the class's name where a class begins here."""
         at = self.at
         while at < len(self.tokens) and self.tokens[at].word in _CLASS_PREFIXES:
             at += 1

@@ -177,7 +177,7 @@ def _section_of(cls: ClassText, at: int) -> str:
 
 
 def _first_of_line(text: str, at: int) -> int:
-    """Return position of the first character that is no white space on the line of ``at``."""
+    """Find the first character that is no white space on the line of ``at``."""
     begin = text.rfind("\n", 0, at) + 1
     while begin < at and text[begin] in " \t":
         begin += 1

@@ -31,7 +31,7 @@ class SourceFile:
         return f"{within}.{Path(self.file).stem}"
 
     def character(self, byte: int) -> int:
-        """Return position in characters of a position in bytes."""
+        """Convert a position in bytes to one in characters."""
         return len(self.text.encode()[:byte].decode(errors="ignore"))
 
 

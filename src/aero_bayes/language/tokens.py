@@ -70,7 +70,7 @@ def tokenize(text: str, offset: int = 0, *, strict: bool = True) -> tuple[Token,
 
 
 def line_of(text: str, at: int) -> int:
-    """Return number of the line that a position is on."""
+    """Return the number of the line that a position is on."""
     return text.count("\n", 0, at) + 1
 
 
@@ -116,7 +116,7 @@ def skip_group(tokens: Sequence[Token], at: int, *, strict: bool = True) -> int:
 
 
 def find_outside(tokens: Sequence[Token], words: frozenset[str], at: int = 0) -> int:
-    """Return index of the first of ``words`` outside all brackets, or the number of tokens."""
+    """Find the first of ``words`` outside all brackets, or the number of tokens."""
     while at < len(tokens):
         token = tokens[at]
         if token.kind != "text" and token.word in words:

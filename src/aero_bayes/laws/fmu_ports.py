@@ -118,7 +118,7 @@ class FmuBoundary:
         return f"{self.names[state.name]}{INSIDE}"
 
     def _outside(self, state: Variable) -> str:
-        """Return name of the output that equals a state, else the name of the state."""
+        """Return the name of the output that equals a state, else the name of the state."""
         index = self.fmu_model.states.index(state)
         return next(
             (v.name for v in self.fmu_model.outputs if self.fmu_model.copied_state(v.name) == index), state.name

@@ -240,7 +240,7 @@ def read_laws(sources: Sequence[Path]) -> tuple[Law, ...]:
 
 
 def _partial_model(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
-    """Return name of the partial model that a class extends, directly or through others."""
+    """Return the name of the partial model that a class extends, directly or through others."""
     waiting, seen = list(cls.bases()), set[str]()
     while waiting:
         name = waiting.pop().rpartition(".")[2]

@@ -130,7 +130,7 @@ class LawPlaces:
         self.allowed(self.candidates)
 
     def allowed(self, found: Sequence[Candidate]) -> list[Candidate]:
-        """Return those that the filter accepts. Raises InputError if there is none."""
+        """Keep the candidates that the filter accepts. Raises InputError if there is none."""
         kept = [c for c in found if self.candidate_filter.accepts(c.id, c.law.id, self.port_name(c.port))]
         if not kept:
             left = "[loop] effects, exclude, ports and laws leave none"

@@ -318,7 +318,7 @@ def _holds(tree: Expression, driver: str) -> bool:
 
 
 def _own_name(s: AliasStructure, state: str) -> str:
-    """Return name of a state in the model's own class, if it has one that is no output."""
+    """Return the name of a state in the model's own class, if it has one that is no output."""
     return next((n for n in s.members(state) if "." not in n and s.variables[n].causality == "local"), state)
 
 

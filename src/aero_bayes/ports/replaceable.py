@@ -134,7 +134,7 @@ def _join(known: Sources, constraint: str, default: str) -> CombinationRule | No
 
 
 def _flow(known: Sources, cls: ClassText, c: ComponentDeclaration) -> str:
-    """Return name of the flow variable of a connector; empty for any other component."""
+    """Return the name of the flow variable of a connector; empty for any other component."""
     try:
         chain = known.lineage(*known.find(known.resolve(cls, c.type)))
     except InputError:

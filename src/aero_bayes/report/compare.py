@@ -198,7 +198,7 @@ def _of_run(source: Source, run: str) -> Source:
 
 
 def rms_by_run_table(runs: Runs) -> Markup | None:
-    """Return RMS of the residual, by recording and output."""
+    """Write the RMS of the residual, by recording and output."""
     rows = []
     places = dict.fromkeys(
         (r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r)

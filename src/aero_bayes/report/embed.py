@@ -18,7 +18,7 @@ _TIME_BITS = 22
 
 
 def embedded(series: Mapping[str, FloatArray]) -> Markup:
-    """Return JSON of all series, safe within a ``<script>`` element.
+    """Write all series as JSON, safe within a ``<script>`` element.
 
     Parameters
     ----------

@@ -176,7 +176,7 @@ def _gain_check(plan: DesignJson) -> Markup:
 
 
 def _already(plan: DesignJson, words: dict[str, str]) -> Markup:
-    """Return which of the two effects the present recordings favour."""
+    """Say which of the two effects the present recordings favour."""
     first, second = [*plan.log_posterior_now, None, None][:2]
     if first is None or second is None:
         return Markup("")

@@ -89,7 +89,7 @@ def write_fleet_page(directory: Path, result: FleetJson, columns: FleetColumns) 
 
 
 def rig_page(name: str) -> str:
-    """Return address of a rig's own page, from the fleet's."""
+    """Return the address of a rig's own page, from the fleet's."""
     return f"rigs/{name}/report.html"
 
 

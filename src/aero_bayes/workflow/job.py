@@ -171,7 +171,7 @@ def built_model(config: Config, name: str, fmu: Path | None) -> Model:
 
 
 def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
-    """Return name of the Modelica class, or path of the FMU; the command line wins over the file."""
+    """Choose the Modelica class, or the path of the FMU; the command line wins over the file."""
     if options.model is not None:
         if options.model.endswith(".fmu"):
             return Path(options.model).stem, Path(options.model)
