@@ -21,6 +21,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors import OutputNoise, autocorrelation, correlation_statistic, is_rotor_speed, ripple_means, whiten
+from aero_bayes.sensors.noise_estimation import is_model_error
 from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE
 
 FloatArray = NDArray[np.float64]
@@ -214,7 +215,9 @@ def check_residuals(
         worst = min(1.0, len(tests) * min(test.p_value for test in tests))
         exact = rms <= exact_level(calibration, own)
         beyond = floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300)
-        structured = not exact and (worst < FALSE_ALARM_RATE or beyond)
+        longest = max(s.sampling.duration for s in series if s.output == own.output)
+        lasting = is_model_error(noise, longest)
+        structured = not exact and (worst < FALSE_ALARM_RATE or beyond or lasting)
         acf = autocorrelation(residual, CORRELATION_LAGS)
         lags = own.sampling.interval * np.arange(acf.size, dtype=np.float64)
         window, share = _worst_window(own.sampling.time, innovations)

@@ -72,6 +72,7 @@ class Chooser:
             near = Judge(explored, comparison, self.settings).near()
             found = self.complete(explored.fits[near[0]])
             compared = [near[0], *(near[0].minus(t) for t in near[0].terms)]
+            compared += [s for s in found.fits if s not in explored.fits]
             again = [s for s in compared if s in found.fits and (not self._is_whole(s) or changed(explored, found, s))]
             explored = found
             if not again:

@@ -23,7 +23,7 @@ from aero_bayes.search.explored import Library, SearchControl, SearchResult
 from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.search.order import LeftOutOrder
 from aero_bayes.search.parts import Parts
-from aero_bayes.search.refit import fit_from, refit, refit_from_here
+from aero_bayes.search.refit import fit_anew, refit, refit_from_here
 from aero_bayes.search.settings import StructureSettings
 from aero_bayes.search.starts import KnownTerms, Start, starting_points
 from aero_bayes.search.structure import Structure, by_size
@@ -91,7 +91,8 @@ class StructureSearch:
     def go_on(self, root: FittedModel, explored: SearchResult, worth: Iterable[Structure]) -> SearchResult:
         """Fit the structures that are worth it of those that were explored on a part of the recordings to all of them.
 
-        Where the best structure leaves only noise on the part, but more on the whole, the search goes on there.
+        They are fitted under the noise that the best one leaves on the part. Where that is only noise, but more is left
+        on the whole, the search goes on there.
 
         Parameters
         ----------
@@ -103,6 +104,8 @@ class StructureSearch:
             Some of these.
         """
         self._begin(root)
+        self._noise = explored.noise
+        self._compare_again()
         self._skipped |= dict.fromkeys(explored.skipped)
         self._ended = explored.ended
         like, works = list[FittedModel](), list[Callable[[], Optimum | None]]()
@@ -110,8 +113,8 @@ class StructureSearch:
             with suppress(CannotFinishError):
                 model = self.cache.of(structure)
                 point = model.coordinates_of(explored.fits[structure].values, structure.terms)
-                like.append(replace(root, model=model, structure=structure))
-                works.append(partial(fit_from, model, structure, point, self._noise.noise, self._settings))
+                like.append(replace(self._fits[self._root], model=model, structure=structure))
+                works.append(partial(fit_anew, like[-1], point, self._settings))
         self._fit_all(like, works)
         self._update_noise()
         if explored.noise.adequate and not self._noise.adequate:
@@ -145,13 +148,24 @@ class StructureSearch:
         return self._result()
 
     def complete(self, fitted: FittedModel) -> SearchResult:
-        """Fit the sub-structures with one term left out, too, from where the structure is."""
-        if fitted.structure in self._completed:
+        """Fit the sub-structures with one term left out, too, and the laws at its port in place of each curve.
+
+        A curve alone was compared with the laws at its port when each was tried alone.
+        """
+        structure = fitted.structure
+        if structure in self._completed:
             return self._result()
-        self._completed.add(fitted.structure)
+        self._completed.add(structure)
         for id_ in fitted.terms:
             with suppress(CannotFinishError):
-                self._keep_better(self._fit_alone(fitted.structure.minus(id_), fitted.values))
+                self._keep_better(self._fit_alone(structure.minus(id_), fitted.values))
+        if len(structure) > 1:
+            curves, ports = set(self.library.curves), self.cache.ports
+            laws = [t for t in self.library.terms if t not in {*curves, *self.library.proposed, *structure.terms}]
+            there = {c: [t for t in laws if ports.get(t) == ports.get(c)] for c in curves & set(structure.terms)}
+            named = {structure.minus(c).plus(t): structure.minus(c) for c in sorted(there) for t in there[c]}
+            self._fit_larger({s: o for s, o in named.items() if s not in self._fits}, "laws in place of curves")
+            self._update_noise()
         return self._result()
 
     def alone(self, fitted: FittedModel) -> FittedModel:

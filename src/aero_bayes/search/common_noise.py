@@ -1,9 +1,11 @@
 """The noise under which all structures of a search are fitted and compared: that of the best so far, per output.
 
 Where a residual is what a sensor leaves, it is the sensor's noise as estimated. Where structure is left, structures are
-fitted by least squares, and a series of ``n`` readings counts for ``n / tau`` independent ones, where ``tau`` is the
-residual's integrated autocorrelation time (composite likelihood: Varin, Reid and Firth, 2011, Statistica Sinica 21, 5):
-so do the weights of several outputs among each other, the accuracy of a fit, and the width of an interval.
+fitted by least squares, each output in units of the error that is left in it. So to first order a gain in
+log-likelihood is the fall of the sum over outputs of the logarithm of the squared error, by which structures are
+compared. A series of ``n`` readings then counts for ``n / tau`` independent ones, where ``tau`` is the residual's
+integrated autocorrelation time (composite likelihood: Varin, Reid and Firth, 2011, Statistica Sinica 21, 5): so do the
+accuracy of a fit and the width of an interval.
 """
 
 from __future__ import annotations
@@ -76,7 +78,7 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     noise = dict(estimated)
     for output in left:
         square = sum(float(r @ r) for r in residuals[output]) / counts[output]
-        noise[output] = OutputNoise(max(math.sqrt(square * times_of[output] / shortest), 1e-300))
+        noise[output] = OutputNoise(max(math.sqrt(square), 1e-300))
     return CommonNoise(FitNoise(noise, shortest), tuple(o for o in parts if o in left), reports)
 
 

@@ -190,6 +190,15 @@ class FittedModel:
         names = self.model.objective.parameters.names
         return {names[j]: self.values[names[j]] for j in self.model.candidates[id_].columns}
 
+    def squares_left(self) -> dict[str, float]:
+        """Return the mean square of the whitened residual by output."""
+        series, white = self.model.objective.series, self.optimum.whitened.residual
+        ends = np.cumsum([one.sampling.size for one in series])[:-1]
+        parts: dict[str, list[FloatArray]] = {}
+        for one, residual in zip(series, np.split(white, ends), strict=True):
+            parts.setdefault(one.output, []).append(residual)
+        return {output: float(np.mean(np.concatenate(p) ** 2)) for output, p in parts.items()}
+
 
 @dataclass(frozen=True, eq=False)
 class ModelSource:

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
-from aero_bayes.search.models import CandidateModel, FitNoise, FittedModel
+from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
 
-#: Share of the common noise's variance that a fit leaves below which that noise is a worse model's: the fit stays where
-#: it is, since under that noise the priors would count too much.
+#: Share of the common noise's variance that a fit leaves in an output below which that noise is a worse model's: the
+#: fit stays where it is, since under that noise the priors and the other outputs would count too much.
 MIN_OWN_NOISE_SHARE = 0.5
 
 
@@ -72,21 +72,22 @@ def own_noise_fits(
 
 def settle(fitted: FittedModel, fit: LocalFitSettings) -> Optimum:
     """The optimum under the common noise, from where a fit under its own noise ended, if these do not differ much."""
-    white = fitted.optimum.whitened
-    if float(white.residual @ white.residual) < MIN_OWN_NOISE_SHARE * white.readings:
+    if min(fitted.squares_left().values()) < MIN_OWN_NOISE_SHARE:
         return fitted.optimum
     return refit_from_here(fitted, fitted.noise, fit) or fitted.optimum
 
 
+def fit_anew(like: FittedModel, point: FloatArray, fit: LocalFitSettings) -> Optimum | None:
+    """Fit the structure and the model of ``like`` from a point (p,), under its own noise and then under the common one.
+
+    None where that fails.
+    """
+    ends = own_noise_fits(like, like.structure, [point], fit)
+    return settle(replace(like, optimum=ends[0]), fit) if ends else None
+
+
 def refit_from_here(fitted: FittedModel, noise: FitNoise, settings: LocalFitSettings) -> Optimum | None:
-    """Return the optimum of a fitted structure under another noise, from where it is."""
-    return fit_from(fitted.model, fitted.structure, fitted.optimum.coordinates, noise, settings)
-
-
-def fit_from(
-    model: CandidateModel, structure: Structure, point: FloatArray, noise: FitNoise, settings: LocalFitSettings
-) -> Optimum | None:
-    """Return the optimum of a structure on a model from a point (p,) in search coordinates; None where that fails."""
+    """Return the optimum of a fitted structure under another noise, from where it is; None where that fails."""
     with suppress(CannotFinishError):
-        return model.fit(structure, point, noise, settings).optimum
+        return fitted.refitted(noise, settings).optimum
     return None

@@ -19,6 +19,20 @@ FloatArray = NDArray[np.float64]
 MAX_CORRELATION_SHARE = 0.02
 
 
+def is_model_error(noise: OutputNoise, longest: float) -> bool:
+    """Tell whether the correlated part of a noise lasts too long, and is too large, to be that of a sensor.
+
+    Parameters
+    ----------
+    noise : OutputNoise
+    longest : float
+        Duration of the longest recording in s.
+    """
+    # A search limits the correlation time: at its limit it is too long.
+    too_long = noise.tau >= (1.0 - 1e-6) * MAX_CORRELATION_SHARE * longest > 0.0
+    return too_long and noise.sd_ou > noise.sd_white
+
+
 def update_output_noise(
     residuals: Sequence[FloatArray],
     samplings: Sequence[SampleTimes],
@@ -102,7 +116,7 @@ def estimate_noise(
     likelihood = total(correlated)
     if kind == "auto" and 2.0 * (likelihood - total(white)) <= 2.0 * math.log(count):
         return white
-    if kind == "auto" and correlated.tau > MAX_CORRELATION_SHARE * longest and correlated.sd_ou > correlated.sd_white:
+    if kind == "auto" and is_model_error(correlated, longest):
         return OutputNoise(white.sd_white, model_error=True)
     new = correlated.sd_ou * math.sqrt(-math.expm1(-2.0 * interval / correlated.tau))
     unseen = OutputNoise(max(0.003 * new, floor), correlated.sd_ou, correlated.tau, white_identified=False)
