@@ -108,8 +108,8 @@ class Choice:
     def _alternatives(self) -> tuple[Structure, ...]:
         """Structures of the same size that the data do not tell from the chosen one, which comes first.
 
-        They are those near it. As long as structure is left, they are those that are not materially worse, too: a
-        further missing effect may turn such a difference. So are those with a delay elsewhere in place of one that
+        They are those near it. As long as structure is left, they are those that are not surely materially worse, too:
+        a further missing effect may turn such a difference. So are those with a delay elsewhere in place of one that
         moves an input: at other places a delay is solved by a rational approximation, which a step shows.
         """
         delays = {law_of(t) for t in self.structure.terms if self._moves_an_input(t)}
@@ -374,13 +374,13 @@ class Judge:
         return len(formulas) + 2 * len(curves)
 
     def close_to(self, structure: Structure) -> list[Structure]:
-        """Other material structures of its size than which it is not materially better, best first."""
+        """Other material structures of its size than which it is not surely materially better, best first."""
         found = [
             s
             for s in self.comparison.squares
             if s != structure
             and len(s) == len(structure)
-            and not self.comparison.much_better(structure, s, self.settings.min_share)
+            and not self.comparison.surely_much_better(structure, s, self.settings.min_share)
             and self.material(s)
         ]
         return sorted(found, key=lambda s: self.comparison.scores[s])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -119,14 +118,14 @@ def close_loop(
     if not test and not 0.0 < settings.held_out < 1.0:
         raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
     # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
+    scratch = ScratchFolder()
     with (
         threadpool_limits(limits=1, user_api="blas"),
-        ScratchFolder() as scratch,
         WorkerPool(workers) as pool,
         watching(progress) as watched,
     ):
-        folder = Path(out_dir) if out_dir is not None else scratch
-        family = _family(name, settings.cache or folder / "fmu", settings)
+        folder = Path(out_dir) if out_dir is not None else scratch.path
+        family = _family(name, settings.cache or scratch.path / "fmu", settings)
         known = [v.name for v in family.base_model().outputs]
         train, test = (screened(recordings, family.base_model()) for recordings in (train, test))
         recordings = Recordings.of(train, test, settings.held_out, known)
@@ -141,10 +140,11 @@ def close_loop(
         process_noise = find_process_noise(context, conclusion, states) if searched else None
         cache.close(context.statistics.add_simulations)
         result = with_plain_names(result_of(context, conclusion, alternatives, process_noise))
-        if settings.cache is None:
-            shutil.rmtree(folder / "fmu", ignore_errors=True)
+        used = {fit.calibration.model.path for fit in (result.before, result.after)}
+        for path in set((scratch.path / "fmu").glob("*.fmu")) - used:
+            path.unlink()
         watched("done", 1.0)
-        return result
+        return replace(result, scratch=scratch)
 
 
 def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, Choice]:

@@ -26,6 +26,7 @@ from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.ranking import Step
 from aero_bayes.loop.structure_average import StructureAverage
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
+from aero_bayes.scratch import ScratchFolder
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
@@ -103,6 +104,8 @@ class LoopResult:
         Process noise of what the laws leave; none where they leave only noise, or it gains nothing.
     blocks : int
         Blocks of readings that were left out in turn.
+    scratch : ScratchFolder, optional
+        Holds the FMUs that ``before`` and ``after`` simulate, as long as the result lives.
 
     Examples
     --------
@@ -166,6 +169,7 @@ class LoopResult:
     process_noise: FoundProcessNoise | None = None
     smaller: tuple[FoundEffect, ...] = ()
     blocks: int = 0
+    scratch: ScratchFolder | None = field(default=None, repr=False)
 
     def __getitem__(self, name: str) -> NewParameter:
         if name not in self.parameters:

@@ -126,6 +126,11 @@ class Comparison:
         """Tell whether with one structure the error of an output is at most ``min_share`` of that with another."""
         return float(np.exp(self._log_ratios(one, other).min())) <= min_share
 
+    def surely_much_better(self, one: Structure, other: Structure, min_share: float) -> bool:
+        """Tell whether it is so by one standard error."""
+        share = self.share(one, other)
+        return share.value + share.sd <= min_share
+
     def _log_ratios(self, one: Structure, other: Structure) -> FloatArray:
         """Return the logarithm of the error with one structure over that with another, by output (m,)."""
         first, second = (self._logs(self.squares[s].sum(axis=0)) for s in (one, other))
