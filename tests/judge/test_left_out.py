@@ -152,6 +152,14 @@ def test_share_and_its_spread_are_those_of_the_errors():
     assert spreads[1] < 0.5 * spreads[0]
 
 
+def test_an_error_that_falls_by_three_tenths_is_surely_a_quarter_lower_with_many_blocks_only():
+    rng = np.random.default_rng(13)
+    for blocks, sure in ((10, False), (2000, True)):
+        one, other = 0.7**2 * rng.chisquare(8, (blocks, 1)), rng.chisquare(8, (blocks, 1))
+        found = Comparison({WAVE: one, NOTHING: other}, ("y",), np.zeros(1))
+        assert found.surely_much_better(WAVE, NOTHING, 0.75) == sure
+
+
 def test_an_output_that_is_predicted_exactly_does_not_decide():
     """Below rounding one error is as good as another; the other output tells the structures apart."""
     exact, worse = np.full((10, 1), 1e-20), np.full((10, 1), 1e-14)

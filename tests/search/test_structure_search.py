@@ -34,7 +34,9 @@ from aero_bayes.search import (
     starting_points,
     term_directions,
 )
+from aero_bayes.search.edits import AddCurve
 from aero_bayes.sensors import OutputNoise
+from aero_bayes.sensors.noise_estimation import is_model_error
 from aero_bayes.sensors.whiteness import residual_correlation_time
 from aero_bayes.simulation import Experiment, ParameterTarget, Problem, Trajectories, open_simulator
 
@@ -365,3 +367,39 @@ def test_a_second_climb_into_the_same_valley_is_given_up_at_once():
     again = local_fit(held, far, (0, 1, 2), noise={"y": NOISE}, known=[first])
     assert again.reason is Stop.KNOWN_OPTIMUM
     assert held.simulations - before == 1
+
+
+def test_laws_take_the_place_of_each_curve_beside_the_other():
+    """Only curves were tried: what is fitted beside the chosen ones is each law at the port of one of them."""
+    candidates = {
+        "sine@one": CandidateTerm("sine@one", "one", ((1.0,), (-1.0,)), (2,)),
+        "curve@one": CandidateTerm("curve@one", "one", (), (2,)),
+        "square@two": CandidateTerm("square@two", "two", ((1.0,), (-1.0,)), (3,)),
+        "curve@two": CandidateTerm("curve@two", "two", (), (3,)),
+    }
+    cache = OneModel(study([1.0, 2.0, 1.5, 1.0, 0.0], 12), candidates)
+    search = StructureSearch(
+        cache, Library([tuple(candidates)], {}, ("curve@one", "curve@two")), StructureSettings(), LocalFitSettings(),
+        FLOORS, Parts(edits=(AddCurve(),), restarts=()),
+    )  # fmt: skip
+    curves = Structure(("curve@one", "curve@two"))
+    explored = search.run(cache.root())
+    assert curves in explored.fits
+    assert not any({"sine@one", "square@two"} & set(s.terms) for s in explored.fits)
+    beside = search.complete(explored.fits[curves]).fits
+    for named in (Structure(("sine@one", "curve@two")), Structure(("curve@one", "square@two"))):
+        assert beside[named].log_posterior == pytest.approx(beside[curves].log_posterior, abs=0.1)
+
+
+def test_noise_that_is_correlated_up_to_the_limit_is_model_error():
+    """A sensor's noise is correlated for at most a fiftieth of the recording, unless it is small beside the white."""
+    assert is_model_error(OutputNoise(0.1, 0.3, 0.6), 30.0)
+    assert not is_model_error(OutputNoise(0.1, 0.3, 0.5), 30.0)
+    assert not is_model_error(OutputNoise(0.3, 0.1, 0.6), 30.0)
+    rng, slow = np.random.default_rng(3), np.exp(-0.05 / 1.5)
+    drift = lfilter([np.sqrt(1.0 - slow**2)], [1.0, -slow], rng.normal(size=600))
+    problem = closed_form.calibration(
+        [(TIME, (drift + 0.05 * rng.normal(size=600))[:, None])], ["y"], [parameter(n) for n in "abcde"], NoiseModel()
+    )
+    root = OneModel(Objective(problem, LinearSimulator(problem.measured[0][:, 0], BASIS))).root()
+    assert common_noise(root, {}).structured == ("y",)
