@@ -255,3 +255,41 @@ def test_refinements_of_one_law_claim_it_beside_other_missing_terms(refines, tol
     found = choice.told()
     assert found.terms == told
     assert set(found.undecided) == {"a@v", "b@w"} if told else {"soft@u", "by_side@u"} <= set(found.undecided)
+
+
+def judged(errors: dict[tuple[str, ...], float], curves: tuple[str, ...], structured: tuple[str, ...]) -> Judge:
+    """A judge of structures whose errors on left-out readings are given, where some outputs keep structure."""
+    size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
+    comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
+    explored = chosen(1.5 * BASIS[2], 1).explored
+    fits = {s: replace(explored.best, structure=s) for s in comparison.squares}
+    noise = replace(explored.noise, structured=structured)
+    ports = {t: t.rpartition("@")[2] for s in fits for t in s.terms}
+    explored = replace(explored, fits=fits, curves=curves, noise=noise, ports=ports)
+    return Judge(explored, comparison, ChoiceSettings())
+
+
+@pytest.mark.parametrize(("error", "structured", "named"), [
+    (0.22, ("y",), True), (0.22, (), False), (0.35, ("y",), False),
+])  # fmt: skip
+def test_as_long_as_structure_is_left_a_law_is_named_in_place_of_a_curve(error, structured, named):
+    """A curve that is clearly better, by less than a quarter, takes up what else is missing."""
+    errors = {(): 1.0, ("dry@v",): 0.6, ("curve@u",): 0.6, ("line@u",): 0.7}
+    curve, law = ("curve@u", "dry@v"), ("dry@v", "line@u")
+    near = judged({**errors, curve: 0.2, law: error}, ("curve@u",), structured).near()
+    assert near[0] == Structure(law if named else curve)
+    assert (Structure(law) in near) == named
+
+
+def test_a_law_that_all_share_is_told_though_alone_it_lowers_the_error_little():
+    pairs = ("curve@v", "over@u"), ("curve@w", "over@u")
+    errors = {(): 1.0, ("over@u",): 0.9, ("curve@v",): 0.88, ("curve@w",): 0.88, pairs[0]: 0.4, pairs[1]: 0.41}
+    judge = judged(errors, ("curve@v", "curve@w"), ("y",))
+    near = tuple(Structure(p) for p in pairs)
+    choice = replace(
+        chosen(1.5 * BASIS[2], 1), fitted=judge.explored.fits[near[0]], near=near, comparison=judge.comparison,
+        explored=judge.explored,
+    )  # fmt: skip
+    told = choice.told()
+    assert told.terms == ("over@u",)
+    assert set(told.undecided) == {"curve@v", "curve@w"}

@@ -183,6 +183,11 @@ class Choice:
         left = [s for s in (*parts, *self.near) if s.terms and not any(s.contains(other) for other in refused)]
         return replace(self, refused=refused).at(left[0]) if left else None
 
+    def told_whole(self) -> list[Choice]:
+        """Return the choices of other structures near it all of whose terms are told."""
+        others = [self.at(s) for s in self.near[1:]]
+        return [c for c in others if c.told().structure == c.structure]
+
     def told(self) -> Choice:
         """Return the choice with those terms only whose place, or whose law, all structures have that do as well.
 
@@ -202,11 +207,22 @@ class Choice:
         return replace(self, undecided=undecided).at(self._material_part(kept))
 
     def _material_part(self, kept: Sequence[str]) -> Structure:
-        """Return the best material structure with no terms but those that are told; the first model without any."""
-        judge, required = self._judge, set(self.settings.require)
-        inside = [s for s in self.comparison.squares if required <= set(s.terms) <= required | set(kept)]
+        """Return the best material structure of terms that are told, or of what refines them.
+
+        Without any, it is the one with all of them, unless the first model predicts better.
+        """
+        judge, required, refines = self._judge, set(self.settings.require), self.explored.refines
+        told = required | set(kept)
+
+        def is_told(structure: Structure) -> bool:
+            laws = {t if t in told else refines.get(t, t) for t in structure.terms}
+            return required <= set(structure.terms) and laws <= told and len(laws) == len(structure)
+
+        inside = [s for s in self.comparison.squares if is_told(s)]
         material = [s for s in inside if set(s.terms) > required and judge.material(s)]
-        return self.comparison.best(material or [s for s in inside if set(s.terms) == required])
+        # Without what is open beside them, terms that are told may lower the error by less than a quarter.
+        every = [s for s in inside if set(s.terms) == required | set(kept)]
+        return self.comparison.best(material or [*every, *(s for s in inside if set(s.terms) == required)])
 
     def _told_terms(self, structure: Structure, rivals: Sequence[Structure]) -> tuple[str, ...]:
         """Terms of a structure whose place or law is in all others.
@@ -352,6 +368,8 @@ class Judge:
         among = among or [s for s in allowed if set(s.terms) == required]
         best = self.comparison.best(among)
         near = [s for s in among if s == best or not self.comparison.clearly_better(best, s)]
+        if not self.only_noise(best):
+            near += [s for s in among if s not in near and self._names_a_curve_of(best, s)]
         formulas, functions = self._formulas, self._functions
         added = min((len(s) for s in near if formulas(s) and not functions(s)), default=math.inf)
         near = [s for s in near if len(s) < added or not functions(s)]
@@ -359,6 +377,21 @@ class Judge:
         near = [s for s in near if len(s) < listed or not formulas(s)]
         order = {s: (len(s), self._unlisted(s), len(self.explored.fits[s].optimum.free)) for s in near}
         return sorted(near, key=lambda s: (*order[s], self.comparison.scores[s]))
+
+    def _names_a_curve_of(self, one: Structure, other: Structure) -> bool:
+        """Tell whether another structure has a listed law in place of a curve of one, and is not surely much worse.
+
+        As long as structure is left, a curve also takes up a part of what else is missing.
+        """
+        gone, new = one.new_terms(other), other.new_terms(one)
+        if len(gone) != 1 or gone[0] not in self.explored.curves:
+            return False
+        there = self.explored.laws_in_place_of(gone[0], one.minus(*gone), [other])
+        return (
+            len(new) == 1
+            and bool(there)
+            and not self.comparison.surely_much_better(one, other, self.settings.min_share)
+        )
 
     def _formulas(self, structure: Structure) -> set[str]:
         """Terms of a structure that are formulas."""

@@ -137,19 +137,15 @@ class Chooser:
 def _is_beaten(structure: Structure, judge: Judge) -> bool:
     """Return whether a structure cannot be chosen, to judge by the first blocks.
 
-    One with no more terms is clearly better; or the same with a coarser law, which is chosen unless clearly worse, is
-    not likely to be worse; or without one of its terms the error is hardly larger.
+    One with no more terms is clearly better; or without one of its terms, or with a coarser law in place of one, the
+    error is hardly larger.
     """
     blocks, refines = judge.comparison, judge.explored.refines
     coarser = [structure.minus(t).plus(c) for t, c in refines.items() if t in structure.terms]
-    if any(
-        blocks.clearly_better(o, structure) or (o in coarser and not blocks.likely_better(structure, o))
-        for o in blocks.squares
-        if len(o) <= len(structure) and o != structure
-    ):
+    if any(blocks.clearly_better(o, structure) for o in blocks.squares if len(o) <= len(structure) and o != structure):
         return True
     hardly = 0.5 * (1.0 + judge.settings.min_share)
-    parts = [structure.minus(t) for t in structure.terms]
+    parts = [*(structure.minus(t) for t in structure.terms), *coarser]
     needless = any(o in blocks.squares and blocks.share(structure, o).value > hardly for o in parts)
     return needless and not judge.only_noise(structure)
 

@@ -100,11 +100,13 @@ def conclude(context: LoopContext, base: BaseFit, choice: Choice) -> Conclusion:
     refused: dict[tuple[str, ...], Conclusion] = {}
     while offered is not None and sum(not set(terms) < set(choice.terms) for terms in refused) < MAX_REFUSALS:
         told = offered.told()
-        if told.terms not in refused:
-            conclusion, accepted = _offer(context, base, told)
-            if accepted:
-                return conclusion
-            refused[told.terms] = conclusion
+        # Where what is told is a part only, and refused, another structure may be told as a whole.
+        for one in (told, *(offered.told_whole() if told.terms != offered.terms else ())):
+            if one.terms not in refused:
+                conclusion, accepted = _offer(context, base, one)
+                if accepted:
+                    return conclusion
+                refused[one.terms] = conclusion
         offered = offered.refuse()
     return next(iter(refused.values()))
 
