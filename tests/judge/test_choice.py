@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import closed_form
 import numpy as np
@@ -78,7 +79,7 @@ def chosen(missing, seed: int, settings: ChoiceSettings | None = None, samples: 
 
 
 def test_a_law_is_named_where_it_does_as_well_as_the_curve_at_its_port():
-    choice = chosen(1.5 * BASIS[2], 1)
+    choice = one_missing()
     assert choice.terms == ("line@u",)
     assert choice.alike("line@u") == ("line@u",)
     assert choice.share("line@u").value < 0.4
@@ -152,7 +153,7 @@ def test_of_two_laws_at_different_places_that_do_as_well_none_is_named():
     both = chosen(1.5 * BASIS[2] + 1.0 * BASIS[3], 3).told()
     assert both.terms == ("line@u",)
     assert set(both.undecided) == {"square@v", "twin@w"}
-    clear = chosen(1.5 * BASIS[2], 1)
+    clear = one_missing()
     assert clear.told() is clear
 
 
@@ -162,7 +163,7 @@ def test_a_law_that_the_best_beats_by_less_than_a_quarter_is_close_to_it():
     comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
     best, near = Structure(("best@u",)), Structure(("near@v",))
     assert comparison.clearly_better(best, near)
-    explored = chosen(1.5 * BASIS[2], 1).explored
+    explored = one_missing().explored
     assert Judge(explored, comparison, ChoiceSettings()).close_to(best) == [near]
 
 
@@ -173,7 +174,7 @@ def test_a_formula_gives_way_to_an_equal_law_and_a_curve_to_a_formula():
     near = Judge(explored, choice.comparison, ChoiceSettings()).near()
     assert near[0].terms == ("twin@w",)
     assert not any("square@v" in s.terms for s in near)
-    choice = chosen(1.5 * BASIS[2], 1)
+    choice = one_missing()
     explored = replace(choice.explored, formulas=("line@u",))
     assert Judge(explored, choice.comparison, ChoiceSettings()).near()[0].terms == ("line@u",)
 
@@ -207,7 +208,7 @@ def test_where_unseen_readings_refuse_a_pair_its_parts_are_offered_first():
 
 
 def test_nothing_is_left_where_unseen_readings_refuse_all():
-    choice, offered = chosen(1.5 * BASIS[2], 1), []
+    choice, offered = one_missing(), []
     while choice is not None:
         offered.append(choice.structure)
         choice = choice.refuse()
@@ -228,7 +229,7 @@ def test_a_curve_beside_a_law_tells_no_further_place():
     size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
     errors = {(): 1.0, ("dry@u",): 0.5, ("curve@v",): 0.6, ("curve@v", "dry@u"): 0.2}
     comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
-    choice = chosen(1.5 * BASIS[2], 1)
+    choice = one_missing()
     fits = {s: replace(choice.explored.first_model, structure=s) for s in comparison.squares}
     both = Structure(("dry@u", "curve@v"))
     explored = replace(choice.explored, fits=fits, curves=("curve@v",))
@@ -247,7 +248,7 @@ def test_refinements_of_one_law_claim_it_beside_other_missing_terms(refines, tol
     size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
     errors = {(): 1.0, ("soft@u",): 0.4, ("by_side@u",): 0.5, ("soft@u", "a@v"): 0.2, ("by_side@u", "b@w"): 0.202}
     comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
-    choice = chosen(1.5 * BASIS[2], 1)
+    choice = one_missing()
     fits = {s: replace(choice.explored.first_model, structure=s) for s in comparison.squares}
     (first, other) = (Structure(("soft@u", "a@v")), Structure(("by_side@u", "b@w")))
     explored = replace(choice.explored, fits=fits, refines=refines)
@@ -257,11 +258,17 @@ def test_refinements_of_one_law_claim_it_beside_other_missing_terms(refines, tol
     assert set(found.undecided) == {"a@v", "b@w"} if told else {"soft@u", "by_side@u"} <= set(found.undecided)
 
 
+@cache
+def one_missing() -> Choice:
+    """The choice where one law is missing, found once for what only needs a search that ended."""
+    return chosen(1.5 * BASIS[2], 1)
+
+
 def judged(errors: dict[tuple[str, ...], float], curves: tuple[str, ...], structured: tuple[str, ...]) -> Judge:
     """A judge of structures whose errors on left-out readings are given, where some outputs keep structure."""
     size = np.random.default_rng(8).uniform(0.9, 1.1, (20, 1))
     comparison = Comparison({Structure(terms): e**2 * size for terms, e in errors.items()}, ("y",), np.zeros(1))
-    explored = chosen(1.5 * BASIS[2], 1).explored
+    explored = one_missing().explored
     fits = {s: replace(explored.best, structure=s) for s in comparison.squares}
     noise = replace(explored.noise, structured=structured)
     ports = {t: t.rpartition("@")[2] for s in fits for t in s.terms}
@@ -287,7 +294,7 @@ def test_a_law_that_all_share_is_told_though_alone_it_lowers_the_error_little():
     judge = judged(errors, ("curve@v", "curve@w"), ("y",))
     near = tuple(Structure(p) for p in pairs)
     choice = replace(
-        chosen(1.5 * BASIS[2], 1), fitted=judge.explored.fits[near[0]], near=near, comparison=judge.comparison,
+        one_missing(), fitted=judge.explored.fits[near[0]], near=near, comparison=judge.comparison,
         explored=judge.explored,
     )  # fmt: skip
     told = choice.told()
