@@ -104,7 +104,7 @@ class Choice:
         ]
         return tuple(dict.fromkeys((term, *kept)))
 
-    @property
+    @cached_property
     def _alternatives(self) -> tuple[Structure, ...]:
         """Structures of the same size that the data do not tell from the chosen one, which comes first.
 
@@ -114,7 +114,7 @@ class Choice:
         """
         return self._beside(self._judge.close_to(self.structure))
 
-    @property
+    @cached_property
     def _listed(self) -> tuple[Structure, ...]:
         """Its alternatives, and those that are materially worse by less than one standard error."""
         return self._beside(self._judge.close_to(self.structure, sure=True))
