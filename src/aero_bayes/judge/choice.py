@@ -89,12 +89,12 @@ class Choice:
         return self.comparison.share(self.structure, best_within(self.comparison, self.structure.minus(term)))
 
     def alike(self, term: str) -> tuple[str, ...]:
-        """Return a chosen term and those that do as well in its place, or are not surely materially worse, best first.
+        """Return a chosen term and those that the data do not tell from it, best first.
 
         A curve at its port and a refinement hold it as a special case: they are not listed.
         """
         explored, rest = self.explored, set(self.structure.terms) - {term}
-        others = [s for s in self._listed if rest < set(s.terms) and term not in s.terms]
+        others = [s for s in self._alternatives if rest < set(s.terms) and term not in s.terms]
         swapped = [next(iter(set(s.terms) - rest)) for s in sorted(others, key=lambda s: self.comparison.scores[s])]
         own = explored.ports.get(term)
         kept = [
@@ -112,22 +112,14 @@ class Choice:
         further missing effect may turn such a difference. So are those with a delay elsewhere in place of one that
         moves an input: at other places a delay is solved by a rational approximation, which a step shows.
         """
-        return self._beside(self._judge.close_to(self.structure))
-
-    @cached_property
-    def _listed(self) -> tuple[Structure, ...]:
-        """Its alternatives, and those that are materially worse by less than one standard error."""
-        return self._beside(self._judge.close_to(self.structure, sure=True))
-
-    def _beside(self, close: Sequence[Structure]) -> tuple[Structure, ...]:
-        """Return the chosen structure, those near it, and of those close to it which a further effect may turn."""
         delays = {law_of(t) for t in self.structure.terms if self._moves_an_input(t)}
 
         def may_turn(structure: Structure) -> bool:
             new = structure.new_terms(self.structure)
             return self._is_incomplete or (len(new) == 1 and law_of(new[0]) in delays)
 
-        every = dict.fromkeys((self.structure, *self.near, *(s for s in close if may_turn(s))))
+        close = [s for s in self._judge.close_to(self.structure) if may_turn(s)]
+        every = dict.fromkeys((self.structure, *self.near, *close))
         return tuple(s for s in every if len(s) == len(self.structure))
 
     @cached_property
@@ -288,7 +280,7 @@ class Choice:
         """The chosen structure, and each that the data do not tell from it by a term in place of another."""
         swaps = [self.structure.minus(t).plus(o) for t in self.structure.terms for o in self.alike(t)[1:]]
         terms = {s.terms for s in swaps}
-        return (self.structure, *(s for s in self._listed if s.terms in terms))
+        return (self.structure, *(s for s in self._alternatives if s.terms in terms))
 
     @property
     def wins(self) -> float:
@@ -418,23 +410,11 @@ class Judge:
         curves, formulas = (set(structure.terms) & set(t) for t in (self.explored.curves, self.explored.formulas))
         return len(formulas) + 2 * len(curves)
 
-    def close_to(self, structure: Structure, sure: bool = False) -> list[Structure]:
-        """Other material structures of its size than which it is not materially better, or not surely so, best first.
-
-        Parameters
-        ----------
-        structure : Structure
-        sure : bool
-            Whether the difference has to hold by one standard error, too.
-
-        Returns
-        -------
-        list of Structure
-        """
+    def close_to(self, structure: Structure) -> list[Structure]:
+        """Return other material structures of its size than which it is not materially better, best first."""
         squares, least = self.comparison.squares, self.settings.min_share
-        better = self.comparison.surely_much_better if sure else self.comparison.much_better
         same_size = [s for s in squares if s != structure and len(s) == len(structure)]
-        found = [s for s in same_size if not better(structure, s, least) and self.material(s)]
+        found = [s for s in same_size if not self.comparison.much_better(structure, s, least) and self.material(s)]
         return sorted(found, key=lambda s: self.comparison.scores[s])
 
     def smaller(self, chosen: Structure) -> tuple[str, ...]:

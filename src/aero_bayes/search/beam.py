@@ -16,7 +16,7 @@ from functools import partial
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum
 from aero_bayes.parallel import Task, doubling_batches
-from aero_bayes.search.common_noise import common_noise
+from aero_bayes.search.common_noise import CommonNoise, common_noise
 from aero_bayes.search.comparison import Comparison
 from aero_bayes.search.edits import Direction, EditContext, term_directions
 from aero_bayes.search.explored import Library, SearchControl, SearchResult
@@ -103,9 +103,7 @@ class StructureSearch:
         worth : iterable of Structure
             Some of these.
         """
-        self._begin(root)
-        self._noise = explored.noise
-        self._compare_again()
+        self._begin(root, explored.noise)
         self._skipped |= dict.fromkeys(explored.skipped)
         self._ended = explored.ended
         like, works = list[FittedModel](), list[Callable[[], Optimum | None]]()
@@ -121,15 +119,16 @@ class StructureSearch:
             self._expand_all()
         return self._result()
 
-    def _begin(self, root: FittedModel) -> None:
-        """Take the first model, and what is required, and their noise."""
+    def _begin(self, root: FittedModel, noise: CommonNoise | None = None) -> None:
+        """Take the first model, and what is required; compare under a given noise, or that which the best leaves."""
         self._root = root.structure.plus(*self.settings.require)
-        self._noise = common_noise(root, self.floors)
+        self._noise = noise or common_noise(root, self.floors)
         self._fits[root.structure] = root.refitted(self._noise.noise, self._settings)
         self._left_out = LeftOutOrder(self._fits[root.structure])
         if self.settings.require:
             self._fit_required(root.structure)
-        self._update_noise()
+        if noise is None:
+            self._update_noise()
 
     def offer(self, starts: Mapping[str, Mapping[str, float]]) -> SearchResult:
         """Try further terms, built into one model, beside the first model and the best structure of listed laws.
@@ -164,8 +163,8 @@ class StructureSearch:
             laws = [t for t in self.library.terms if t not in {*curves, *self.library.proposed, *structure.terms}]
             there = {c: [t for t in laws if ports.get(t) == ports.get(c)] for c in curves & set(structure.terms)}
             named = {structure.minus(c).plus(t): structure.minus(c) for c in sorted(there) for t in there[c]}
-            self._fit_larger({s: o for s, o in named.items() if s not in self._fits}, "laws in place of curves")
-            self._update_noise()
+            if self._fit_larger({s: o for s, o in named.items() if s not in self._fits}, "laws in place of curves"):
+                self._update_noise()
         return self._result()
 
     def alone(self, fitted: FittedModel) -> FittedModel:
