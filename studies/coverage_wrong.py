@@ -193,8 +193,8 @@ def best_values(task: Best, rig: Rig) -> dict[str, Any]:
 def closed_loop(rig: Rig, model: Model, state: str, size: float, rng: Generator, folder: Path) -> LoopResult:
     """Close the loop on one recording of a rig in a state and test it on another; ``model`` is the rig's reference."""
     train, test = (replace(rig.record(state, size, rng)[0], name=name) for name in ("train", "test"))
-    starts = {p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in rig.parameters(model)}
-    settings = LoopSettings(free=tuple(starts), overrides=starts, calibration=rig.calibration)
+    fit = FitSettings(method="local", calibration=rig.calibration)
+    settings = LoopSettings(fit, rig.parameters(model), solver=rig.calibration.solver)
     return close_loop(train, test, model=rig.reference, settings=settings, workers=0, out_dir=folder)
 
 

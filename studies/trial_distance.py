@@ -77,7 +77,7 @@ def _distance(spec: TrialSpec, noise_free: Recording, family: ModelicaFamily, kn
         model, overrides={name: item for name, item in declared_overrides(model).items() if not item.free_if_identified}
     )
     loop = LoopSettings()
-    settings = replace(loop.calibration, outputs=OUTPUTS, solver=SolverSettings(1e-6, 1e-6))
+    settings = replace(loop.fitting.calibration, outputs=OUTPUTS, solver=SolverSettings(1e-6, 1e-6))
     read = calibrate([_as_read(spec, noise_free)], model, shared, settings=settings)
     (experiment,) = read.experiments
     assert experiment.measured is not None

@@ -16,7 +16,7 @@ A model of one's own is told what was recorded and what is free (run in ``exampl
 >>> layout = Layout.of(["F"], ["position"])
 >>> recording = aero_bayes.read_recording("train.csv", layout=layout)  # doctest: +SKIP
 >>> fit = aero_bayes.fit(recording, rig, parameters=["k", "d"])  # doctest: +SKIP
->>> settings = aero_bayes.LoopSettings(free=["k", "d"])
+>>> settings = aero_bayes.LoopSettings(parameters=["k", "d"])
 >>> loop = aero_bayes.close_loop(recording, model=rig, settings=settings)  # doctest: +SKIP
 """
 

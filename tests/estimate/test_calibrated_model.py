@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import fmpy
@@ -46,12 +45,14 @@ def recording() -> aero_bayes.Recording:
 
 @pytest.fixture(scope="module")
 def loop(recording: aero_bayes.Recording, tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.LoopResult:
-    exact = replace(aero_bayes.LoopSettings().calibration, solver=SolverSettings(1e-8, 1e-8))
     settings = aero_bayes.LoopSettings(
-        sources=(CART / "Rig.mo",), free=("k", "d"), fixed={"m": 1.25}, laws=("coulomb_friction",), calibration=exact
+        parameters=("k", "d"),
+        laws=("coulomb_friction",),
+        solver=SolverSettings(1e-8, 1e-8),
+        fit=aero_bayes.FitSettings(method="local", fixed={"m": 1.25}),
     )
     folder = tmp_path_factory.mktemp("loop")
-    found = aero_bayes.close_loop([recording], model="Rig", settings=settings, workers=0, out_dir=folder)
+    found = aero_bayes.close_loop([recording], model=CART / "Rig.mo", settings=settings, workers=0, out_dir=folder)
     assert [path.name for path in folder.iterdir()] == ["Rig_coulomb_friction.mo"]  # no models that were only tried
     return found
 

@@ -75,7 +75,9 @@ def test_nothing_better_was_seen_than_what_is_reported(modelica: Callable[[str],
 
 def test_loop_searches_it_too(modelica: Callable[[str], Model], rng: np.random.Generator, tmp_path):
     model, recording = modelica(BRANCH), stepped(rng, 1.0)
-    settings = aero_bayes.LoopSettings(free=("limit", "tau"), calibration=START_AT_READING)
+    settings = aero_bayes.LoopSettings(
+        parameters=("limit", "tau"), fit=FitSettings(method="local", calibration=START_AT_READING)
+    )
     loop = aero_bayes.close_loop([recording], model=str(model.path), settings=settings, workers=0, out_dir=tmp_path)
     assert loop.outcome == "adequate"
     assert loop["tau"].value == pytest.approx(4.0, rel=0.03)

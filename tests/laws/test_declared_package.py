@@ -21,7 +21,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
 from aero_bayes.export import declaration_of, export_fmu
 from aero_bayes.laws import LawPlaces, ModelicaFamily
-from aero_bayes.simulation import Model
+from aero_bayes.simulation import Model, ModelicaSource
 
 SLEDGE = Path(__file__).parent.parent / "models" / "Sledge"
 DECLARED = declaration_of("Sledge.Rig", [SLEDGE])
@@ -120,8 +120,10 @@ def test_the_commands_take_it_from_there(tmp_path: Path) -> None:
 def test_the_loop_finds_an_effect_by_the_name_that_the_package_gives_it(tmp_path: Path) -> None:
     streams = np.random.default_rng(2).spawn(2)
     train, test = (sledge(rng, name, 0.6) for name, rng in zip(("train", "test"), streams, strict=True))
-    settings = LoopSettings(sources=(SLEDGE,))
-    found = close_loop([train], [test], model="Sledge.Rig", settings=settings, workers=0, out_dir=tmp_path)
+    settings = LoopSettings()
+    found = close_loop(
+        [train], [test], model=ModelicaSource("Sledge.Rig", (SLEDGE,)), settings=settings, workers=0, out_dir=tmp_path
+    )
     assert [(e.id, e.port) for e in found.effects] == [("rubbing", "runners")]
     (friction,) = found.effects[0].parameters
     assert friction.value == pytest.approx(0.6, abs=5 * friction.sd + 0.02)
@@ -135,8 +137,10 @@ def test_without_declaration_the_law_is_found_at_the_replaceable_model(tmp_path:
     shutil.copy(SLEDGE / "package.mo", package)
     streams = np.random.default_rng(2).spawn(2)
     train, test = (sledge(rng, name, 0.6) for name, rng in zip(("train", "test"), streams, strict=True))
-    settings = LoopSettings(sources=(package,), free=("M", "R_a"), ports=("runner",))
-    found = close_loop([train], [test], model="Sledge.Rig", settings=settings, workers=0, out_dir=tmp_path)
+    settings = LoopSettings(parameters=("M", "R_a"), ports=("runner",))
+    found = close_loop(
+        [train], [test], model=ModelicaSource("Sledge.Rig", (package,)), settings=settings, workers=0, out_dir=tmp_path
+    )
     assert [(e.id, e.port) for e in found.effects] == [("dry_runner@runner", "runner")]
     (friction,) = found.effects[0].parameters
     assert friction.value == pytest.approx(0.6, abs=5 * friction.sd + 0.02)

@@ -55,7 +55,7 @@ print(unseen.rms, unseen.coverage, posterior.to_frame().loc["d", "q95"])
 aero_bayes.write_report(posterior, Path("posterior.html"))
 idata = posterior.idata
 print(idata.prior["k"].shape, idata.log_likelihood["train"].shape)
-settings = LoopSettings(free=["k", "d"], laws=["coulomb_friction", "gain"])
+settings = LoopSettings(parameters=["k", "d"], laws=["coulomb_friction", "gain"])
 loop = aero_bayes.close_loop(train, test, model=model, settings=settings, workers=0, out_dir="loop")
 print(loop.sentence, loop["F_c"].value, float(loop["k"]), loop.to_frame())
 loop.export_fmu(Path("loop.fmu"))

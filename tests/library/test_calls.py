@@ -93,7 +93,7 @@ MISTAKES: dict[str, tuple[Callable[[SimpleNamespace], object], str]] = {
     "fit without free parameters": (
         lambda c: aero_bayes.fit(c.recording, c.model, parameters=(), workers=0), "m, k, d",
     ),
-    "sources that are none": (lambda c: LoopSettings(sources=3), "sources: expected paths, got int 3"),
+    "effects that are none": (lambda c: LoopSettings(effects=3), "effects: expected a str; got int 3"),
     "no model file": (lambda c: aero_bayes.load_model("none.mo"), "none.mo: no such file"),
     "no FMU": (lambda c: aero_bayes.load_model("none.fmu"), "none.fmu: no such file"),
     "a frame without the column": (

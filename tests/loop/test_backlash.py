@@ -47,10 +47,10 @@ def test_play_takes_the_damper_out_of_action_too(tmp_path):
     source.write_text(DRIVE, encoding="utf-8")
     laws = ("backlash", "end_stop", "coulomb_friction", "cubic_stiffness", "hysteretic_spring")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), sources=(source,), free=("J_l", "c", "d", "D"), laws=laws,
+        structures=StructureSettings(max_effects=2), parameters=("J_l", "c", "d", "D"), laws=laws,
     )  # fmt: skip
     test = drive("b", 42)
-    result = close_loop([drive("a", 41)], [test], model="Drive", settings=settings, workers=0)
+    result = close_loop([drive("a", 41)], [test], model=source, settings=settings, workers=0)
     (effect,) = result.effects
     assert effect.id.startswith("backlash@")
     stiffness, half, damping = (p.value for p in effect.parameters)

@@ -68,9 +68,9 @@ def closed(tmp_path, text, name, free, laws, *recordings):
     source = tmp_path / f"{name}.mo"
     source.write_text(text, encoding="utf-8")
     attribute = StructureSettings(max_effects=2)
-    settings = LoopSettings(structures=attribute, sources=(source,), free=free, laws=laws, cache=tmp_path / "fmu")
+    settings = LoopSettings(structures=attribute, parameters=free, laws=laws, cache=tmp_path / "fmu")
     first, second = recordings
-    return close_loop([first], [second], model=name, settings=settings, workers=0)
+    return close_loop([first], [second], model=source, settings=settings, workers=0)
 
 
 @pytest.mark.parametrize("damping", [0.0, 3.0])

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from closed_form import held
 
+from aero_bayes import FitSettings
 from aero_bayes.data import Recording, to_experiment
-from aero_bayes.estimate import with_other_interpolation
+from aero_bayes.estimate import CalibrationSettings, with_other_interpolation
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 SOURCE = """model Spring "A mass on a spring"
@@ -53,12 +54,12 @@ def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("spring")
     (folder / "Spring.mo").write_text(SOURCE, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=1), free=("m", "c", "k"), laws=("cubic_stiffness", "end_stop"),
-        sources=(folder / "Spring.mo",), cache=folder / "fmus",
-        calibration=replace(LoopSettings().calibration, initial_states="estimated"),
+        structures=StructureSettings(max_effects=1), parameters=("m", "c", "k"), laws=("cubic_stiffness", "end_stop"),
+        cache=folder / "fmus",
+        fit=FitSettings(method="local", calibration=CalibrationSettings(initial_states="estimated")),
     )  # fmt: skip
     train, test = recording("train", 1, 4000), recording("test", 2, 1500)
-    return close_loop([train], [test], model="Spring", settings=settings, workers=0)
+    return close_loop([train], [test], model=folder / "Spring.mo", settings=settings, workers=0)
 
 
 def test_a_hardening_spring_is_told_from_a_stop_after_a_bad_first_fit(result) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from closed_form import held
 
+from aero_bayes import FitSettings
 from aero_bayes.data import Recording
+from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 
 CULTURE = """model Culture "A culture that is fed"
@@ -74,13 +75,18 @@ def cart(name: str, seed: int) -> Recording:
 def close(
     source: str, free: tuple[str, ...], laws: tuple[str, ...], drawn: Callable[..., Recording], tmp_path, start="auto"
 ):
-    name = source.split()[1]
     (tmp_path / "Rig.mo").write_text(source, encoding="utf-8")
     settings = LoopSettings(
-        sources=(tmp_path / "Rig.mo",), free=free, laws=laws, cache=tmp_path / "fmu",
-        calibration=replace(LoopSettings().calibration, initial_states=start),
+        parameters=free, laws=laws, cache=tmp_path / "fmu",
+        fit=FitSettings(method="local", calibration=CalibrationSettings(initial_states=start)),
     )  # fmt: skip
-    return close_loop([drawn("train", 41)], [drawn("test", 42)], model=name, settings=settings, workers=0)
+    return close_loop(
+        [drawn("train", 41)],
+        [drawn("test", 42)],
+        model=tmp_path / "Rig.mo",
+        settings=settings,
+        workers=0,
+    )
 
 
 def unseen(result: LoopResult) -> tuple[float, float]:

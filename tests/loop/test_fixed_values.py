@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -44,12 +42,11 @@ def turned(name: str, seed: int, k: float, dead: float) -> Recording:
 def test_a_held_value_that_explains_as_much_is_said(tmp_path, k, dead, effects, said):
     (tmp_path / "Motor.mo").write_text(MOTOR, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), sources=(tmp_path / "Motor.mo",), free=("T",),
+        structures=StructureSettings(max_effects=2), parameters=("T",),
         laws=("gain", "offset", "dead_zone", "saturation"), ports=("u",), cache=tmp_path / "fmu",
-        calibration=replace(LoopSettings().calibration, interpolation="hold"),
     )  # fmt: skip
     train, test = (turned(name, seed, k, dead) for name, seed in (("a", 31), ("b", 32)))
-    result = close_loop([train], [test], model="Motor", settings=settings, workers=0)
+    result = close_loop([train], [test], model=tmp_path / "Motor.mo", settings=settings, workers=0)
     assert sorted(effect.id for effect in result.effects) == sorted(effects)
     assert all(text in result.sentence for text in said)
     assert ("fixed" in result.sentence) == bool(said)

@@ -10,6 +10,7 @@ from closed_form import held
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
+from aero_bayes.estimate import Override
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
 LADDER = """model Ladder "Two filters of a resistor and a capacitor each; only their time constants show"
@@ -41,18 +42,27 @@ def driven(name: str, seed: int) -> Recording:
     return Recording(name, 0.25 * np.arange(u.size), {"u": u}, {"y": read + SD * rng.normal(size=u.size)})
 
 
+#: Resistances are fitted; capacitances are fixed until an effect is added with which the data determine them.
+LATER = {"R_1": None, "R_2": None} | dict.fromkeys(("C_1", "C_2"), Override(free_if_identified=True))
+
+
+@pytest.fixture
+def ladder(tmp_path):
+    path = tmp_path / "Ladder.mo"
+    path.write_text(LADDER, encoding="utf-8")
+    return path
+
+
 @pytest.fixture
 def settings(tmp_path):
-    (tmp_path / "Ladder.mo").write_text(LADDER, encoding="utf-8")
     return LoopSettings(
-        structures=StructureSettings(max_effects=2), sources=(tmp_path / "Ladder.mo",), free=("R_1", "R_2"),
-        laws=("square_loss", "linear_loss", "lag", "gain"), cache=tmp_path / "fmu", free_later=("C_1", "C_2"),
-        calibration=replace(LoopSettings().calibration, interpolation="hold"),
+        structures=StructureSettings(max_effects=2), parameters=LATER,
+        laws=("square_loss", "linear_loss", "lag", "gain"), cache=tmp_path / "fmu",
     )  # fmt: skip
 
 
-def test_a_wrong_fixed_value_is_freed_beside_the_effect(settings):
-    result = close_loop([driven("a", 61)], [driven("b", 62)], model="Ladder", settings=settings, workers=0)
+def test_a_wrong_fixed_value_is_freed_beside_the_effect(ladder, settings):
+    result = close_loop([driven("a", 61)], [driven("b", 62)], model=ladder, settings=settings, workers=0)
     assert [effect.id for effect in result.effects] == ["square_loss@y"]
     assert result.predicted_after.pooled("test")["y"] < 1.1 * SD
     # the scale of all impedances stays open: what is known are products
@@ -67,6 +77,7 @@ def test_a_wrong_fixed_value_is_freed_beside_the_effect(settings):
     assert leak * value["R_1"] == pytest.approx(LEAK * R_1, rel=0.02)
 
 
-def test_a_parameter_that_the_model_lacks_cannot_be_left_for_later(settings):
+def test_a_parameter_that_the_model_lacks_cannot_be_left_for_later(ladder, settings):
+    missing = replace(settings, parameters={"R_1": None, "C_3": Override(free_if_identified=True)})
     with pytest.raises(InputError, match="no parameter C_3"):
-        close_loop([driven("a", 61)], model="Ladder", settings=replace(settings, free_later=("C_3",)), workers=0)
+        close_loop([driven("a", 61)], model=ladder, settings=missing, workers=0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from closed_form import held
@@ -47,11 +45,17 @@ def shaken(name: str, seed: int) -> Recording:
 def test_a_joint_that_yields_is_named_with_its_shape(tmp_path):
     (tmp_path / "Mass.mo").write_text(MASS, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), sources=(tmp_path / "Mass.mo",), free=("m", "k", "c"),
+        structures=StructureSettings(max_effects=2), parameters=("m", "k", "c"),
         laws=("hysteretic_spring", "linear_stiffness", "cubic_stiffness", "backlash", "coulomb_friction", "lag"),
-        cache=tmp_path / "fmu", calibration=replace(LoopSettings().calibration, interpolation="hold"),
+        cache=tmp_path / "fmu",
     )  # fmt: skip
-    result = close_loop([shaken("a", 91)], [shaken("b", 92)], model="Mass", settings=settings, workers=0)
+    result = close_loop(
+        [shaken("a", 91)],
+        [shaken("b", 92)],
+        model=tmp_path / "Mass.mo",
+        settings=settings,
+        workers=0,
+    )
     assert [effect.id for effect in result.effects] == ["hysteretic_spring@v"]
     stiffness, width, shape = (parameter.value for parameter in result.effects[0].parameters)
     assert stiffness == pytest.approx(90.0, rel=0.02)

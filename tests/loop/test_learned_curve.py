@@ -47,14 +47,13 @@ def looped(tmp_path, force: Callable[[float, float], float]) -> LoopResult:
     rng = np.random.default_rng(11)
     settings = LoopSettings(
         structures=StructureSettings(max_effects=2),
-        free=("k", "d"),
+        parameters=("k", "d"),
         laws=("coulomb_friction", "quadratic_drag", "cubic_stiffness", "offset", "curve", "position_curve"),
-        sources=(tmp_path / "Slide.mo",),
         cache=tmp_path / "fmus",
     )
     return close_loop(
-        [recording("train", force, rng)], [recording("test", force, rng)], model="Slide", settings=settings, workers=0,
-        out_dir=tmp_path / "out",
+        [recording("train", force, rng)], [recording("test", force, rng)], model=tmp_path / "Slide.mo",
+        settings=settings, workers=0, out_dir=tmp_path / "out",
     )  # fmt: skip
 
 

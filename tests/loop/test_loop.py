@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from facts import facts
 
+from aero_bayes import FitSettings
 from aero_bayes.errors import InputError
 from aero_bayes.judge import Recordings
 from aero_bayes.laws import LawPlaces, ModelicaFamily
@@ -134,10 +135,11 @@ def test_bad_requests_are_refused(fmus):
 @pytest.mark.parametrize("taken_out", [True, False])
 def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp_path, taken_out):
     train, _ = recordings(16, real(1.0), 0.0, duration=20.0)
+    fit = FitSettings(method="local", ripple="subtract" if taken_out else "ignore")
     context = LoopContext(
         ModelicaFamily(LawPlaces("Aero.Systems.OneDof"), fmus),
         Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
-        replace(SETTINGS, ripple=taken_out), WorkerPool(0), tmp_path, lambda what, share: None,
+        replace(SETTINGS, fit=fit), WorkerPool(0), tmp_path, lambda what, share: None,
         LoopStatistics(),
     )  # fmt: skip
     plain = fit_base_model(context).plain

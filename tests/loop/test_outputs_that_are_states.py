@@ -7,6 +7,7 @@ import pytest
 from closed_form import runge_kutta
 from scipy.linalg import expm
 
+from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
@@ -52,13 +53,12 @@ def test_a_lag_in_the_reading_of_a_state(tmp_path) -> None:
     train, test = recordings(np.random.default_rng(7))
     settings = LoopSettings(
         structures=StructureSettings(max_effects=1),
-        free=("k", "d"),
+        parameters=("k", "d"),
         laws=("lag", "gain", "coulomb_friction"),
-        sources=(tmp_path / "Cart.mo",),
         cache=tmp_path / "fmus",
     )
     found = close_loop(
-        [train], [test], model="Cart", settings=settings, workers=0, out_dir=tmp_path / "out",
+        [train], [test], model=tmp_path / "Cart.mo", settings=settings, workers=0, out_dir=tmp_path / "out",
     )  # fmt: skip
     assert [e.id for e in found.effects] == ["lag@x"], found.sentence
     (lag,) = found.effects[0].parameters
@@ -97,13 +97,19 @@ def test_a_sensor_may_be_off_by_far_more_than_its_noise(tmp_path) -> None:
         made.append(Recording(name, step * np.arange(inflow.size), {"q": inflow}, {"h": read}))
     settings = LoopSettings(
         structures=StructureSettings(max_effects=1),
-        calibration=CalibrationSettings(initial_states="estimated"),
-        free=("A", "c"),
+        fit=FitSettings(method="local", calibration=CalibrationSettings(initial_states="estimated")),
+        parameters=("A", "c"),
         laws=("offset", "gain"),
-        sources=(tmp_path / "Tank.mo",),
         cache=tmp_path / "fmus",
     )
-    found = close_loop(made[:1], made[1:], model="Tank", settings=settings, workers=0, out_dir=tmp_path / "out")
+    found = close_loop(
+        made[:1],
+        made[1:],
+        model=tmp_path / "Tank.mo",
+        settings=settings,
+        workers=0,
+        out_dir=tmp_path / "out",
+    )
     (effect,) = found.effects
     assert effect.kind == "catalogue"
     assert effect.id == "offset@output_h", found.sentence

@@ -131,9 +131,9 @@ def recording(name: str, seed: int) -> Recording:
 def test_the_loop_says_the_same_whatever_the_number_of_workers(tmp_path):
     source = tmp_path / "Cart.mo"
     source.write_text(SOURCE)
-    settings = LoopSettings(sources=(source,), free=("m", "c"), cache=tmp_path / "fmu")
+    settings = LoopSettings(parameters=("m", "c"), cache=tmp_path / "fmu")
     train, test = recording("train", 31), recording("test", 32)
-    results = [close_loop([train], [test], model="Cart", settings=settings, workers=workers) for workers in (1, 2)]
+    results = [close_loop([train], [test], model=source, settings=settings, workers=workers) for workers in (1, 2)]
     told = [
         (
             r.outcome,

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from aero_bayes import LoopSettings, close_loop, load_model
+from aero_bayes import FitSettings, LoopSettings, close_loop, load_model
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.search import StructureSettings
+from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model
 
 CART = """model Cart
@@ -60,8 +61,12 @@ def cart(tmp_path_factory: pytest.TempPathFactory) -> Model:
     return load_model(path)
 
 
+def with_noise(**noise):
+    return FitSettings(method="local", noise=NoiseModel(**noise))
+
+
 def closed(cart, recording: Recording, **settings):
-    given = LoopSettings(**({"free": tuple(TRUTH), "laws": ("gain", "coulomb_friction")} | settings))
+    given = LoopSettings(**({"parameters": tuple(TRUTH), "laws": ("gain", "coulomb_friction")} | settings))
     return close_loop(recording, replace(recording, name="again"), model=cart, settings=given, workers=0)
 
 
@@ -101,15 +106,19 @@ def test_no_random_force_is_named_where_a_law_or_nothing_is_missing(cart):
 
 def test_the_engineer_says_which_states_chance_may_drive(cart):
     recording = driven(5, DIFFUSION)
-    assert closed(cart, recording, process_noise=("position",)).process_noise.states == ("position",)
+    assert closed(cart, recording, fit=with_noise(process={"position": "estimated"})).process_noise.states == (
+        "position",
+    )
     assert closed(cart, recording, leave_out=("AddProcessNoise",)).process_noise is None
     with pytest.raises(InputError, match="w"):
-        closed(cart, recording, process_noise=("w",))
+        closed(cart, recording, fit=with_noise(process={"w": "estimated"}))
 
 
 def test_a_random_force_is_found_beside_a_law_that_renames_a_state(cart):
     given = StructureSettings(require=("lag@position",))
-    found = closed(cart, driven(5, DIFFUSION), laws=("lag",), structures=given, initial_sd={"position": 0.01})
+    found = closed(
+        cart, driven(5, DIFFUSION), laws=("lag",), structures=given, fit=with_noise(initial_sd={"position": 0.01})
+    )
     assert (found.outcome, found.process_noise.states) == ("extended", ("v",))
     assert {"x", "lag.q"} <= set(found.process_noise.state_names)
     assert abs(found.process_noise.diffusions["v"].value - DIFFUSION) < 4.0 * found.process_noise.diffusions["v"].sd

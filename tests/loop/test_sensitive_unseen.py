@@ -33,11 +33,11 @@ def found(tmp_path, growth: float) -> LoopResult:
     (tmp_path / "Culture.mo").write_text(SOURCE, encoding="utf-8")
     rng = np.random.default_rng(5)
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=1), free=("growth",), laws=("gain", "offset"),
-        sources=(tmp_path / "Culture.mo",), cache=tmp_path / "fmus",
+        structures=StructureSettings(max_effects=1), parameters=("growth",), laws=("gain", "offset"),
+        cache=tmp_path / "fmus",
     )  # fmt: skip
     return close_loop(
-        [recording("train", rng, 3.0, GROWTH)], [recording("test", rng, 12.0, growth)], model="Culture",
+        [recording("train", rng, 3.0, GROWTH)], [recording("test", rng, 12.0, growth)], model=tmp_path / "Culture.mo",
         settings=settings, workers=0,
     )  # fmt: skip
 

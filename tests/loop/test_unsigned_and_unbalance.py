@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from closed_form import held
@@ -63,11 +61,11 @@ def closed(tmp_path, source, free, laws, recordings):
     name = source.split()[1]
     (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), sources=(tmp_path / f"{name}.mo",), free=free, laws=laws,
-        cache=tmp_path / "fmu", calibration=replace(LoopSettings().calibration, interpolation="hold"),
+        structures=StructureSettings(max_effects=2), parameters=free, laws=laws,
+        cache=tmp_path / "fmu",
     )  # fmt: skip
     train, test = recordings
-    return close_loop([train], [test], model=name, settings=settings, workers=0)
+    return close_loop([train], [test], model=tmp_path / f"{name}.mo", settings=settings, workers=0)
 
 
 def test_a_reading_without_its_sign_is_named_though_it_led_the_fit_astray(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,9 @@ from closed_form import runge_kutta
 from test_relative_motions import CAR, found
 from written_laws import agree, uses_at
 
+from aero_bayes import FitSettings
 from aero_bayes.data import Recording
+from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.export import load_flat
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
 
@@ -124,11 +125,17 @@ def bake(name: str, seed: int) -> Recording:
 def test_a_loss_to_a_hall_is_found_against_its_recorded_temperature(tmp_path):
     (tmp_path / "Oven.mo").write_text(OVEN, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), sources=(tmp_path / "Oven.mo",), free=("C", "G"),
+        structures=StructureSettings(max_effects=2), parameters=("C", "G"),
         laws=("linear_loss", "square_loss", "radiation", "offset", "gain"), cache=tmp_path / "fmu",
-        calibration=replace(LoopSettings().calibration, interpolation={"T_hall": "linear"}),
+        fit=FitSettings(method="local", calibration=CalibrationSettings(interpolation={"T_hall": "linear"})),
     )  # fmt: skip
-    result = close_loop([bake("a", 71)], [bake("b", 72)], model="Oven", settings=settings, workers=0)
+    result = close_loop(
+        [bake("a", 71)],
+        [bake("b", 72)],
+        model=tmp_path / "Oven.mo",
+        settings=settings,
+        workers=0,
+    )
     assert [effect.id for effect in result.effects] == ["square_loss@T-T_hall"]
     loss, capacity = result.effects[0].parameters[0], result.parameters["C"]
     assert loss.value == pytest.approx(LOSS, abs=4 * loss.sd)

@@ -166,10 +166,16 @@ def motion(name: str, seed: int) -> Recording:
 
 def test_the_limit_of_an_actuator_within_a_loop_is_found(tmp_path):
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), sources=(written(tmp_path),), free=("J", "b"),
+        structures=StructureSettings(max_effects=2), parameters=("J", "b"),
         laws=("saturation", "dead_zone", "coulomb_friction"), cache=tmp_path / "fmu",
     )  # fmt: skip
-    result = close_loop([motion("a", 61)], [motion("b", 62)], model="Axis", settings=settings, workers=0)
+    result = close_loop(
+        [motion("a", 61)],
+        [motion("b", 62)],
+        model=written(tmp_path),
+        settings=settings,
+        workers=0,
+    )
     assert [effect.id for effect in result.effects] == ["saturation@u"]
     assert 1.0 / result.effects[0].parameters[0].value == pytest.approx(LIMIT, rel=0.02)
     assert result.predicted_after.pooled("test")["y"] < 1.1 * NOISE
@@ -221,10 +227,10 @@ def test_a_limit_that_differs_by_side_is_found_as_one_law(tmp_path):
     source = tmp_path / "Cascade.mo"
     source.write_text(CASCADE, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=3), sources=(source,), free=("T_1", "T_2", "K"),
+        structures=StructureSettings(max_effects=3), parameters=("T_1", "T_2", "K"),
         laws=("saturation", "saturation_by_side", "dead_zone", "offset", "overflow"), cache=tmp_path / "fmu",
     )  # fmt: skip
-    result = close_loop([cascade("a", 63)], [cascade("b", 64)], model="Cascade", settings=settings, workers=0)
+    result = close_loop([cascade("a", 63)], [cascade("b", 64)], model=source, settings=settings, workers=0)
     assert [effect.id for effect in result.effects] == ["saturation_by_side@g"]
     s, a = (p.value for p in result.effects[0].parameters)
     assert 1.0 / (s * (1.0 + a)) == pytest.approx(0.5, rel=0.02)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,9 @@ from closed_form import runge_kutta
 from small_rigs import Numbers, explicit
 from written_laws import agree, uses_at
 
+from aero_bayes import FitSettings
 from aero_bayes.data import Recording
+from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.export import load_flat
 from aero_bayes.laws import compose_laws, find_candidates, ports_with_laws, shipped_laws
 from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
@@ -179,11 +180,17 @@ def drive(name: str, seed: int) -> Recording:
 def test_a_stiffening_spring_is_found_and_written_into_both_balances(tmp_path):
     (tmp_path / "Car.mo").write_text(CAR, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), sources=(tmp_path / "Car.mo",), free=("k_s", "c_s"),
+        structures=StructureSettings(max_effects=2), parameters=("k_s", "c_s"),
         laws=("cubic_stiffness", "coulomb_friction", "quadratic_drag"), cache=tmp_path / "fmu",
-        calibration=replace(LoopSettings().calibration, interpolation="linear"),
+        fit=FitSettings(method="local", calibration=CalibrationSettings(interpolation="linear")),
     )  # fmt: skip
-    result = close_loop([drive("a", 51)], [drive("b", 52)], model="Car", settings=settings, workers=0)
+    result = close_loop(
+        [drive("a", 51)],
+        [drive("b", 52)],
+        model=tmp_path / "Car.mo",
+        settings=settings,
+        workers=0,
+    )
     assert [effect.id for effect in result.effects] == ["cubic_stiffness@v_b-v_w"]
     assert result.effects[0].parameters[0].value == pytest.approx(K_3, rel=0.02)
     assert result.parameters["k_s"].value == pytest.approx(K_S, rel=0.02)

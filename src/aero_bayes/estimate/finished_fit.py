@@ -182,7 +182,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         outcomes={o: int(objective.outcomes[o]) for o in Outcome},
         warnings=(here.reason.value,) if interrupted else told,
         seconds=seconds,
-        engine=settings.engine,
+        settings=settings,
         states=objective.smoothed_states(values),
     )
 

@@ -17,6 +17,7 @@ from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.band_width import band_factors
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis
+from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.laplace import Laplace
 from aero_bayes.estimate.laplace_estimates import laplace_estimates
@@ -81,8 +82,8 @@ class Fit(OtherTools):
     warnings : tuple of str
         Reasons why intervals may be wrong.
     seconds : float
-    engine : {"native", "fmpy"}
-        Simulation engine.
+    settings : FitSettings
+        How it was fitted.
     sensors : mapping of str to dict
         Ripple and encoder counts, by output, as result.json takes them.
     states : tuple of SmoothedStates
@@ -146,7 +147,7 @@ class Fit(OtherTools):
     iterations: int
     warnings: tuple[str, ...]
     seconds: float
-    engine: str = "native"
+    settings: FitSettings = field(default_factory=FitSettings)
     sensors: Mapping[str, Json] = field(default_factory=dict)
     states: tuple[SmoothedStates, ...] = ()
     modes: tuple[Mode, ...] = ()
@@ -289,7 +290,9 @@ class Fit(OtherTools):
         >>> pushed.rows, list(pushed.outputs)
         (201, ['position'])
         """
-        return simulate(self.calibration, self.values, inputs, parameters=parameters, start=start, engine=self.engine)
+        return simulate(
+            self.calibration, self.values, inputs, parameters=parameters, start=start, engine=self.settings.engine
+        )
 
     @cached_property
     def predictor(self) -> FittedPredictor:
@@ -303,7 +306,7 @@ class Fit(OtherTools):
         covariance = self.laplace.covariance[: len(self.free), : len(self.free)]
         left = [y - f for y, f in zip(self.calibration.raw_readings, self.fitted, strict=True)]
         factors = band_factors(self.calibration, self.series, self.optimum, covariance, left)
-        return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.engine)
+        return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.settings.engine)
 
     def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
         points = self.laplace.draw(draws, np.random.default_rng(seed))

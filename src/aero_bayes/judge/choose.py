@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum
-from aero_bayes.judge.choice import Choice, ChoiceSettings, Judge, residual_reports
+from aero_bayes.judge.choice import Choice
+from aero_bayes.judge.judge import ChoiceSettings, Judge, residual_reports
 from aero_bayes.parallel import Task
 from aero_bayes.search.comparison import MIN_BLOCKS, Comparison
 from aero_bayes.search.explored import Mapper, SearchResult, one_by_one

@@ -2,8 +2,8 @@
 
 >>> from pathlib import Path
 >>> from aero_bayes.loop import LoopSettings, close_loop
->>> settings = LoopSettings(sources=(Path("Rig.mo"),), free=("M",), exclude=("backlash",))
->>> loop = close_loop([recording], model="Rig", settings=settings)  # doctest: +SKIP
+>>> settings = LoopSettings(parameters=("M",), exclude=("backlash",))
+>>> loop = close_loop([recording], model="Rig.mo", settings=settings)  # doctest: +SKIP
 >>> loop.sentence, loop.diff  # doctest: +SKIP
 """
 

@@ -14,14 +14,13 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.finished_fit import finished_fit
 from aero_bayes.estimate.fit import MAX_OUTLIER_ROUNDS
-from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.outliers import without_outliers
-from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.parameters import Parameter, ParameterSet, chosen_parameters
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.result import Fit
@@ -115,7 +114,7 @@ def fit_base_model(context: LoopContext, begin: Mapping[str, float] | None = Non
 def _finished(context: LoopContext, plain: Calibration, fit: Optimum) -> Fit:
     with context.open(plain.problem()) as simulator:
         search = GlobalSearch(context.objective(plain, simulator), context.settings.global_search)
-        return finished_fit(search, GlobalSearchResult(fit, None, (), 0), FitSettings(), 0.0)
+        return finished_fit(search, GlobalSearchResult(fit, None, (), 0), context.settings.fitting, 0.0)
 
 
 def _fitted_without_outliers(
@@ -164,14 +163,10 @@ def _reports(context: LoopContext, plain: Calibration, fit: Optimum, floors: Flo
 
 
 def _shared(context: LoopContext, model: Model) -> ParameterSet:
-    overrides = {**context.family.overrides(model), **context.settings.overrides}
-    free = context.settings.free or tuple(
-        name for name, override in overrides.items() if not override.free_if_identified
-    )
-    later = {
-        name: replace(overrides.get(name, Override()), free_if_identified=True) for name in context.settings.free_later
-    }
-    return parameters_from_model(model, free=(*free, *later), overrides={**overrides, **later})
+    known, chosen = context.family.overrides(model), context.settings.parameters
+    if chosen is None:
+        chosen = tuple(name for name, override in known.items() if not override.free_if_identified)
+    return chosen_parameters(model, chosen, known)
 
 
 def _fitted(context: LoopContext, calibration: Calibration, begin: Mapping[str, float]) -> tuple[Calibration, Optimum]:
@@ -192,7 +187,7 @@ def _fitted(context: LoopContext, calibration: Calibration, begin: Mapping[str, 
             found_fit = replace(found_fit, optimum=found)
         lines = (
             choose_interpolation(search, found_fit, context.open, rng)
-            if settings.calibration.interpolation == "auto"
+            if settings.fitting.calibration.interpolation == "auto"
             else None
         )
         fitted = tuple(
@@ -201,7 +196,9 @@ def _fitted(context: LoopContext, calibration: Calibration, begin: Mapping[str, 
         context.statistics.add_simulations(objective)
     if lines is not None:
         return lines
-    cleaned, ripple = without_ripple(calibration, fitted) if settings.ripple else (calibration, {})
+    cleaned, ripple = (
+        without_ripple(calibration, fitted) if settings.fitting.ripple == "subtract" else (calibration, {})
+    )
     if not ripple:
         return calibration, found
     return cleaned, best_fit(context, cleaned, cleaned.parameters.from_search(found.coordinates), found)

@@ -99,9 +99,10 @@ class LoopContext:
 
     def calibrate(self, model: Model, shared: ParameterSet, fixed: Mapping[str, float] | None = None) -> Calibration:
         """The fitted recordings held against a model; ``fixed`` overrides the fixed values of the settings."""
-        values = {**self.settings.fixed, **(fixed or {})}
-        settings = replace(self.settings.calibration, outputs=self.recordings.outputs)
-        noise = NoiseModel(initial_sd=self.settings.initial_sd)
+        own = self.settings.fitting
+        values = {**own.fixed, **(fixed or {})}
+        settings = replace(own.calibration, outputs=self.recordings.outputs)
+        noise = NoiseModel(initial_sd=own.noise.initial_sd)
         return calibrate(self.recordings.fitted, model, shared, fixed=values, noise=noise, settings=settings)
 
     def open(self, problem: Problem) -> Simulator:
@@ -124,4 +125,4 @@ class LoopContext:
     @property
     def unseen(self) -> Unseen:
         """The recordings whole, to run fitted models over."""
-        return Unseen(self.recordings, self.settings.calibration, self.family, self.open)
+        return Unseen(self.recordings, self.settings.fitting.calibration, self.family, self.open)

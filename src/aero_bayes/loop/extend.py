@@ -12,7 +12,6 @@ from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.finished_fit import finished_fit
-from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.parameters import ParameterSet
@@ -67,7 +66,9 @@ def extend(context: LoopContext, base: BaseFit, choice: Choice) -> ExtendedFit:
         free = [j for j, p in enumerate(calibration.parameters) if not p.free_if_identified]
         search = GlobalSearch(objective, context.settings.global_search)
         fit = search.refit(start, free, base.fit.noise)
-        found = finished_fit(search, GlobalSearchResult(fit, None, (), search.iterations), FitSettings(), 0.0)
+        found = finished_fit(
+            search, GlobalSearchResult(fit, None, (), search.iterations), context.settings.fitting, 0.0
+        )
         reports = check_residuals(calibration, objective.series, fit, base.floors)
         context.statistics.add_simulations(objective)
     after = context.unseen.predict(calibration, fit)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.parameters import Override
+from aero_bayes.estimate.parameters import Override, ParameterSet, chosen_parameters
 from aero_bayes.estimate.recording_parameters import templates
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.settings import LoopSettings
@@ -22,29 +22,23 @@ def recordings_of(fit: Fit) -> Sequence[Recording]:
 
 
 def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
-    """Return the settings of a loop that begins at a fit: free parameters, their bounds and priors, and fixed values.
+    """Return the settings of a loop that begins at a fit: how it was fitted, its free parameters and its fixed values.
 
     Free ones keep their declared values, from which the search fits structures too. What the settings say themselves
-    of free and fixed parameters and of overrides counts. Inputs are read as the fit read them, unless the settings
-    leave that to the data.
+    counts. Inputs are read as the fit read them, unless that is left to the data.
     """
-    calibration = fit.calibration
-    free = {calibration.parameters.items[j].name for j in fit.free}
+    calibration, own = fit.calibration, settings.fit or fit.settings
     shared = [p for p in templates(calibration.parameters) if isinstance(p.target, ParameterTarget)]
-    searched = [p for p in shared if p.name in free or p.per_recording]
-    overrides = {
-        p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording) for p in searched
-    }
-    later = settings.free_later
-    held = {p.name: float(fit[p.name]) for p in shared if p not in searched and p.name not in later}
-    own = settings.calibration.interpolation
-    return replace(
-        settings,
-        free=settings.free or tuple(overrides),
-        overrides={**overrides, **settings.overrides},
-        fixed={**calibration.fixed, **held, **settings.fixed},
-        calibration=replace(
-            settings.calibration, interpolation=own if own == "auto" else calibration.interpolation or "hold"
-        ),
-        global_search=replace(settings.global_search, swarm=None, staged=False),
+    free = {calibration.parameters.items[j].name for j in fit.free}
+    chosen = ParameterSet(
+        tuple(replace(p, free_if_identified=False) for p in shared if p.name in free or p.per_recording)
     )
+    if settings.parameters is not None:
+        known = {p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in chosen}
+        chosen = chosen_parameters(calibration.model, settings.parameters, known)
+    fixed = {p.name: float(fit[p.name]) for p in shared if p.name not in chosen}
+    between = own.calibration.interpolation
+    read = replace(own.calibration, interpolation=between if between == "auto" else calibration.interpolation or "hold")
+    fixed = {**calibration.fixed, **fixed, **own.fixed}
+    first = replace(own, method="local", staged=False, calibration=read, fixed=fixed)
+    return replace(settings, fit=first, parameters=chosen)

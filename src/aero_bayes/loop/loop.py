@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,7 +58,7 @@ def close_loop(
     train: Fit | Recording | Sequence[Recording],
     test: Recording | Sequence[Recording] = (),
     *,
-    model: str | Path | Model = DEFAULT_MODEL,
+    model: str | Path | Model | ModelicaSource = DEFAULT_MODEL,
     settings: LoopSettings | None = None,
     seed: int = 1,
     workers: int | None = None,
@@ -73,9 +73,9 @@ def close_loop(
         A fit, whose recordings, model and parameters are taken; or recordings for training.
     test : Recording or sequence of Recording
         Without any, the end of each training recording is kept from the fit and predicted.
-    model : str, path or Model
-        Where no fit is given. A Modelica class, a ``.mo`` file or a model that was built from one; or an FMU
-        (``.fmu``) with Model Exchange, around which laws are put.
+    model : str, path, Model or ModelicaSource
+        Where no fit is given. A Modelica class, a ``.mo`` file, a class with the files that it is loaded from, or a
+        model that was built from one; or an FMU (``.fmu``) with Model Exchange, around which laws are put.
     settings : LoopSettings, optional
     seed : int
         Of the swarm, and of the experiments that are proposed.
@@ -114,32 +114,22 @@ def close_loop(
     train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
     if not train:
         raise InputError("the closed loop needs at least one training recording")
-    name, settings = _sources(model, settings)
     if not test and not 0.0 < settings.held_out < 1.0:
         raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
     # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
     scratch = ScratchFolder()
+    family = _family(model, settings.cache or scratch.path / "fmu", settings)
     with (
         threadpool_limits(limits=1, user_api="blas"),
         WorkerPool(workers) as pool,
         watching(progress) as watched,
     ):
         folder = Path(out_dir) if out_dir is not None else scratch.path
-        family = _family(name, settings.cache or scratch.path / "fmu", settings)
         known = [v.name for v in family.base_model().outputs]
         train, test = (screened(recordings, family.base_model()) for recordings in (train, test))
         recordings = Recordings.of(train, test, settings.held_out, known)
         context = LoopContext(family, recordings, settings, pool, folder, watched, LoopStatistics(watched), seed)
-        states = states_of(family.base_model(), settings)
-        base = fit_base_model(context, begin)
-        cache, choice = search_structures(*on_beginnings(context, base, begin))
-        conclusion = diagnosed(conclude(context, base, choice), base, settings)
-        context.statistics.keep_only(conclusion.written.path if conclusion.written is not None else None)
-        alternatives = find_alternatives(cache, choice.explored, choice.fitted, settings) if conclusion.effects else ()
-        searched = other_cause(base, settings) is None
-        process_noise = find_process_noise(context, conclusion, states) if searched else None
-        cache.close(context.statistics.add_simulations)
-        result = with_plain_names(result_of(context, conclusion, alternatives, process_noise))
+        result = _closed(context, begin)
         used = {fit.calibration.model.path for fit in (result.before, result.after)}
         for path in set((scratch.path / "fmu").glob("*.fmu")) - used:
             path.unlink()
@@ -147,14 +137,28 @@ def close_loop(
         return replace(result, scratch=scratch)
 
 
+def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
+    """Fit the first model from some values, search over structures, conclude, and look for process noise."""
+    settings = context.settings
+    states = states_of(context.family.base_model(), settings)
+    base = fit_base_model(context, begin)
+    cache, choice = search_structures(*on_beginnings(context, base, begin))
+    conclusion = diagnosed(conclude(context, base, choice), base, settings)
+    context.statistics.keep_only(conclusion.written.path if conclusion.written is not None else None)
+    alternatives = find_alternatives(cache, choice.explored, choice.fitted, settings) if conclusion.effects else ()
+    searched = other_cause(base, settings) is None
+    process_noise = find_process_noise(context, conclusion, states) if searched else None
+    cache.close(context.statistics.add_simulations)
+    return with_plain_names(result_of(context, conclusion, alternatives, process_noise))
+
+
 def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, Choice]:
     """Search over structures from the first model at its best, and choose."""
     settings, family = context.settings, context.family
     plain = base.plain
     family.prepare(plain, base.fit, context.open)
-    source = ModelSource(
-        family, plain, base.fit.free, context.open_objective, context.open, settings.calibration.interpolation == "auto"
-    )
+    interpolation_is_free = settings.fitting.calibration.interpolation == "auto"
+    source = ModelSource(family, plain, base.fit.free, context.open_objective, context.open, interpolation_is_free)
     cache, curves = ModelCache(source), tuple(family.curves())
     groups = family.candidate_groups()
     searched = other_cause(base, settings) is None
@@ -202,31 +206,21 @@ def _first_model(models: ModelCache, terms: Collection[str], base: BaseFit, fit:
     )
 
 
-def _sources(model: str | Path | Model, settings: LoopSettings) -> tuple[str, LoopSettings]:
-    """Name of the class, or path of the FMU, and the settings with the files that the class is built from."""
+def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: LoopSettings) -> ModelFamily:
+    """The model and its relatives."""
     if isinstance(model, PythonModel):
         raise InputError(f"model {model.name} is a Python function: the loop extends Modelica, or an FMU")
     if isinstance(model, Model):
-        source = model.source
-        model = model.path
-    else:
+        model = model.source or model.path
+    if not isinstance(model, ModelicaSource):
         (path,) = paths_of((model,), "model")
-        source = ModelicaSource(main_class(path), (path,)) if path.suffix == ".mo" else None
-    if source is None:
-        return str(model), settings
-    files = {path.resolve(): path for path in (*source.files, *settings.sources)}
-    libraries = {path.resolve(): path for path in (*source.libraries, *settings.libraries)}
-    return source.name, replace(settings, sources=tuple(files.values()), libraries=tuple(libraries.values()))
-
-
-def _family(model: str, folder: Path, settings: LoopSettings) -> ModelFamily:
-    """The model and its relatives."""
+        model = ModelicaSource(main_class(path), (path,)) if path.suffix == ".mo" else ModelicaSource(str(model))
     require = settings.structures.require
     narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, require)
-    given = settings.sources, settings.libraries, narrowed
-    if (fmu := Path(model)).suffix == ".fmu":
+    given = model.files, model.libraries, narrowed
+    if (fmu := Path(model.name)).suffix == ".fmu":
         family: ModelicaFamily = FmuFamily(FmuPlaces(fmu.stem, *given, fmu=fmu), folder)
     else:
-        family = ModelicaFamily(LawPlaces(model, *given), folder)
+        family = ModelicaFamily(LawPlaces(model.name, *given), folder)
     family.check()
     return family

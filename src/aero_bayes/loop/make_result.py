@@ -45,7 +45,7 @@ def result_of(
     alternatives: Sequence[FixedValueAlternative],
     process_noise: FoundProcessNoise | None = None,
 ) -> LoopResult:
-    """All that the loop found, as plain values."""
+    """Return all that the loop found, as plain values."""
     base, written, effects = conclusion.base, conclusion.written, conclusion.effects
     same = _equivalent(conclusion)
     parameters = base.plain.parameters
@@ -56,12 +56,7 @@ def result_of(
     fitted = averaged.averaged(fitted) if averaged is not None else fitted
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     rivals = {r.id for step in conclusion.steps for r in step.candidates}
-    sentence = (
-        conclusion.sentence
-        + _alternative_sentence(alternatives)
-        + (f" {process_noise.sentence}" if process_noise is not None and process_noise.explains else "")
-        + _early_end_sentence(context, conclusion.choice.explored.ended)
-    )
+    sentence = _sentence(context, conclusion, alternatives, process_noise)
     return LoopResult(
         outcome=conclusion.outcome,
         sentence=sentence,
@@ -100,6 +95,21 @@ def result_of(
         averaged=averaged,
         process_noise=process_noise,
         blocks=conclusion.choice.comparison.blocks,
+    )
+
+
+def _sentence(
+    context: LoopContext,
+    conclusion: Conclusion,
+    alternatives: Sequence[FixedValueAlternative],
+    process_noise: FoundProcessNoise | None,
+) -> str:
+    """Return the conclusion with what else explains as much, and where the search ended early."""
+    return (
+        conclusion.sentence
+        + _alternative_sentence(alternatives)
+        + (f" {process_noise.sentence}" if process_noise is not None and process_noise.explains else "")
+        + _early_end_sentence(context, conclusion.choice.explored.ended)
     )
 
 

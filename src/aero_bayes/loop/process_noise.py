@@ -29,9 +29,10 @@ def states_of(model: Model, settings: LoopSettings) -> tuple[str, ...]:
     InputError
         For a state that the model does not have.
     """
-    wanted = [s.name for s in model.states] if settings.process_noise is None else settings.process_noise
-    for name in settings.initial_sd:
+    noise = settings.fitting.noise
+    for name in noise.initial_sd:
         model.state_index(name)
+    wanted = noise.process or [s.name for s in model.states]
     return tuple(dict.fromkeys(model.states[model.state_index(name)].name for name in wanted))
 
 

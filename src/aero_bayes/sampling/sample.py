@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +90,7 @@ def sample(
     settings = replace(settings, draws=draws or settings.draws, ensembles=chains or settings.ensembles)
     if settings.ensembles < 4:
         raise InputError(f"chains: {settings.ensembles} chains cannot be held against each other; expected 4 or more")
-    engine: Literal["native", "fmpy"] = "fmpy" if require_type(fit, Fit, "fit").engine == "fmpy" else "native"
+    engine = require_type(fit, Fit, "fit").settings.engine
     with ExitStack() as stack:
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,12 +13,11 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.noise_report import noise_at_interval
 from aero_bayes.estimate.parameter_estimates import fixed_reasons
-from aero_bayes.estimate.parameters import Override
-from aero_bayes.estimate.progressive_horizon import GOOD_FIT_RATIO
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.progress import ProgressBar
-from aero_bayes.simulation import Model
+from aero_bayes.simulation import Model, ModelicaSource
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.workflow.curves import Series, state_series
 from aero_bayes.workflow.job import Job, later_of
@@ -40,13 +40,18 @@ def run_loop(job: Job, progress: ProgressBar, base: Fit | None = None) -> LoopRe
     return close_loop(
         job.recordings if base is None else base,
         job.tests,
-        model=job.name if job.modelica else str(job.model.path),
+        model=_model_of(job),
         settings=loop_settings(job),
         seed=job.options.seed,
         workers=job.options.workers,
         out_dir=job.options.out,
         progress=lambda what, share: progress(f"loop: {what}", share),
     )
+
+
+def _model_of(job: Job) -> ModelicaSource | Path:
+    section = job.config.model
+    return ModelicaSource(job.name, section.sources, section.libraries) if job.modelica else job.model.path
 
 
 def with_chosen_values(job: Job, found: Fit) -> Job:
@@ -82,41 +87,28 @@ def loop_settings(job: Job) -> LoopSettings:
     section, fit_section, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
     given = fit_section.model_fields_set
     fitting, defaults = fit_settings(job), LoopSettings()
-    calibration = replace(
-        fitting.calibration, most_readings=defaults.calibration.most_readings, keep_standstill_readings=False
-    )
-    # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
-    swarm, staged = fitting.global_search.swarm, fitting.staged and bool(known or {"staged", "stages"} & given)
+    method, solver = fitting.method, fitting.calibration.solver
     if known:
+        # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
         wanted = {key: getattr(job.solver, key) for key in job.config.solver.model_fields_set - {"engine"}}
-        calibration = replace(calibration, solver=replace(defaults.calibration.solver, **wanted))
-        swarm = swarm if {"method", "pso"} & given or "starts" in fit_section.local.model_fields_set else None
-    global_search = replace(
-        defaults.global_search, swarm=swarm, staged=staged, stages=fitting.stages, local=fitting.local,
-        starts=fitting.starts, good_enough=0.0 if "pso" in given else GOOD_FIT_RATIO,
-    )  # fmt: skip
-    searched = [p for p in job.parameters if not p.free_if_identified]
-    free_later = later_of(job)
+        solver = replace(defaults.solver, **wanted)
+        asked = {"method", "pso"} & given or "starts" in fit_section.local.model_fields_set
+        method = method if asked else "local"
+    searched = ParameterSet(tuple(p for p in job.parameters if not p.free_if_identified))
+    later = tuple(replace(p, free_if_identified=True) for p in later_of(job))
+    fixed = {
+        **{p.name: p.start for p in job.parameters if p.free_if_identified},
+        **{name: value for name, value in job.fixed.items() if name not in {p.name for p in later}},
+    }
+    staged = fitting.staged and bool(known or {"staged", "stages"} & given)
     settings = LoopSettings(
+        fit=replace(fitting, method=method, staged=staged, fixed=fixed),
+        parameters=searched.extended(later),
         structures=filled(defaults.structures, section),
-        global_search=global_search,
-        calibration=calibration,
-        ripple=fitting.ripple == "subtract",
+        solver=solver,
         cache=job.options.cache,
-        fixed={
-            **{p.name: p.start for p in job.parameters if p.free_if_identified},
-            **{name: value for name, value in job.fixed.items() if name not in free_later},
-        },
-        overrides={
-            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording)
-            for p in (*searched, *free_later)
-        },
-        free=tuple(p.name for p in searched),
-        free_later=free_later.names,
-        process_noise=tuple(job.config.noise.process) or None,
-        initial_sd=job.config.noise.initial_sd,
     )
-    return filled(filled(settings, section), job.config.model)
+    return filled(settings, section)
 
 
 def _check(job: Job) -> None:

@@ -1,0 +1,171 @@
+"""Judge structures by their left-out errors: which of them are material, and which is chosen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
+from aero_bayes.laws.formula import FUNCTION
+from aero_bayes.search.comparison import Comparison
+from aero_bayes.search.explored import SearchResult
+from aero_bayes.search.models import FittedModel
+from aero_bayes.search.structure import Structure, law_of
+
+
+@dataclass(frozen=True)
+class ChoiceSettings:
+    """What counts as a cause.
+
+    Parameters
+    ----------
+    min_share : float
+        A term is material if with it the left-out error of an output is at most this share of that without it: a
+        quarter less is what an engineer would change a model for.
+    require : tuple of str
+        Terms that need not be material.
+    """
+
+    min_share: float = 0.75
+    require: tuple[str, ...] = ()
+
+
+@dataclass(eq=False)
+class Judge:
+    """Says which structures are material, and which of them is chosen.
+
+    Parameters
+    ----------
+    explored : SearchResult
+    comparison : Comparison
+        Of some of the structures, among them one without any term.
+    settings : ChoiceSettings
+    """
+
+    explored: SearchResult
+    comparison: Comparison
+    settings: ChoiceSettings
+    _only_noise: dict[Structure, bool] = field(default_factory=dict)
+
+    def only_noise(self, structure: Structure) -> bool:
+        """Return whether a structure leaves nothing but noise, under the noise of the best structure."""
+        if structure not in self._only_noise:
+            reports = residual_reports(self.explored.fits[structure], self.explored)
+            self._only_noise[structure] = self.explored.noise.adequate and not structured_residuals(reports)
+        return self._only_noise[structure]
+
+    def rest(self, structure: Structure, term: str) -> Structure:
+        """Return the best structure whose terms are among the others of this one."""
+        return best_within(self.comparison, structure.minus(term))
+
+    def material(self, structure: Structure) -> bool:
+        """Return whether every term matters.
+
+        It lowers the left-out error by a quarter, or clearly and down to the noise.
+
+        A refinement has to do so beside the coarser law, too.
+        """
+        asked = [t for t in structure.terms if t not in self.settings.require]
+        if set(structure.terms) & set(self.explored.formulas) and not self.only_noise(structure):
+            # one of thousands of formulas always lowers the error: it has to explain all that is left
+            return False
+        rests = [*(self.rest(structure, t) for t in asked), *self.coarser(structure)]
+        return bool(structure.terms) and all(self._matters(structure, rest) for rest in rests)
+
+    def coarser(self, structure: Structure) -> list[Structure]:
+        """Return the same with the coarser law in place of a refinement, of what is compared."""
+        refines, known = self.explored.refines, self.comparison.squares
+        found = [structure.minus(t).plus(refines[t]) for t in structure.terms if t in refines]
+        return [s for s in found if s in known]
+
+    def _matters(self, structure: Structure, rest: Structure) -> bool:
+        least = self.settings.min_share
+        if not self.comparison.better(structure, rest, least):
+            return False
+        much = self.comparison.much_better(structure, rest, least)
+        return much or (self.only_noise(structure) and not self.only_noise(rest))
+
+    def near(self) -> list[Structure]:
+        """Structures that the best one does not clearly beat, the chosen one first.
+
+        They are material; without any that is, they are those without a term beside the required ones. The chosen one
+        has the fewest terms, listed laws before formulas and these before curves, then the fewest parameters. A formula
+        gives way to listed laws that do as well with no more terms, and a function of a parameter to a term.
+        """
+        required = set(self.settings.require)
+        allowed = [s for s in self.comparison.squares if required <= set(s.terms)]
+        among = [s for s in allowed if set(s.terms) > required and self.material(s)]
+        among = among or [s for s in allowed if set(s.terms) == required]
+        best = self.comparison.best(among)
+        near = [s for s in among if s == best or not self.comparison.clearly_better(best, s)]
+        if not self.only_noise(best):
+            near += [s for s in among if s not in near and self._names_a_curve_of(best, s)]
+        formulas, functions = self._formulas, self._functions
+        added = min((len(s) for s in near if formulas(s) and not functions(s)), default=math.inf)
+        near = [s for s in near if len(s) < added or not functions(s)]
+        listed = min((len(s) for s in near if self._unlisted(s) == 0), default=math.inf)
+        near = [s for s in near if len(s) < listed or not formulas(s)]
+        order = {s: (len(s), self._unlisted(s), len(self.explored.fits[s].optimum.free)) for s in near}
+        return sorted(near, key=lambda s: (*order[s], self.comparison.scores[s]))
+
+    def _names_a_curve_of(self, one: Structure, other: Structure) -> bool:
+        """Tell whether another structure has a listed law in place of a curve of one, and is not surely much worse.
+
+        As long as structure is left, a curve also takes up a part of what else is missing.
+        """
+        gone, new = one.new_terms(other), other.new_terms(one)
+        if len(gone) != 1 or gone[0] not in self.explored.curves:
+            return False
+        there = self.explored.laws_in_place_of(gone[0], one.minus(*gone), [other])
+        return (
+            len(new) == 1
+            and bool(there)
+            and not self.comparison.surely_much_better(one, other, self.settings.min_share)
+        )
+
+    def _formulas(self, structure: Structure) -> set[str]:
+        """Terms of a structure that are formulas."""
+        return set(structure.terms) & set(self.explored.formulas)
+
+    def _functions(self, structure: Structure) -> set[str]:
+        """Formulas that make a function of a parameter."""
+        return {t for t in self._formulas(structure) if law_of(t).startswith(FUNCTION)}
+
+    def _unlisted(self, structure: Structure) -> int:
+        """Return how far a structure is from listed laws: one for each formula, two for each curve."""
+        curves, formulas = (set(structure.terms) & set(t) for t in (self.explored.curves, self.explored.formulas))
+        return len(formulas) + 2 * len(curves)
+
+    def close_to(self, structure: Structure) -> list[Structure]:
+        """Return other material structures of its size than which it is not materially better, best first."""
+        squares, least = self.comparison.squares, self.settings.min_share
+        same_size = [s for s in squares if s != structure and len(s) == len(structure)]
+        found = [s for s in same_size if not self.comparison.much_better(structure, s, least) and self.material(s)]
+        return sorted(found, key=lambda s: self.comparison.scores[s])
+
+    def smaller(self, chosen: Structure) -> tuple[str, ...]:
+        """Laws that clearly lower the left-out error beside the chosen terms: those of the best structure of these."""
+
+        def helps(s: Structure) -> bool:
+            return all(self.comparison.clearly_better(s, self.rest(s, t)) for t in s.new_terms(chosen))
+
+        larger = [
+            s
+            for s in self.comparison.squares
+            if s.contains(chosen)
+            and s != chosen
+            and not set(s.new_terms(chosen)) & {*self.explored.curves, *self.explored.formulas}
+        ]
+        found = [s for s in larger if helps(s)]
+        return self.comparison.best(found).new_terms(chosen) if found else ()
+
+
+def residual_reports(fitted: FittedModel, explored: SearchResult) -> tuple[ResidualReport, ...]:
+    """Reports on the residuals of a fit, under the noise that all structures are compared with."""
+    own = fitted.with_noise(explored.noise.noise)
+    return check_residuals(own.model.objective.calibration, own.model.objective.series, own.optimum, explored.floors)
+
+
+def best_within(comparison: Comparison, structure: Structure) -> Structure:
+    """Return the best structure that has no terms but those of another."""
+    return comparison.best(s for s in comparison.squares if set(s.terms) <= set(structure.terms))
