@@ -136,7 +136,7 @@ def attempt(task: FaultTask) -> Row:
             "correlated": any(noise.slow for noise in truth.noise.values()),
             "causes": [r.cause for r in causes],
             "what": [r.what for r in causes],
-            "findings": sorted({f.kind for r in found.calibration.recordings for f in r.findings}),
+            "findings": sorted({f.kind for r in found.calibration.data.recordings for f in r.findings}),
             "worst_error": max(abs(found[name].value / truth.parameters[name] - 1.0) for name in rig.free),
         }
     except Exception as error:

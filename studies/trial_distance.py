@@ -79,11 +79,11 @@ def _distance(spec: TrialSpec, noise_free: Recording, family: ModelicaFamily, kn
     loop = LoopSettings()
     settings = replace(loop.fitting.calibration, outputs=OUTPUTS, solver=SolverSettings(1e-6, 1e-6))
     read = calibrate([_as_read(spec, noise_free)], model, shared, settings=settings)
-    (experiment,) = read.experiments
+    (experiment,) = read.data.experiments
     assert experiment.measured is not None
     exact = noise_free.measured(experiment.outputs)[np.searchsorted(noise_free.time, experiment.time)]
     experiment = replace(experiment, measured=np.where(np.isnan(experiment.measured), np.nan, exact))
-    plain = replace(read, experiments=(experiment,))
+    plain = replace(read, data=read.data.with_experiments((experiment,)))
     with _here(plain.problem()) as simulator:
         every = range(len(plain.parameters))
         search = GlobalSearch(Objective(plain, simulator), loop.global_search)

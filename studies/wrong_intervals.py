@@ -70,7 +70,7 @@ def white_posterior_intervals(fit: Fit, rng: Generator) -> Mapping[str, Interval
     noise = {output: replace(n, model_error=False) for output, n in fit.noise.items()}
     with open_simulator(fit.calibration.problem(), workers=0) as simulator:
         target = Target(fit.calibration, simulator, fit.values, fit.free)
-        joint = JointTarget(target, NoiseLayout.of(fit.calibration, noise))
+        joint = JointTarget(target, NoiseLayout.of(fit.calibration.data, noise))
         slopes = fit.optimum.whitened.slopes
         covariance = np.zeros((joint.dimension, joint.dimension))
         own = len(fit.free)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from aero_bayes.estimate import Calibration, NoiseModel, Parameter, ParameterSet, Prior
+from aero_bayes.estimate import Calibration, MeasuredData, NoiseModel, Parameter, ParameterSet, Prior, SimulatedModel
 from aero_bayes.simulation import (
     Experiment,
     GaussNewton,
@@ -42,13 +42,9 @@ def calibration(
     noise: NoiseModel | None = None,
 ) -> Calibration:
     runs = tuple(Experiment(t, tuple(outputs), measured=y) for t, y in experiments)
-    return Calibration(
-        model(outputs, [p.name for p in parameters]),
-        runs,
-        tuple(f"run {k}" for k in range(len(runs))),
-        ParameterSet(tuple(parameters)),
-        noise=noise or NoiseModel("white"),
-    )
+    data = MeasuredData(runs, tuple(f"run {k}" for k in range(len(runs))))
+    simulated = SimulatedModel(model(outputs, [p.name for p in parameters]))
+    return Calibration(data, simulated, ParameterSet(tuple(parameters)), noise or NoiseModel("white"))
 
 
 def runge_kutta(

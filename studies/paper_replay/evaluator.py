@@ -39,10 +39,6 @@ class ModelEvaluator:
             raise CannotFinishError("the replay needs a recording with readings")
         self.time, self.outputs, self.measured = experiment.time, experiment.outputs, experiment.measured
 
-    def column(self, output: str) -> int:
-        """Return the position of an output."""
-        return self.outputs.index(output)
-
     def vector(self, values: Mapping[str, float]) -> FloatArray:
         """Return the columns' values, shape (p,), with the starting ones where none is given."""
         return np.array([values.get(name, self.start[name]) for name in self.names])
@@ -50,14 +46,14 @@ class ModelEvaluator:
     def simulate(self, values: FloatArray) -> FloatArray:
         """Simulate a batch (n, p): outputs of shape (n, samples, m), NaN where a run failed."""
         found = self.simulator.simulate(np.atleast_2d(values))
-        self._count(found.outcomes)
+        self.outcomes.update(map(Outcome, found.outcomes.ravel().tolist()))
         outputs = found.outputs[0].copy()
         outputs[found.outcomes[:, 0] != Outcome.OK] = np.nan
         return outputs
 
     def cost(self, values: FloatArray, output: str) -> FloatArray:
         """Compute Eq. 6 of one output for a batch (n, p): shape (n,), infinite where a run failed."""
-        k = self.column(output)
+        k = self.outputs.index(output)
         runs = self.simulate(values)[:, :, k]
         costs = [eq6([(self.measured[:, k] - y)[:, None]]) if np.isfinite(y).all() else np.inf for y in runs]
         return np.array(costs)
@@ -67,8 +63,7 @@ class ModelEvaluator:
         cost, gradient, _ = self.products(values[None, :], output, active)
         if not np.isfinite(cost[0]):
             raise CannotFinishError(f"the model cannot be simulated at {dict(zip(self.names, values, strict=True))}")
-        slope: FloatArray = 2.0 * gradient[0]
-        return slope
+        return np.asarray(2.0 * gradient[0])
 
     def products(
         self, values: FloatArray, output: str, active: Sequence[int]
@@ -79,17 +74,12 @@ class ModelEvaluator:
         """
         noise = np.zeros((1, 1, len(self.outputs), 3))
         noise[..., 0] = IGNORED * np.maximum(np.nanmax(np.abs(self.measured), axis=0), 1.0)
-        noise[0, 0, self.column(output), 0] = 1.0
+        noise[0, 0, self.outputs.index(output), 0] = 1.0
         found = self.simulator.gauss_newton(values, noise, active=list(active))
-        self._count(found.outcomes)
+        self.outcomes.update(map(Outcome, found.outcomes.ravel().tolist()))
         good = np.isfinite(found.cost) & np.all(found.outcomes == Outcome.OK, axis=1)
         return (
             np.where(good, found.cost, np.inf),
             np.where(good[:, None], found.gradient, 0.0),
             np.where(good[:, None, None], found.hessian, 0.0),
         )
-
-    def _count(self, outcomes: NDArray[np.uint8]) -> None:
-        codes, counts = np.unique(outcomes, return_counts=True)
-        for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
-            self.outcomes[Outcome(code)] += count

@@ -29,21 +29,13 @@ def run_result(replay: Replay) -> dict[str, Any]:
     """
     best = min((row for row in replay.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
     return {
-        "schema": SCHEMA,
-        "command": NAME,
-        "seed": replay.seed,
-        "versions": versions(),
-        "data": [],
-        "simulated": True,
+        "schema": SCHEMA, "command": NAME, "seed": replay.seed, "versions": versions(), "data": [], "simulated": True,
         "study": study_section(replay).model_dump(),
         NAME: {"rows": [asdict(row) | {"model": row.label} for row in replay.rows]},
         "failures": dict(replay.failures),
         "seconds": replay.seconds,
-        "verdict": {
-            "level": "good",
-            "text": f"Best of Table 1's models here: {best.label}, {best.fitness:.3g} rad².",
-        },
-    }
+        "verdict": {"level": "good", "text": f"Best of Table 1's models here: {best.label}, {best.fitness:.3g} rad²."},
+    }  # fmt: skip
 
 
 def study_section(replay: Replay) -> StudyJson:
@@ -54,22 +46,13 @@ def study_section(replay: Replay) -> StudyJson:
         StudyColumnJson(title="fitness, here", digits=4),
         StudyColumnJson(title="fitness, paper", digits=6),
     ]
-    rows = [
-        StudyRowJson(
-            label=row.label,
-            note=row.note,
-            values=[*(row.parameters.get(name) for name in names), row.fitness, row.paper_fitness],
-        )
-        for row in replay.rows
-    ]
+    rows = []
+    for row in replay.rows:
+        values = [*(row.parameters.get(name) for name in names), row.fitness, row.paper_fitness]
+        rows.append(StudyRowJson(label=row.label, note=row.note, values=values))
     return StudyJson(
-        name=NAME,
-        title="The paper, replayed",
-        output="the paper's output (SI units)",
+        name=NAME, title="The paper, replayed", output="the paper's output (SI units)",
         figure_caption="The paper’s Fig. 6, redrawn from this run. A model that leaves the frame is cut off by it.",
         table_caption="Table 1 of the paper, replayed (SI units; fitness by Eq. 6, smaller is better)",
-        columns=columns,
-        rows=rows,
-        smallest_in=len(names),
-        notes=list(replay.notes),
-    )
+        columns=columns, rows=rows, smallest_in=len(names), notes=list(replay.notes),
+    )  # fmt: skip

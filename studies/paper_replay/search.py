@@ -14,7 +14,7 @@ and Nocedal, 1999, SIAM J. Optim. 9, 877, the kind of ``interior-point``).
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -44,7 +44,6 @@ class Slope:
     """Derivative of a stage's Eq. 6 by one parameter at the start: exact, and as the coarse difference sees it."""
 
     parameter: str
-    output: str
     value: float
     step: float
     exact: float
@@ -115,24 +114,21 @@ def swarm_stage(
     for iteration in range(ITERATIONS):
         swarm.tell(cost(to_si(swarm.ask())))
         path[iteration] = to_si(swarm.own[swarm.best])
-    return cost.end(path[-1], float(swarm.own_cost[swarm.best]), path)
+    return cost.end(path[-1], float(swarm.own_cost[swarm.best]), path=path)
 
 
-def coarse_step(x: float, low: float, high: float) -> float:
-    """Return the forward-difference step at ``x``, turned round or cut where it would leave the bounds."""
-    step = RELATIVE_STEP * max(abs(x), TYPICAL)
-    if x + step <= high:
-        return step
-    if x - step >= low:
-        return -step
-    return high - x if high - x >= x - low else low - x
+def coarse_step(x: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return forward-difference steps at ``x``, shape (k,), turned round or cut where they would leave the bounds."""
+    step = RELATIVE_STEP * np.maximum(np.abs(x), TYPICAL)
+    cut = np.where(high - x >= x - low, high - x, low - x)
+    return np.where(x + step <= high, step, np.where(x - step >= low, -step, cut))
 
 
 def coarse_gradient(
     cost: Callable[[FloatArray], FloatArray], x: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Compute forward differences of a batched cost with :func:`coarse_step`, and the steps, shape (k,) each."""
-    steps = np.array([coarse_step(*corner) for corner in zip(x.tolist(), low.tolist(), high.tolist(), strict=True)])
+    steps = coarse_step(x, low, high)
     costs = cost(np.vstack((x, x + np.diag(steps))))
     with np.errstate(invalid="ignore"):
         slope = (costs[1:] - costs[0]) / steps
@@ -144,16 +140,16 @@ def coarse_stage(
 ) -> StageEnd:
     """Run one stage by the paper's constrained search. A failed run counts as a very large cost."""
     cost = _StageCost(evaluator, stage, base)
-    (low, high), output = cost.box("linear"), stage.outputs[0]
+    low, high = cost.box("linear")
 
     def single(x: FloatArray) -> float:
         value = float(cost(np.clip(x, low, high)[None, :])[0])
         return value if np.isfinite(value) else 1e30
 
     coarse, steps = coarse_gradient(cost, cost.start, low, high)
-    exact = evaluator.slopes(evaluator.vector(base), output, cost.columns)
+    exact = evaluator.slopes(evaluator.vector(base), stage.outputs[0], cost.columns)
     slopes = tuple(
-        Slope(name, output, *map(float, numbers))
+        Slope(name, *map(float, numbers))
         for name, *numbers in zip(stage.parameters, cost.start, steps, exact, coarse, strict=True)
     )
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -185,16 +181,12 @@ def exact_stage(evaluator: ModelEvaluator, stage: Stage, base: Mapping[str, floa
 
 
 def in_stages(
-    search: Callable[[ModelEvaluator, Stage, Mapping[str, float]], StageEnd],
-    evaluator: ModelEvaluator,
-    stages: Sequence[Stage] = PAPER_STAGES,
+    search: Callable[[ModelEvaluator, Stage, Mapping[str, float]], StageEnd], evaluator: ModelEvaluator
 ) -> tuple[StageEnd, ...]:
     """Run the stages one after the other, each with what the one before found."""
-    base: Mapping[str, float] = evaluator.start
-    ends = []
-    for stage in stages:
-        ends.append(search(evaluator, stage, base))
-        base = ends[-1].values
+    ends: list[StageEnd] = []
+    for stage in PAPER_STAGES:
+        ends.append(search(evaluator, stage, ends[-1].values if ends else evaluator.start))
     return tuple(ends)
 
 

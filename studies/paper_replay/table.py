@@ -8,17 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate import Fit
 from paper_replay.evaluator import ModelEvaluator
-from paper_replay.published import (
-    FMINCON,
-    PSO,
-    PSO_DATASHEET,
-    TABLE_PARAMETERS,
-    TRANSFER,
-    UNOPTIMISED,
-    Published,
-)
+from paper_replay.published import FMINCON, PSO, PSO_DATASHEET, TABLE_PARAMETERS, TRANSFER, UNOPTIMISED, Published
 from paper_replay.result import JOINT, PAPER, RERUN, SCALED, Details, ReplayRow, Variant
 
 FloatArray = NDArray[np.float64]
@@ -52,41 +43,28 @@ def build(
     rows, pitch = [], {}
     for published, variant, evaluator, values, note in entries:
         outputs = evaluator.simulate(evaluator.vector(values))[0]
-        shown = {name: float(values[name]) for name in TABLE_PARAMETERS if name in values}
-        paper_fitness = published.fitness if variant == PAPER else None
-        rows.append(_row(published.label, variant, shown, paper_fitness, note, evaluator, outputs))
+        errors = dict(zip(evaluator.outputs, (evaluator.measured - outputs).T, strict=True))
+        row = _row(published.label, variant, values, note, errors)
         if variant == PAPER:
-            pitch[published.label] = outputs[:, evaluator.column("theta")]
+            row = replace(row, paper_fitness=published.fitness)
+            pitch[published.label] = outputs[:, evaluator.outputs.index("theta")]
+        rows.append(row)
     for label, fit, note in (
         (LINEAR_LAW, details.linear, "c_m, D_p, K_sp, delay free too"),
         (QUADRATIC_LAW, details.quadratic, "k_d in N·m·s²/rad², k_t in N·s²/rad²"),
     ):
-        rows.append(_fitted(label, fit, note))
+        known = {name: estimate.value for name, estimate in fit.parameters.items() if estimate.value is not None}
+        rows.append(_row(label, JOINT, known, note, dict(zip(fit.outputs, fit.residuals[0].T, strict=True))))
     pitch["Joint fit"] = details.quadratic.fitted[0][:, details.quadratic.outputs.index("theta")]
     return tuple(rows), pitch
 
 
 def _row(
-    label: str,
-    variant: Variant,
-    parameters: Mapping[str, float],
-    paper_fitness: float | None,
-    note: str,
-    evaluator: ModelEvaluator,
-    outputs: FloatArray,
+    label: str, variant: Variant, values: Mapping[str, float], note: str, errors: Mapping[str, FloatArray]
 ) -> ReplayRow:
-    """Return a row from one simulation; a failed one has no fitness and says so."""
-    if not np.isfinite(outputs).all():
-        return ReplayRow(label, variant, parameters, None, paper_fitness, f"the simulation failed; {note}", {})
-    error = evaluator.measured - outputs
-    rms = {name: float(np.sqrt(np.nanmean(error[:, k] ** 2))) for k, name in enumerate(evaluator.outputs)}
-    fitness = float(np.nansum(error[:, evaluator.column("theta")] ** 2))
-    return ReplayRow(label, variant, parameters, fitness, paper_fitness, note, rms)
-
-
-def _fitted(label: str, fit: Fit, note: str) -> ReplayRow:
-    """Return a row from a joint fit."""
-    known = {name: estimate.value for name, estimate in fit.parameters.items()}
-    shown = {name: float(known[name]) for name in TABLE_PARAMETERS if name in known}
-    fitness = float(np.nansum(fit.residuals[0][:, fit.outputs.index("theta")] ** 2))
-    return ReplayRow(label, JOINT, shown, fitness, None, note, dict(fit.rms))
+    """Make a row from the errors of each output; a simulation that failed has no fitness and says so."""
+    shown = {name: float(values[name]) for name in TABLE_PARAMETERS if name in values}
+    if any(np.isnan(error).all() for error in errors.values()):
+        return ReplayRow(label, variant, shown, None, None, f"the simulation failed; {note}", {})
+    rms = {name: float(np.sqrt(np.nanmean(error**2))) for name, error in errors.items()}
+    return ReplayRow(label, variant, shown, float(np.nansum(errors["theta"] ** 2)), None, note, rms)

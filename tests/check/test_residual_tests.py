@@ -89,7 +89,8 @@ def test_an_input_that_a_controller_sets_by_the_reading_is_no_structure():
         [(time, measured[:, None])], ["y"], [closed_form.parameter("a", 1.0, -9.0, 9.0, Normal(0.0, 3.0))]
     )
     signal = InputSignal("u", time, -2.0 * measured, "hold")
-    given = replace(given, experiments=(replace(given.experiments[0], inputs=(signal,)),))
+    (run,) = given.data.experiments
+    given = replace(given, data=given.data.with_experiments((replace(run, inputs=(signal,)),)))
     simulator = closed_form.FormulaSimulator(given.problem(), lambda t, p: (p[0] + 0.0 * t)[:, None])
     study = Objective(given, simulator)
     (report,) = check_residuals(

@@ -131,6 +131,6 @@ def test_criteria_in_time_order_agree_on_a_right_model(two_recordings):
 
 def test_one_recording_cannot_be_left_out(two_recordings, tmp_path: Path):
     model = two_recordings.calibration.model
-    alone = fit(two_recordings.calibration.recordings[0], model, settings=FitSettings(method="local"), workers=0)
+    alone = fit(two_recordings.calibration.data.recordings[0], model, settings=FitSettings(method="local"), workers=0)
     with pytest.raises(InputError, match="at least two"):
         leave_one_recording_out(alone, opened, np.random.default_rng(1))

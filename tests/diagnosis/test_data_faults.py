@@ -23,7 +23,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
 def assert_right(found: aero_bayes.Fit, kinds: set[str], share: float = 0.03) -> None:
     assert found["C"].value == pytest.approx(heated_room.C, rel=share)
     assert found["G"].value == pytest.approx(heated_room.G, rel=share)
-    assert {f.kind for r in found.calibration.recordings for f in r.findings} == kinds
+    assert {f.kind for r in found.calibration.data.recordings for f in r.findings} == kinds
     assert [row.cause for row in found.diagnosis if row.found] == (["data"] if kinds else [])
 
 
@@ -47,7 +47,7 @@ def test_outliers_are_told_with_their_times_and_not_fitted(room: aero_bayes.Mode
 
     found = heated_room.fit(heated_room.with_readings(heated_room.recording(), change), room)
     assert_right(found, {"outliers"}, 0.01)
-    hidden = np.flatnonzero(np.isnan(found.calibration.recordings[0].outputs["T"]))
+    hidden = np.flatnonzero(np.isnan(found.calibration.data.recordings[0].outputs["T"]))
     assert set(hidden.tolist()) <= set(rows.tolist())
     assert hidden.size >= 0.9 * rows.size
     assert f"{120.0 * hidden[0]:g}" in found.diagnosis["data"].where

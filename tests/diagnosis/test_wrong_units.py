@@ -35,7 +35,7 @@ def test_a_channel_in_another_unit(
     room: aero_bayes.Model, channel: str, unit: str, change: Callable[[np.ndarray], np.ndarray]
 ) -> None:
     found = heated_room.fit(changed(channel, change), room)
-    (finding,) = found.calibration.recordings[0].findings
+    (finding,) = found.calibration.data.recordings[0].findings
     assert (finding.kind, finding.signal) == ("unit", channel)
     assert f'unit = "{unit}"' in finding.done
     cause = found.diagnosis.explanation
@@ -45,5 +45,5 @@ def test_a_channel_in_another_unit(
 
 def test_a_missing_effect_is_no_unit(room: aero_bayes.Model) -> None:
     found = heated_room.fit(heated_room.recording(loss=lambda x: 9.0 * x * abs(x)), room)
-    assert not found.calibration.recordings[0].findings
+    assert not found.calibration.data.recordings[0].findings
     assert found.diagnosis["model"].found

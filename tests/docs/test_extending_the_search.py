@@ -55,7 +55,7 @@ def searched(settings: LoopSettings, parts: Parts, folder: Path) -> Iterator[tup
         source = ModelSource(family, base.plain, base.fit.free, context.open_objective, context.open, False)
         cache = ModelCache(source)
         model = cache.of(Structure(), library.groups[0])
-        fit = replace(settings.local_fit, floors=base.plain.floors, hold_noise=True)
+        fit = replace(settings.local_fit, floors=base.plain.data.floors, hold_noise=True)
         root = model.fit(Structure(), model.coordinates_of(base.values, ()), FitNoise(base.fit.noise), fit)
         searching = StructureSearch(cache, library, settings.structures, fit, base.floors, parts)
         yield searching, searching.run(root)

@@ -76,7 +76,7 @@ def test_a_resonance_is_not_taken_for_its_alias(tmp_path):
         found = choose_interpolation(search, result, partial(open_simulator, workers=0), np.random.default_rng(1))
     assert found is not None
     calibration, optimum = found
-    assert calibration.interpolation == {"u": "linear"}
+    assert calibration.data.interpolation == {"u": "linear"}
     mass, damping, spring = calibration.parameters.from_search(optimum.coordinates)[:3]
     assert mass == pytest.approx(MASS, rel=0.01)
     assert damping == pytest.approx(DAMPING, rel=0.05)

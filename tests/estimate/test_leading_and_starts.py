@@ -90,7 +90,7 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
 
     with open_simulator(calibration.problem(), workers=0) as simulator:
         cheap = with_few_samples(calibration, simulator, SAMPLES)
-        (full,), (few,) = calibration.experiments, cheap.experiments
+        (full,), (few,) = calibration.data.experiments, cheap.data.experiments
         assert bool(few.time[-1] > 0.9 * TIME[-1]) is averaged
         assert few.time.size <= 3 * SAMPLES
         # What a simulation costs is the number of times at which its input jumps.
@@ -125,8 +125,8 @@ def test_few_changes_of_the_input_are_left_as_they_are(modelica):
     )  # fmt: skip
     with open_simulator(calibration.problem(), workers=0) as simulator:
         cheap = with_few_samples(calibration, simulator, SAMPLES)
-    assert cheap.experiments[0].inputs == calibration.experiments[0].inputs
-    assert cheap.experiments[0].time.size == SAMPLES
+    assert cheap.data.experiments[0].inputs == calibration.data.experiments[0].inputs
+    assert cheap.data.experiments[0].time.size == SAMPLES
 
 
 def test_starts_of_states_that_no_one_measured_are_found(modelica):
@@ -195,5 +195,5 @@ def test_a_start_is_not_called_as_a_parameter_of_the_model(modelica):
     settings = CalibrationSettings(delay="none", initial_states="estimated")
     made = calibrate([Recording("step", time, {"u": np.ones(time.size)}, {"y": y})], model, free, settings=settings)
     assert made.parameters.names == ("T", "y_start")  # searched as the initial value that it is
-    held = calibrate([made.recordings[0]], model, free.without(["y_start"]), settings=settings)
+    held = calibrate([made.data.recordings[0]], model, free.without(["y_start"]), settings=settings)
     assert held.parameters.names == ("T", "y_initial")

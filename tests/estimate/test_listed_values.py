@@ -98,7 +98,7 @@ def test_values_of_a_real_parameter(model: aero_bayes.Model, table: dict[str, np
     }
     found = aero_bayes.fit(recording_of(table), model, parameters=chosen, settings=QUICK, workers=0)
     assert found.trials[0].values["gain"] == 3.0
-    assert found.calibration.fixed["gain"] == 3.0
+    assert found.calibration.simulated.fixed["gain"] == 3.0
 
 
 def test_values_that_do_as_well_share_the_probability(model: aero_bayes.Model, table: dict[str, np.ndarray]):

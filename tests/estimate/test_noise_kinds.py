@@ -48,12 +48,12 @@ def test_declared_heavy_tails_hold_the_truth(room: aero_bayes.Model) -> None:
 
 
 def test_white_noise_stays_white(room: aero_bayes.Model) -> None:
-    assert not fit(recording(seed=3), room).calibration.spreads
+    assert not fit(recording(seed=3), room).calibration.data.spreads
 
 
 def test_engine_and_residuals_give_one_likelihood(room: aero_bayes.Model) -> None:
     found = fit(with_relative_noise(4), room)
-    assert found.calibration.spreads
+    assert found.calibration.data.spreads
     with open_simulator(found.calibration.problem(), workers=0) as simulator:
         objective = Objective(found.calibration, simulator)
         for name, noise in [("white", found.noise), ("ou", {"T": replace(found.noise["T"], sd_ou=0.05, tau=600.0)})]:

@@ -112,7 +112,7 @@ def test_outputs_that_a_part_leaves_out_do_not_count(objectives):
     part = whole.with_outputs(["y"])
     x = whole.parameters.to_search(whole.parameters.start)
     noise = {"x": NOISES["slow"], "y": NOISES["brief"]}
-    assert part.readings == np.isfinite(np.concatenate(whole.calibration.measured)[:, 1]).sum()
+    assert part.readings == np.isfinite(np.concatenate(whole.calibration.data.measured)[:, 1]).sum()
     found = part.evaluate(x, (0, 1, 2))
     white = part.whiten(found, noise)
     values = whole.parameters.from_search(x)

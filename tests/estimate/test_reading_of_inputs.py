@@ -88,9 +88,9 @@ def test_a_reading_by_name_and_what_may_move(modelica) -> None:
     free = parameters_from_model(model, overrides={"tau": Override()})
     settings = CalibrationSettings(initial_states="reading", interpolation={"T_amb": "linear"})
     calibration = calibrate([recording], model, free, settings=settings)
-    assert calibration.interpolation == {"T_amb": "linear", "heater": "hold"}
-    assert moving_inputs(calibration) == ("T_amb",)
+    assert calibration.data.interpolation == {"T_amb": "linear", "heater": "hold"}
+    assert moving_inputs(calibration.data, model) == ("T_amb",)
     discrete = replace(model, inputs=tuple(replace(variable, discrete=True) for variable in model.inputs))
-    assert moving_inputs(replace(calibration, model=discrete)) == ()
+    assert moving_inputs(calibration.data, discrete) == ()
     with pytest.raises(InputError, match=facts("interpolation", "wind", "house", "T_amb", "heater")):
         calibrate([recording], model, free, settings=CalibrationSettings(interpolation={"wind": "linear"}))

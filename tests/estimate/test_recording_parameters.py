@@ -107,7 +107,7 @@ def test_parts_of_a_recording_share_its_value(modelica: Callable[[str], Model], 
     recordings = [whole.rows_where(keep, "empty"), lag(rng, "loaded", 3.5, 1.0)]
     searched = {"gain": Override(per_recording=True), "tau": None}
     fit = aero_bayes.fit(recordings, modelica(LAG), parameters=searched, settings=LOCAL, workers=0)
-    assert len(fit.calibration.recordings) == 3
+    assert len(fit.calibration.data.recordings) == 3
     assert [n for n in fit.parameters if n.startswith("gain")] == ["gain@empty", "gain@loaded"]
     for name, truth in (("gain@empty", 2.0), ("gain@loaded", 3.5)):
         assert abs(fit[name].value - truth) < 4.0 * (fit[name].sd or 0.0)

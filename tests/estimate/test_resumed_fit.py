@@ -86,8 +86,9 @@ def test_whenever_it_was_interrupted(problem, tmp_path, monkeypatch):
 def test_other_data_find_nothing_in_it(problem, tmp_path):
     path = tmp_path / "fit.npz"
     rationed(problem, 10_000, Checkpoint(path))
-    (run,) = problem.experiments
-    other = replace(problem, experiments=(replace(run, measured=run.measured + 0.01 * np.cos(T)[:, None]),))
+    (run,) = problem.data.experiments
+    shifted = replace(run, measured=run.measured + 0.01 * np.cos(T)[:, None])
+    other = replace(problem, data=problem.data.with_experiments((shifted,)))
     fresh = rationed(other, 10_000, None)
     needed = Rationed.left
     resumed = rationed(other, 10_000, Checkpoint(path))

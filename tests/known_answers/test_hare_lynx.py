@@ -117,7 +117,7 @@ def posterior(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, np.
     settings = FitSettings(method="local", staged=False)
     found = fit_calibration(calibration, lambda p: open_simulator(p, workers=0), settings)
     with open_simulator(calibration.problem(), workers=0) as simulator:
-        layout = replace(NoiseLayout.of(calibration, found.noise), centre=np.full((2, 3), -1.0), sigma=1.0)
+        layout = replace(NoiseLayout.of(calibration.data, found.noise), centre=np.full((2, 3), -1.0), sigma=1.0)
         density = JointTarget(Target(calibration, simulator, found.values, found.free), layout)
         proposal = WarpedStudentT.of(found.laplace.mean, found.laplace.covariance, 8.0)
         chain = run_chain(density, proposal, SampleSettings(ess=2000.0, max_steps=6000, max_minutes=15.0), seed=5)

@@ -79,7 +79,7 @@ def case(tmp_path_factory: pytest.TempPathFactory):
     settings = FitSettings(method="local", staged=False)
     fit = fit_calibration(calibration, lambda p: open_simulator(p, workers=0), settings)
     with open_simulator(calibration.problem(), workers=0) as simulator:
-        yield fit, simulator, Exact(NoiseLayout.of(calibration, fit.noise))
+        yield fit, simulator, Exact(NoiseLayout.of(calibration.data, fit.noise))
 
 
 def natural(points: np.ndarray) -> np.ndarray:

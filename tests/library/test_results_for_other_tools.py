@@ -53,7 +53,7 @@ def test_what_is_exported_runs_as_long_as_the_recording(cart: SimpleNamespace, t
         cart.recording.slice(0.0, 12.0), cart.model, parameters=["k"], settings=aero_bayes.FitSettings("local"),
         workers=0,
     )  # fmt: skip
-    end = shorter.calibration.experiments[0].time[-1]
+    end = shorter.calibration.data.experiments[0].time[-1]
     with ZipFile(shorter.export_fmu(tmp_path / "short.fmu")) as archive:
         root = ElementTree.fromstring(archive.read("modelDescription.xml"))
     assert float(root.find("DefaultExperiment").get("stopTime")) == pytest.approx(end)

@@ -73,17 +73,15 @@ def test_a_hardening_spring_is_told_from_a_stop_after_a_bad_first_fit(result) ->
 
 def test_inputs_read_the_other_way_twice_are_as_they_were() -> None:
     run = recording("run", 3, 200)
-    held = replace(
-        closed_form.calibration([(run.time, run.outputs["y"][:, None])], ["y"], []), recordings=(run,),
-        experiments=(to_experiment(run),),
-    )  # fmt: skip
+    held = closed_form.calibration([(run.time, run.outputs["y"][:, None])], ["y"], [])
+    held = replace(held, data=replace(held.data, recordings=(run,), experiments=(to_experiment(run),)))
     lines = with_other_interpolation(held)
     assert lines is not None
-    assert lines.interpolation == {"F": "linear"}
+    assert lines.data.interpolation == {"F": "linear"}
     again = with_other_interpolation(lines)
     assert again is not None
-    assert again.interpolation == {"F": "hold"}
-    before, after = held.experiments[0].inputs[0], again.experiments[0].inputs[0]
+    assert again.data.interpolation == {"F": "hold"}
+    before, after = held.data.experiments[0].inputs[0], again.data.experiments[0].inputs[0]
     assert (after.name, after.interpolation) == (before.name, "hold")
     np.testing.assert_array_equal(after.time, before.time)
     np.testing.assert_array_equal(after.values, before.values)

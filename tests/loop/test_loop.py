@@ -144,6 +144,6 @@ def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp
     )  # fmt: skip
     plain = fit_base_model(context).plain
     (raw,) = context.recordings.fitted
-    current = plain.measured[0][:, plain.outputs.index("i_m")]
+    current = plain.data.measured[0][:, plain.data.outputs.index("i_m")]
     same = np.array_equal(current, raw.outputs["i_m"], equal_nan=True)
     assert same is not taken_out

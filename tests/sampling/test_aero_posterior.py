@@ -85,7 +85,7 @@ def test_posterior_agrees_with_laplace_and_is_written_whole(posterior: Posterior
 
 def test_predictive_band_holds_its_share_of_the_readings(posterior: Posterior) -> None:
     band = posterior.predictive[0]
-    measured = posterior.calibration.measured[0]
+    measured = posterior.calibration.data.measured[0]
     share = np.mean((measured > band.lower) & (measured < band.upper), axis=0)
     np.testing.assert_allclose(share, 0.9, atol=0.04)
     assert np.all(band.fit_upper - band.fit_lower < band.upper - band.lower)

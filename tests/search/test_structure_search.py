@@ -401,5 +401,5 @@ def test_noise_that_is_correlated_up_to_the_limit_is_model_error():
     problem = closed_form.calibration(
         [(TIME, (drift + 0.05 * rng.normal(size=600))[:, None])], ["y"], [parameter(n) for n in "abcde"], NoiseModel()
     )
-    root = OneModel(Objective(problem, LinearSimulator(problem.measured[0][:, 0], BASIS))).root()
+    root = OneModel(Objective(problem, LinearSimulator(problem.data.measured[0][:, 0], BASIS))).root()
     assert common_noise(root, {}).structured == ("y",)

@@ -102,7 +102,7 @@ def test_a_fit_is_freed_of_its_ripple(model):
     )  # fmt: skip
     fitted = fit(recording, model, settings=FitSettings(method="local", ripple="describe"), workers=0)
     assert fitted.sensors["i_m"]["ripple_subtracted"] is False
-    cleaned, report = without_ripple(fitted.calibration, fitted.fitted)
+    cleaned, report = without_ripple(fitted.calibration.data, fitted.calibration.model, fitted.fitted)
     ripple = report[recording.name]["i_m"]
     assert [o.order for o in ripple.orders][-1] == 2
     assert ripple.noise.sd == pytest.approx(0.005, rel=0.15)
@@ -168,7 +168,11 @@ def counted(model):
 
 def test_counts_are_described(counted):
     fitted, step = counted
-    time, readings, smooth = fitted.calibration.experiments[0].time, fitted.calibration.readings[0], fitted.fitted[0]
+    time, readings, smooth = (
+        fitted.calibration.data.experiments[0].time,
+        fitted.calibration.data.readings[0],
+        fitted.fitted[0],
+    )
     found = describe_quantisation(time, readings[:, 2], smooth[:, 2])
     assert found.step == pytest.approx(step, rel=1e-6)
     assert found.sd == pytest.approx(0.2 * step, rel=0.25)

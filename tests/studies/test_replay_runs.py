@@ -132,7 +132,7 @@ def test_a_coarse_step_stays_inside_the_bounds():
         low = rng.uniform(-2.0, 2.0)
         high = low + 10.0 ** rng.uniform(-4, 2)
         x = rng.uniform(low, high)
-        step = coarse_step(x, low, high)
+        step = float(coarse_step(x, low, high))
         assert step != 0.0
         assert low <= x + step <= high
         assert abs(step) <= 0.1 * max(abs(x), 1.0) + 1e-15

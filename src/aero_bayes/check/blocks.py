@@ -23,7 +23,7 @@ _MAX_TRAJECTORY_NUMBERS = 4_000_000
 
 def block_edges(joint: JointTarget, blocks: int) -> tuple[FloatArray, ...]:
     """Return times that split each recording into blocks of equal length, each shape (blocks + 1,)."""
-    return tuple(np.linspace(e.time[0], e.time[-1], blocks + 1) for e in joint.target.calibration.experiments)
+    return tuple(np.linspace(e.time[0], e.time[-1], blocks + 1) for e in joint.target.calibration.data.experiments)
 
 
 def block_log_likelihood(joint: JointTarget, points: FloatArray, edges: Sequence[FloatArray]) -> list[FloatArray]:
@@ -42,7 +42,7 @@ def block_log_likelihood(joint: JointTarget, points: FloatArray, edges: Sequence
     list of ndarray, one a recording, shape (s, b)
         Minus infinity where a simulation failed.
     """
-    experiments = joint.target.calibration.experiments
+    experiments = joint.target.calibration.data.experiments
     size = sum(e.time.size * len(e.outputs) for e in experiments)
     batch = max(1, _MAX_TRAJECTORY_NUMBERS // size)
     parts = [_batch(joint, points[k : k + batch], edges) for k in range(0, len(points), batch)]
@@ -54,8 +54,8 @@ def _batch(joint: JointTarget, points: FloatArray, edges: Sequence[FloatArray]) 
     result = target.simulator.simulate(target.values(points[:, :f]))
     noise = joint.layout.unpack(points[:, f:])[:, 0]
     found = []
-    for e, experiment in enumerate(target.calibration.experiments):
-        measured, count = target.calibration.measured[e], edges[e].size - 1
+    for e, experiment in enumerate(target.calibration.data.experiments):
+        measured, count = target.calibration.data.measured[e], edges[e].size - 1
         block = np.clip(np.searchsorted(edges[e], experiment.time, side="right") - 1, 0, count - 1)
         total = np.zeros((len(points), count))
         for k in range(measured.shape[1]):

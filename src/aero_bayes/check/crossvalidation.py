@@ -19,6 +19,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.levenberg_marquardt import levenberg_marquardt
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
@@ -104,8 +105,9 @@ def time_ordered_scores(
     def refit(known: int) -> FloatArray:
         if progress is not None:
             progress("refits", 1.0 - known / blocks, f"first {known} of {blocks} stretches")
-        seen = _until(fit.calibration, known / blocks)
-        start = replace(seen, parameters=seen.parameters.with_start(fit.values))
+        whole = fit.calibration
+        data, parameters = _until(whole.data, known / blocks), whole.parameters.with_start(fit.values)
+        start = replace(whole, data=data, parameters=parameters)
         earlier = fit_calibration(start, open_simulator, _REFIT_SETTINGS, rng)
         return np.asarray(np.sum(_densities(earlier, fit.calibration, open_simulator, rng, blocks, draws), axis=0))
 
@@ -155,15 +157,15 @@ def leave_one_recording_out(
     """
     began = time.perf_counter()
     calibration = fit.calibration
-    if len(calibration.experiments) < 2:
+    if len(calibration.data.experiments) < 2:
         raise InputError("leaving a recording out needs at least two")
     found: list[LeftOutPrediction] = []
-    for index, name in enumerate(calibration.names):
+    for index, name in enumerate(calibration.data.names):
         if found and (time.perf_counter() - began) * (index + 1) / index > time_limit:
             break
         if progress is not None:
-            progress("recordings", index / len(calibration.names), name)
-        others = _select(calibration, [e for e in range(len(calibration.names)) if e != index], fit.values)
+            progress("recordings", index / len(calibration.data.names), name)
+        others = _select(calibration, [e for e in range(len(calibration.data.names)) if e != index], fit.values)
         rest = fit_calibration(others, open_simulator, _REFIT_SETTINGS, rng)
         with open_simulator(others.problem()) as simulator:
             sample = importance_posterior(rest, simulator, 8 * draws, rng).resample(draws, rng)
@@ -188,13 +190,13 @@ def _densities(
         return block_log_likelihood(joint, sample, block_edges(joint, blocks))
 
 
-def _until(calibration: Calibration, share: float) -> Calibration:
-    """Return the same problem with only the first share of each recording's time."""
+def _until(data: MeasuredData, share: float) -> MeasuredData:
+    """Return the data with only the first share of each recording's time."""
     kept = []
-    for e in calibration.experiments:
+    for e in data.experiments:
         end = int(np.searchsorted(e.time, e.time[0] + share * (e.time[-1] - e.time[0]), side="left"))
         kept.append(e.at_samples(slice(end)))
-    return replace(calibration, experiments=tuple(kept))
+    return data.with_experiments(kept)
 
 
 def _select(calibration: Calibration, chosen: list[int], values: FloatArray) -> Calibration:
@@ -205,13 +207,14 @@ def _select(calibration: Calibration, chosen: list[int], values: FloatArray) -> 
             items.append(replace(item, start=float(value)))
         elif item.recording in chosen:
             items.append(replace(item, start=float(value), recording=chosen.index(item.recording)))
-    return replace(
-        calibration,
-        experiments=tuple(calibration.experiments[e] for e in chosen),
-        names=tuple(calibration.names[e] for e in chosen),
-        recordings=tuple(calibration.recordings[e] for e in chosen if calibration.recordings),
-        parameters=type(calibration.parameters)(tuple(items)),
+    every = calibration.data
+    data = replace(
+        every,
+        experiments=tuple(every.experiments[e] for e in chosen),
+        names=tuple(every.names[e] for e in chosen),
+        recordings=tuple(every.recordings[e] for e in chosen if every.recordings),
     )
+    return replace(calibration, data=data, parameters=ParameterSet(tuple(items)))
 
 
 def _predict(
@@ -219,7 +222,7 @@ def _predict(
 ) -> LeftOutPrediction:
     """Return one recording under draws of the others' posterior (s, d)."""
     own = [j for j, p in enumerate(alone.parameters) if p.recording is not None]
-    layout = NoiseLayout.of(rest.calibration, rest.noise)
+    layout = NoiseLayout.of(rest.calibration.data, rest.noise)
     split = rest.laplace.parameters
     densities: list[float] = []
     fitted = np.empty(0)
@@ -230,9 +233,9 @@ def _predict(
             if not densities:
                 fitted = simulator.simulate(values[None]).outputs[0][0]
             densities.append(density)
-    error = costs.rms_overall([alone.measured[0] - fitted], fit.outputs)
+    error = costs.rms_overall([alone.data.measured[0] - fitted], fit.outputs)
     elpd = float(logsumexp(densities[1:]) - math.log(len(densities) - 1))
-    return LeftOutPrediction(alone.names[0], error, costs.rms_overall([fit.residuals[index]], fit.outputs), elpd)
+    return LeftOutPrediction(alone.data.names[0], error, costs.rms_overall([fit.residuals[index]], fit.outputs), elpd)
 
 
 def _values(alone: Calibration, rest: Fit, coordinates: FloatArray) -> FloatArray:

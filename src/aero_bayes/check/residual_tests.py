@@ -19,10 +19,12 @@ from scipy.special import chdtrc
 
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors import OutputNoise, autocorrelation, correlation_statistic, is_rotor_speed, ripple_means, whiten
 from aero_bayes.sensors.noise_estimation import is_model_error
 from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE
+from aero_bayes.simulation.interface import SolverSettings
 
 FloatArray = NDArray[np.float64]
 ResidualVerdict = Literal["adequate", "structured"]
@@ -98,11 +100,11 @@ class ResidualReport:
         }
 
 
-def exact_level(calibration: Calibration, series: Series) -> float:
+def exact_level(solver: SolverSettings, series: Series) -> float:
     """Compute the RMS residual, in the output's unit, up to which there is only rounding and the solver's error."""
     size, moved = float(np.max(np.abs(series.measured))), float(np.ptp(series.measured))
-    solver = calibration.solver.relative_tolerance * size + calibration.solver.absolute_tolerance
-    return max(ROUNDING_SHARE * moved, min(solver, SOLVER_SHARE * moved))
+    error = solver.relative_tolerance * size + solver.absolute_tolerance
+    return max(ROUNDING_SHARE * moved, min(error, SOLVER_SHARE * moved))
 
 
 def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
@@ -195,14 +197,14 @@ def check_residuals(
         residual, noise, slopes = fit.evaluation.residual[k], fit.noise[own.output], fit.evaluation.slopes
         assert slopes is not None
         rows = np.vstack([residual[None], slopes[k]])
-        floor, size = floors.get((calibration.names[own.experiment], own.output)), noise.sd
+        floor, size = floors.get((calibration.data.names[own.experiment], own.output)), noise.sd
         if fit.evaluation.sd is not None:  # a filter's innovations, whose size is not the sensor's alone
             sd = fit.evaluation.sd[k]
             rows, noise, floor, size = rows / sd, OutputNoise(1.0), None, float(np.sqrt(np.mean(sd**2)))
         else:
             rows, _ = whiten(rows, own.sampling, noise)
         innovations, white = rows[0], rows[1:]
-        states = _states(calibration, series, fit, own, units)
+        states = _states(calibration.data, series, fit, own, units)
         turning = any(
             s.experiment == own.experiment and is_rotor_speed(s.measured, units.get(s.output, "")) for s in series
         )
@@ -213,7 +215,7 @@ def check_residuals(
         tests += [smooth_dependence_test(name, over, innovations, own, noise, white) for name, over in states.items()]
         rms = float(np.sqrt(np.mean(residual**2)))
         worst = min(1.0, len(tests) * min(test.p_value for test in tests))
-        exact = rms <= exact_level(calibration, own)
+        exact = rms <= exact_level(calibration.simulated.solver, own)
         beyond = floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300)
         longest = max(s.sampling.duration for s in series if s.output == own.output)
         lasting = is_model_error(noise, longest)
@@ -224,7 +226,7 @@ def check_residuals(
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
             ResidualReport(
-                calibration.names[own.experiment], own.output, rms, floor, size, tuple(tests), lags, acf,
+                calibration.data.names[own.experiment], own.output, rms, floor, size, tuple(tests), lags, acf,
                 correlations, window, share, "structured" if structured else "adequate", exact,
             )
         )  # fmt: skip
@@ -232,7 +234,7 @@ def check_residuals(
 
 
 def _states(
-    calibration: Calibration, series: Sequence[Series], fit: Optimum, own: Series, units: Mapping[str, str]
+    data: MeasuredData, series: Sequence[Series], fit: Optimum, own: Series, units: Mapping[str, str]
 ) -> dict[str, FloatArray]:
     """Compute fitted outputs, derivatives of outputs that are positions, and inputs, at the samples of one output.
 
@@ -253,7 +255,7 @@ def _states(
                 rate[1:] = np.diff(level) / np.diff(time)
                 rate[0] = rate[1]
             states[f"der({other.output})"] = rate
-    for signal in calibration.experiments[own.experiment].inputs:
+    for signal in data.experiments[own.experiment].inputs:
         states[signal.name] = _until(time, signal.time, signal.values)
     return states
 

@@ -117,7 +117,7 @@ def _repetition(predictor: ExperimentPredictor, design: Design, rng: np.random.G
     truth = predictor.draws(1, rng)[0]
     delay = predictor.delay
     late = float(rng.uniform(delay.lower, delay.upper)) if delay is not None else predictor.delay_value
-    noise = [predictor.fit.noise[name] for name in predictor.fit.calibration.outputs]
+    noise = [predictor.fit.noise[name] for name in predictor.fit.calibration.data.outputs]
     experiment = simulated_experiment(predictor, design, np.append(truth, late), noise, rng)
     found = refit_experiment(predictor, experiment, noise) if experiment is not None else None
     return None if found is None else found[0] - predictor.shared.to_search(truth)
@@ -148,7 +148,7 @@ def simulated_experiment(
     Experiment or None
         None where the simulation failed.
     """
-    outputs = predictor.fit.calibration.outputs
+    outputs = predictor.fit.calibration.data.outputs
     experiment = replace(predictor.experiment(proposed.values, proposed.time), outputs=outputs)
     with predictor.open(predictor.problem([experiment])) as simulator:
         result = simulator.simulate(values[None])

@@ -112,7 +112,7 @@ class ExperimentPredictor:
         self._engine: Engine = engine
         self._workers, self._pool = workers, pool
         calibration = fit.calibration
-        inputs = {signal.name for e in calibration.experiments for signal in e.inputs}
+        inputs = {signal.name for e in calibration.data.experiments for signal in e.inputs}
         if len(inputs) != 1:
             raise InputError(f"an experiment can be designed for a model with one driven input, not {len(inputs)}")
         self.input = inputs.pop()
@@ -121,7 +121,7 @@ class ExperimentPredictor:
             if name not in known:
                 raise InputError(f"limit of {name}: model {calibration.model.name} has no such output")
         self.limited = tuple(limits.travel)
-        self.outputs = calibration.outputs + tuple(n for n in self.limited if n not in calibration.outputs)
+        self.outputs = calibration.data.outputs + tuple(n for n in self.limited if n not in calibration.data.outputs)
         columns = [
             j
             for j, p in enumerate(calibration.parameters)
@@ -135,7 +135,7 @@ class ExperimentPredictor:
         self.delay_value = float(np.mean(fit.values[delays])) if delays else 0.0
         every = -(-time.size // MAX_SAMPLES)
         self.time = time[::every]
-        self._noise = [_thinned(fit.noise[name], every) for name in calibration.outputs]
+        self._noise = [_thinned(fit.noise[name], every) for name in calibration.data.outputs]
         self._sampling = SampleTimes.of(self.time, self.time)
 
     def precision(self) -> FloatArray:
@@ -170,8 +170,8 @@ class ExperimentPredictor:
         calibration = self.fit.calibration
         targets = (*(p.target for p in self.shared), DelayTarget())
         return Problem(
-            calibration.model, tuple(experiments), (targets,) * len(experiments), dict(calibration.fixed),
-            calibration.solver,
+            calibration.model, tuple(experiments), (targets,) * len(experiments), dict(calibration.simulated.fixed),
+            calibration.simulated.solver,
         )  # fmt: skip
 
     def open(self, problem: Problem) -> Simulator:

@@ -221,14 +221,15 @@ def default_limits(fit: GaussianFit) -> Limits:
     """Return what the model's package allows, for those outputs that it has; else inputs as large as those recorded."""
     model, declared = fit.calibration.model, fit.calibration.model.declared.limits
     known = {v.name for v in model.outputs}
-    largest = max((float(np.abs(s.values).max()) for e in fit.calibration.experiments for s in e.inputs), default=0.0)
+    experiments = fit.calibration.data.experiments
+    largest = max((float(np.abs(s.values).max()) for e in experiments for s in e.inputs), default=0.0)
     return Limits(declared.input or largest or 1.0, {n: v for n, v in declared.travel.items() if n in known})
 
 
 def experiment_times(fit: GaussianFit, duration: float, rate_hz: float | None) -> FloatArray:
     """Sample times of the new recording, shape (n,)."""
     if rate_hz is None:
-        rate_hz = 1.0 / fit.calibration.intervals[0]
+        rate_hz = 1.0 / fit.calibration.data.intervals[0]
     if not (rate_hz > 0.0 and duration * rate_hz >= 10.0):
         raise InputError(f"an experiment of {duration:g} s at {rate_hz:g} Hz has fewer than ten samples")
     return np.arange(round(duration * rate_hz) + 1) / rate_hz
@@ -299,8 +300,8 @@ def _score(
 
 def _present(fit: Fit, predictor: ExperimentPredictor, time: FloatArray) -> FloatArray:
     """Return the first recording's input, repeated over the new times."""
-    signal = fit.calibration.experiments[0].inputs[0]
-    span = fit.calibration.experiments[0].time
+    signal = fit.calibration.data.experiments[0].inputs[0]
+    span = fit.calibration.data.experiments[0].time
     within = span[0] + np.mod(time, span[-1] - span[0])
     index = np.clip(np.searchsorted(signal.time, within, side="right") - 1, 0, signal.time.size - 1)
     return np.asarray(signal.values[index])

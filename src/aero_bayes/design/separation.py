@@ -89,7 +89,7 @@ def separating_experiment(
     CannotFinishError
         If every candidate leaves the travel.
     """
-    outputs = first.calibration.outputs, second.calibration.outputs
+    outputs = first.calibration.data.outputs, second.calibration.data.outputs
     if outputs[0] != outputs[1]:
         raise InputError(f"the two fits are of different outputs: {outputs[0]} and {outputs[1]}")
     limits, settings = limits or default_limits(first), settings or SearchSettings()

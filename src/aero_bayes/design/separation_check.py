@@ -107,7 +107,7 @@ def _repetition(
     separation: Separation, truth: ExperimentPredictor, rival: ExperimentPredictor, rng: np.random.Generator
 ) -> float | None:
     """Compute the log-evidence of the true model less that of the other, under the noise of the other one."""
-    noise = [rival.fit.noise[name] for name in truth.fit.calibration.outputs]
+    noise = [rival.fit.noise[name] for name in truth.fit.calibration.data.outputs]
     values = np.append(truth.values, truth.delay_value)
     measured = simulated_experiment(truth, separation, values, noise, rng)
     if measured is None:

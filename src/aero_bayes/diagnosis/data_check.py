@@ -9,7 +9,7 @@ from aero_bayes.estimate.result import Fit
 
 def check_data(fit: Fit, left: LeftOver) -> DiagnosisRow:
     """Tell what is wrong with the readings of the fitted recordings."""
-    findings = list(dict.fromkeys(f for recording in fit.calibration.recordings for f in recording.findings))
+    findings = list(dict.fromkeys(f for recording in fit.calibration.data.recordings for f in recording.findings))
     if not findings:
         return DiagnosisRow(
             "data", False, "No impossible or stuck readings, outliers, clipping, gaps in time or jumps of a turn."

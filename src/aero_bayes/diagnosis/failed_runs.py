@@ -86,13 +86,14 @@ def failing_run(fit: Fit) -> str:
         if failed.size:
             values = ", ".join(f"{p.name} = {v:.4g}" for p, v in zip(parameters, row.tolist(), strict=True))
             time = _time_of_failure(calibration, row, int(failed[0]))
-            return f"{calibration.names[int(failed[0])]} at {time:.4g} s with {what}, {values}"
+            return f"{calibration.data.names[int(failed[0])]} at {time:.4g} s with {what}, {values}"
     return ""
 
 
 def _time_of_failure(calibration: Calibration, row: FloatArray, index: int) -> float:
     """Return the time in s up to which a recording can be simulated."""
-    experiment = calibration.experiments[index]
+    data = calibration.data
+    experiment = data.experiments[index]
     good, bad = 1, experiment.time.size
     for _ in range(HALVINGS):
         if bad - good <= 1:
@@ -100,8 +101,9 @@ def _time_of_failure(calibration: Calibration, row: FloatArray, index: int) -> f
         middle = (good + bad) // 2
         measured = experiment.measured[:middle] if experiment.measured is not None else None
         part = replace(experiment, time=experiment.time[:middle], measured=measured)
-        experiments = (*calibration.experiments[:index], part, *calibration.experiments[index + 1 :])
-        with open_simulator(replace(calibration, experiments=experiments).problem(), workers=0) as simulator:
+        experiments = (*data.experiments[:index], part, *data.experiments[index + 1 :])
+        shorter = replace(calibration, data=data.with_experiments(experiments))
+        with open_simulator(shorter.problem(), workers=0) as simulator:
             ran = simulator.simulate(row[np.newaxis]).outcomes[0, index] == Outcome.OK
         good, bad = (middle, bad) if ran else (good, middle)
     return float(experiment.time[min(bad, experiment.time.size) - 1])

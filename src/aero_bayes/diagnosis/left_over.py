@@ -19,7 +19,7 @@ class LeftOver:
     @cached_property
     def floors(self) -> dict[tuple[str, str], float]:
         """Noise floors by recording and output, where they are known."""
-        return noise_floors(self.fit.calibration.recordings, self.fit.calibration.outputs)
+        return noise_floors(self.fit.calibration.data.recordings, self.fit.calibration.data.outputs)
 
     @cached_property
     def reports(self) -> tuple[ResidualReport, ...]:

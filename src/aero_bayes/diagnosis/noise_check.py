@@ -15,7 +15,7 @@ MIN_ROUNDED_SHARE = 0.25
 
 def check_noise(fit: Fit, left: LeftOver) -> DiagnosisRow:
     """Tell which outputs have noise that is not white."""
-    unequal = fit.calibration.spreads
+    unequal = fit.calibration.data.spreads
     if unequal:
         return _unequal_row(fit)
     if left.reports and all(report.exact for report in left.reports):
@@ -45,7 +45,7 @@ def _unequal_row(fit: Fit) -> DiagnosisRow:
     """Tell which outputs have noise that differs from reading to reading, and by how much."""
     units = {v.name: v.unit for v in fit.calibration.model.outputs}
     kinds, where = [], []
-    for output, spread in fit.calibration.spreads.items():
+    for output, spread in fit.calibration.data.spreads.items():
         unit = units.get(output, "")
         if spread.kind == "relative":
             kinds.append(f"The noise of {output} grows with the reading.")

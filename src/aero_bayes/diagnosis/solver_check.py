@@ -61,10 +61,9 @@ def _failed_row(fit: Fit, what: str, commonest: Outcome) -> DiagnosisRow:
 
 def _moved_outputs(fit: Fit) -> dict[str, float]:
     """Compute the RMS by which outputs move at ten times tighter tolerances, where it is a share of what is left."""
-    rms = fit.rms
+    rms, solver = fit.rms, fit.calibration.simulated.solver
     level = {
-        output: max((exact_level(fit.calibration, s) for s in fit.series if s.output == output), default=0.0)
-        for output in rms
+        output: max((exact_level(solver, s) for s in fit.series if s.output == output), default=0.0) for output in rms
     }
     return {
         output: size
@@ -92,7 +91,7 @@ def _tolerance_row(fit: Fit, moved: dict[str, float], left: LeftOver) -> Diagnos
     furthest = max(fit.solver_shift, key=lambda name: fit.solver_shift[name], default="")
     if furthest:
         where = f"{where}; {furthest} by {fit.solver_shift[furthest]:.2g} of its standard deviation"
-    tolerance = 0.1 * fit.calibration.solver.relative_tolerance
+    tolerance = 0.1 * fit.calibration.simulated.solver.relative_tolerance
     return DiagnosisRow(
         "solver", True, "The answer is another one at a ten times tighter tolerance of the solver.", where,
         f"Tighten [solver] relative_tolerance and absolute_tolerance, as to {tolerance:.0e}, and fit again.",

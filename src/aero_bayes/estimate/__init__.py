@@ -1,7 +1,7 @@
 """Estimate parameters and their uncertainty from recordings."""
 
 from aero_bayes.estimate.calibrated_model import CalibratedModel
-from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.calibration import Calibration, SimulatedModel, calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.fit import fit, fit_calibration
@@ -18,6 +18,7 @@ from aero_bayes.estimate.levenberg_marquardt import (
     levenberg_marquardt,
 )
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
@@ -49,6 +50,7 @@ __all__ = [
     "LocalSettings",
     "LogNormal",
     "LogUniform",
+    "MeasuredData",
     "NoiseLayout",
     "NoiseModel",
     "Normal",
@@ -60,6 +62,7 @@ __all__ = [
     "Prior",
     "QuadraticModel",
     "Series",
+    "SimulatedModel",
     "Status",
     "Stop",
     "SwarmSettings",

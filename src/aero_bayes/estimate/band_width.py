@@ -59,14 +59,14 @@ def band_factors(
         errors. ``K`` is their number over the autocorrelation time of their absolute values. The largest error serves
         where this level is above 1.
     """
-    if calibration.process is not None:  # the filter says how much each reading differs from its prediction
-        return np.full(len(calibration.outputs), NORMAL_HALF_WIDTH)
+    if calibration.simulated.process is not None:  # the filter says how much each reading differs from its prediction
+        return np.full(len(calibration.data.outputs), NORMAL_HALF_WIDTH)
     assert optimum.evaluation.slopes is not None
     slopes = optimum.evaluation.slopes
     fitted = [residuals[s.experiment][s.sampling.index, s.column] for s in series]
     changes = _leave_out_changes(calibration, series, optimum)
-    factors = np.full(len(calibration.outputs), NORMAL_HALF_WIDTH)
-    for column, output in enumerate(calibration.outputs):
+    factors = np.full(len(calibration.data.outputs), NORMAL_HALF_WIDTH)
+    for column, output in enumerate(calibration.data.outputs):
         own = [k for k, s in enumerate(series) if s.column == column]
         if not own:
             continue

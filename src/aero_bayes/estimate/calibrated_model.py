@@ -163,10 +163,10 @@ def calibrated_model(
     fitted = {p.target.name: (p.name, v) for p, v in own if isinstance(p.target, ParameterTarget)}
     fitted |= {p.name: (p.name, v) for p, v in own if p.name in delays}
     units = {v.name: v.unit for v in model.parameters} | {p.name: p.unit for p, _ in own if p.name in delays}
-    remarks = {name: "held" for name in calibration.fixed}
+    remarks = {name: "held" for name in calibration.simulated.fixed}
     for target, (name, _) in fitted.items():
         remarks[target] = _interval_text(intervals.get(name), units.get(target, ""))
-    given = {**calibration.fixed, **{target: value for target, (_, value) in fitted.items()}}
+    given = {**calibration.simulated.fixed, **{target: value for target, (_, value) in fitted.items()}}
     for target, several in values_of_recordings(calibration.parameters, values.tolist()).items():
         if len(several) > 1:
             given[target] = float(np.mean(list(several.values())))
@@ -174,13 +174,13 @@ def calibrated_model(
     for target, starts in _started(calibration, values, given).items():
         given[target] = float(np.mean(starts))
         remarks[target] = "initial value" if len(starts) == 1 else f"mean of {len(starts)} initial values"
-    data = ", ".join(r.path.name if r.path is not None else r.name for r in calibration.recordings)
+    data = ", ".join(r.path.name if r.path is not None else r.name for r in calibration.data.recordings)
     header = [f"Fitted to {data} on {date.today().isoformat()}; beside each value its central 90 % interval."]
     needed = [*(file.name for file in base.files), *(added or {})]
     header += [f"Load {join_names(needed)} first."] if needed else []
     values_given: dict[str, float | str] = {**_whole_arrays(model, given), **(chosen or {})}
     told = (*header, *_beside(calibration, values, delays))
-    return CalibratedModel(base, values_given, remarks, told, dict(added or {}), stop=calibration.stop)
+    return CalibratedModel(base, values_given, remarks, told, dict(added or {}), stop=calibration.data.stop)
 
 
 def _source_of(model: Model) -> ModelicaSource:
@@ -203,7 +203,7 @@ def _started(calibration: Calibration, values: FloatArray, given: Mapping[str, f
                 value for p, value in zip(calibration.parameters, values.tolist(), strict=True)
                 if p.target == StartTarget(states[0])
             ]  # fmt: skip
-            read = [e.start[states[0]] for e in calibration.experiments if states[0] in e.start]
+            read = [e.start[states[0]] for e in calibration.data.experiments if states[0] in e.start]
             if estimated or read:
                 found[name] = estimated or read
     return found
@@ -217,7 +217,7 @@ def _beside(calibration: Calibration, values: FloatArray, delays: Collection[str
             estimated.add(p.target.state)
         if not isinstance(p.target, ParameterTarget) and p.name not in delays:
             lines.append(f"{p.name} = {with_unit(f'{value:.12g}', p.unit)}: {p.description}, not in the model")
-    for name, experiment in zip(calibration.names, calibration.experiments, strict=True):
+    for name, experiment in zip(calibration.data.names, calibration.data.experiments, strict=True):
         held = {state: value for state, value in experiment.start.items() if state not in estimated}
         lines += [f"{state} starts at {value:.12g} in {name}, not in the model" for state, value in held.items()]
     return lines

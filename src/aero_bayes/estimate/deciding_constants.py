@@ -64,7 +64,7 @@ def name_deciding_constants(
 
 def _fixed_parameters(calibration: Calibration) -> ParameterSet:
     """Return the parameters of the model that were not searched, with a value that can change."""
-    model, fixed = calibration.model, calibration.fixed
+    model, fixed = calibration.model, calibration.simulated.fixed
     searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
     items: list[Parameter] = []
     for v in model.parameters:

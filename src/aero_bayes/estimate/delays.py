@@ -82,7 +82,7 @@ def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> Floa
     rows = np.repeat(fit.coordinates[np.newaxis, :], SCAN_POINTS, axis=0)
     for j in columns:
         rows[:, j] = np.linspace(parameters.box[0][j], parameters.box[1][j], SCAN_POINTS)
-    costs = np.full((SCAN_POINTS, len(objective.calibration.experiments)), np.inf)
+    costs = np.full((SCAN_POINTS, len(objective.calibration.data.experiments)), np.inf)
     for k, found in enumerate(objective.residuals(rows)):
         if found is None:
             continue
@@ -131,7 +131,7 @@ def search_delays(
     """
     search_settings = search_settings or DelaySearchSettings()
     cost_function, (low, high) = target.cost_function(noise), target.box
-    intervals = target.calibration.intervals
+    intervals = target.calibration.data.intervals
     shape = cost_shape(target.parameters, range(len(target.free)), intervals)
     moved = False
     for k, item in enumerate(target.parameters):

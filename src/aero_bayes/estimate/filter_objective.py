@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 def objective_of(calibration: Calibration, simulator: Simulator, **options: Any) -> Objective:
     """Compare a calibration with its recordings, by a filter where it has process noise; options of `Objective`."""
-    kind = Objective if calibration.process is None else FilterObjective
+    kind = Objective if calibration.simulated.process is None else FilterObjective
     return kind(calibration, simulator, **options)
 
 
@@ -80,13 +80,13 @@ class FilterObjective(Objective):
     def smoothed_states(self, values: FloatArray) -> tuple[SmoothedStates, ...]:
         found = cast(Filter, self.simulator).filtered_states(values)
         self._count(np.zeros(len(found), dtype=np.uint8))
-        return tuple(smooth(states, y) for states, y in zip(found, self.calibration.measured, strict=True))
+        return tuple(smooth(states, y) for states, y in zip(found, self.calibration.data.measured, strict=True))
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
         n, q = len(values), len(active)
         result = GaussNewton(
             np.full(n, np.inf), np.full((n, q), np.nan), np.full((n, q, q), np.nan), np.full(n, -np.inf),
-            np.zeros((n, len(self.calibration.experiments)), dtype=np.uint8),
+            np.zeros((n, len(self.calibration.data.experiments)), dtype=np.uint8),
         )  # fmt: skip
         for k, coordinates in enumerate(self.parameters.to_search(values)):
             before = Counter(self.outcomes)

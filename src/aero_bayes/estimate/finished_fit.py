@@ -90,11 +90,11 @@ def _predicted(objective: Objective, values: FloatArray, here: Optimum) -> tuple
 def _laplace(objective: Objective, here: Optimum, fitted: Sequence[FloatArray]) -> Laplace:
     """Compute the Gaussian of free columns and noise at an optimum; ``fitted`` are its outputs by experiment."""
     calibration, count = objective.calibration, len(here.free)
-    layout = NoiseLayout.of(calibration, here.noise)
+    layout = NoiseLayout.of(calibration.data, here.noise)
     covariance = np.zeros((count + layout.size,) * 2)
     covariance[:count, :count] = widened_covariance(objective, here)
-    residual = tuple(y - f for y, f in zip(calibration.measured, fitted, strict=True))
-    times = tuple(e.time for e in calibration.experiments)
+    residual = tuple(y - f for y, f in zip(calibration.data.measured, fitted, strict=True))
+    times = tuple(e.time for e in calibration.data.experiments)
     covariance[count:, count:] = noise_covariance(layout, times, residual, here.noise)
     mean = np.concatenate([here.coordinates[list(here.free)], layout.pack(here.noise)])
     names = tuple(calibration.parameters.names[j] for j in here.free)
@@ -120,7 +120,7 @@ def at_optimum(fit: Fit, objective: Objective, end: Optimum) -> Fit:
     return replace(
         fit, values=values, optimum=end, laplace=_laplace(objective, end, fitted),
         spread=curvature_adjustment(objective, end), fitted=fitted, modes=(),
-        residuals=tuple(y - f for y, f in zip(objective.calibration.readings, fitted, strict=True)),
+        residuals=tuple(y - f for y, f in zip(objective.calibration.data.readings, fitted, strict=True)),
         log_posterior=end.whitened.log_likelihood + end.log_prior,
     )  # fmt: skip
 
@@ -174,7 +174,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         spread=curvature_adjustment(objective, here),
         log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
         fitted=fitted,
-        residuals=tuple(y - f for y, f in zip(calibration.readings, fitted, strict=True)),
+        residuals=tuple(y - f for y, f in zip(calibration.data.readings, fitted, strict=True)),
         stages=tuple(stage_report(s, calibration.parameters, objective.series) for s in result.stages),
         swarm=result.swarm,
         iterations=result.iterations,

@@ -158,7 +158,7 @@ class _Request:
 
         # Outliers, ripple and kinds of noise belong to the likeliest values: all are compared on the same readings.
         found = _likeliest(self.candidates, fitted)
-        filtered = found.calibration.process is not None
+        filtered = found.calibration.simulated.process is not None
         if not filtered and not watched.asked_to_end:
             found = _without_outliers(found, opened, settings, watched, cache)
         if settings.cost == "posterior" and not filtered and not watched.asked_to_end:
@@ -172,7 +172,7 @@ class _Request:
         local, problem = replace(settings, method="local"), found.calibration
         return with_unit_finding(
             found,
-            lambda given: self.calibration(given, problem.model, problem.fixed),
+            lambda given: self.calibration(given, problem.model, problem.simulated.fixed),
             lambda other: fit_calibration(other, opened, local, np.random.default_rng(self.seed)),
             here,
         )
@@ -224,9 +224,10 @@ def _without_outliers(
 ) -> Fit:
     """Fit again without readings that are outliers of the fit, as long as there are any."""
     for _ in range(MAX_OUTLIER_ROUNDS):
-        cleaned, findings = without_outliers(found.calibration, found.fitted)
+        data, findings = without_outliers(found.calibration.data, found.fitted)
         if not findings:
             break
+        cleaned = replace(found.calibration, data=data)
         with opened(cleaned.problem()) as simulator:
             objective = objective_of(cleaned, simulator, result_cache=cache)
             found = _refit_from(found, GlobalSearch(objective, settings.global_search, progress), settings)
@@ -242,13 +243,14 @@ def _with_sensors(
     found, subtract = first, settings.ripple == "subtract"
     ripple: dict[str, dict[str, Ripple]] = {}
     if settings.ripple != "ignore":
-        cleaned, ripple = without_ripple(calibration, first.fitted)
+        data, ripple = without_ripple(calibration.data, calibration.model, first.fitted)
         if ripple and subtract:
+            cleaned = replace(calibration, data=data)
             with opened(cleaned.problem()) as simulator:
                 objective = objective_of(cleaned, simulator, result_cache=cache)
                 found = _refit_from(first, GlobalSearch(objective, settings.global_search, progress), settings)
     rows = [(e.time, y, f) for e, y, f in zip(
-        found.calibration.experiments, found.calibration.readings, found.fitted, strict=True
+        found.calibration.data.experiments, found.calibration.data.readings, found.fitted, strict=True
     )]  # fmt: skip
     sensors = describe_sensors(found.outputs, rows, ripple, subtracted=subtract)
     return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)

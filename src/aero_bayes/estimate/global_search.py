@@ -70,7 +70,7 @@ class GlobalSearch:
         self.objective, self.settings = objective, settings
         self.progress = progress if isinstance(progress, Watched) else Watched(progress)
         calibration = objective.calibration
-        self.kinds: dict[str, NoiseKind] = {o: self._kind(o) for o in calibration.outputs}
+        self.kinds: dict[str, NoiseKind] = {o: self._kind(o) for o in calibration.data.outputs}
         self.white_outputs: set[str] = set()
         self.stages: list[FittedStage] = []
         self.iterations = 0
@@ -85,7 +85,7 @@ class GlobalSearch:
     def local_settings(self) -> LocalFitSettings:
         eq6 = self.settings.cost == "eq6"
         return LocalFitSettings(
-            self.settings.local, self.kinds, self.objective.calibration.floors,
+            self.settings.local, self.kinds, self.objective.calibration.data.floors,
             self.settings.max_correlation_time, hold_noise=eq6, prior=self.settings.cost == "posterior",
         )  # fmt: skip
 
@@ -96,12 +96,12 @@ class GlobalSearch:
 
     def initial_noise(self) -> dict[str, OutputNoise]:
         """Choose the noise of each output at the start; under Eq. 6 it never changes."""
-        scale = self.objective.calibration.scale
+        scale = self.objective.calibration.data.scale
         same = EQ6_NOISE_SHARE * float(np.min(scale))
         eq6 = self.settings.cost == "eq6"
         return {
             name: OutputNoise(same if eq6 else INITIAL_NOISE_SHARE * float(scale[k]))
-            for k, name in enumerate(self.objective.calibration.outputs)
+            for k, name in enumerate(self.objective.calibration.data.outputs)
         }
 
     def run(

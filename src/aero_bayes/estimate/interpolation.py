@@ -19,8 +19,10 @@ from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.progressive_horizon import GOOD_FIT_RATIO, OpenSimulator, floor_ratio
 from aero_bayes.simulation.interface import Interpolation
+from aero_bayes.simulation.model import Model
 
 #: Least share of an input's changes that follow another change at once, for linear interpolation to make sense.
 MIN_FOLLOWING_SHARE = 0.5
@@ -28,41 +30,42 @@ MIN_FOLLOWING_SHARE = 0.5
 MIN_LOG_LIKELIHOOD_GAIN = 10.0
 
 
-def moving_inputs(calibration: Calibration) -> tuple[str, ...]:
+def moving_inputs(data: MeasuredData, model: Model) -> tuple[str, ...]:
     """List inputs that may be linear between their samples: most of their changes follow another change at once."""
     changes: dict[str, int] = {}
     follow: dict[str, int] = {}
-    for recording in calibration.recordings:
+    for recording in data.recordings:
         for name, values in recording.inputs.items():
             changed = np.diff(values) != 0.0
             changes[name] = changes.get(name, 0) + int(changed.sum())
             follow[name] = follow.get(name, 0) + int((changed[1:] & changed[:-1]).sum())
-    discrete = {variable.name for variable in calibration.model.inputs if variable.discrete}
+    discrete = {variable.name for variable in model.inputs if variable.discrete}
     return tuple(n for n, count in changes.items() if follow[n] > MIN_FOLLOWING_SHARE * count and n not in discrete)
 
 
 def with_interpolation(calibration: Calibration, interpolation: Mapping[str, Interpolation]) -> Calibration:
     """Return the calibration with another interpolation of some of its inputs."""
     at_rest = calibration.model.declared.recording.zero_at_rest
-    wanted = {**calibration.interpolation, **interpolation}
+    data = calibration.data
+    wanted = {**data.interpolation, **interpolation}
     experiments = []
-    for experiment, recording in zip(calibration.experiments, calibration.recordings, strict=True):
+    for experiment, recording in zip(data.experiments, data.recordings, strict=True):
         again = to_experiment(recording, (), zero_at_rest=at_rest, interpolation=wanted)
         experiments.append(replace(experiment, inputs=again.inputs))
-    return replace(calibration, experiments=tuple(experiments))
+    return replace(calibration, data=data.with_experiments(experiments))
 
 
 def with_linear_inputs(calibration: Calibration) -> Calibration | None:
     """Return the calibration with linear interpolation of its moving inputs; None if there are none."""
-    moving = moving_inputs(calibration)
+    moving = moving_inputs(calibration.data, calibration.model)
     return with_interpolation(calibration, dict.fromkeys(moving, "linear")) if moving else None
 
 
 def with_other_interpolation(calibration: Calibration) -> Calibration | None:
     """Return the calibration with the other interpolation of its moving inputs; None if there are none."""
-    if "linear" not in calibration.interpolation.values():
+    if "linear" not in calibration.data.interpolation.values():
         return with_linear_inputs(calibration)
-    return with_interpolation(calibration, dict.fromkeys(calibration.interpolation, "hold"))
+    return with_interpolation(calibration, dict.fromkeys(calibration.data.interpolation, "hold"))
 
 
 def choose_interpolation(
@@ -98,9 +101,9 @@ def choose_interpolation(
     far = floor_ratio(search.objective, here.evaluation.residual) > GOOD_FIT_RATIO
     found = _better_fit(search, here, linear, open_simulator, (rng, result.swarm) if far else None)
     best, here = (before, here) if found is None else (linear, found)
-    moving = moving_inputs(before)
+    moving = moving_inputs(before.data, before.model)
     for name in moving if len(moving) > 1 else ():
-        other = with_interpolation(best, {name: "hold" if best.interpolation[name] == "linear" else "linear"})
+        other = with_interpolation(best, {name: "hold" if best.data.interpolation[name] == "linear" else "linear"})
         found = _better_fit(search, here, other, open_simulator)
         best, here = (best, here) if found is None else (other, found)
     return None if best is before else (best, here)

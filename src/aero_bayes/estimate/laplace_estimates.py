@@ -39,7 +39,7 @@ def laplace_estimates(
         Over the free columns, then the noise.
     """
     slopes = calibration.parameters.jacobian(values)
-    recordings = calibration.names
+    recordings = calibration.data.names
     table = {}
     for column, item in enumerate(calibration.parameters):
         status = identifiability.status[item.name] if column in free else Status.UNIDENTIFIED

@@ -173,7 +173,7 @@ def fit_noise(
     noise = {}
     for output in objective.outputs:
         own = [k for k, series in enumerate(objective.series) if series.output == output]
-        scale = float(objective.calibration.scale[objective.calibration.outputs.index(output)])
+        scale = float(objective.calibration.data.scale[objective.calibration.data.outputs.index(output)])
         floor = max(settings.floors.get(output, 0.0), ROUNDING * scale)
         if settings.kinds.get(output, "auto") == "white":
             count = sum(residual[k].size for k in own)
@@ -346,7 +346,7 @@ def local_fit(
     cost_function = _NegativeLogPosterior(objective, start, free, noise, settings, known)
     low, high = (bound[list(free)] for bound in objective.parameters.box)
     results: list[LocalResult[_PosteriorModel]] = []
-    shape = cost_shape(objective.parameters, free, objective.calibration.intervals)
+    shape = cost_shape(objective.parameters, free, objective.calibration.data.intervals)
 
     def search() -> Arrays:
         results.append(levenberg_marquardt(

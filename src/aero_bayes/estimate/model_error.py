@@ -58,7 +58,7 @@ def estimate_output_noise(
         By output; standard deviations in the output's unit.
     """
     calibration, found = objective.calibration, {}
-    scale = dict(zip(calibration.outputs, calibration.scale.tolist(), strict=True))
+    scale = dict(zip(calibration.data.outputs, calibration.data.scale.tolist(), strict=True))
     for output in objective.outputs:
         own = [k for k, s in enumerate(objective.series) if s.output == output]
         white = output in white_outputs
@@ -67,9 +67,9 @@ def estimate_output_noise(
             [objective.series[k].sampling.equalised(here.evaluation.residual[k]) for k in own],
             "white" if white else calibration.noise.kind(output),
             here.noise[output],
-            max(calibration.floors.get(output, 0.0), 1e-7 * scale[output]),
+            max(calibration.data.floors.get(output, 0.0), 1e-7 * scale[output]),
         )
-        if (spread := calibration.spreads.get(output)) is not None:
+        if (spread := calibration.data.spreads.get(output)) is not None:
             n = replace(n, sd_white=n.sd_white * spread.widening, sd_ou=n.sd_ou * spread.widening)
         found[output] = replace(n, model_error=True) if white else n
     return found

@@ -69,7 +69,7 @@ def first_reading(recording: Recording, target: ProblemTarget, calibration: Cali
     started = _started(target, calibration)
     if not started:
         return None
-    states = {o: s.name for o in calibration.outputs if (s := state_of(calibration.model, o)) is not None}
+    states = {o: s.name for o in calibration.data.outputs if (s := state_of(calibration.model, o)) is not None}
     output = next((o for o, s in states.items() if s in started), None)
     if output is None or (values := recording.outputs.get(output)) is None:
         return None

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.reading_spread import SpreadModel, choose_spread, estimate_spread
@@ -51,16 +51,16 @@ def choose_spreads(noise: NoiseModel, series: Sequence[Series], here: Optimum) -
 
 
 def with_spread(
-    calibration: Calibration, models: Mapping[str, SpreadModel], series: Sequence[Series], here: Optimum
-) -> Calibration:
-    """Return the calibration with the spread of each reading, from the predictions and residuals of a fit."""
-    spreads = [np.ones(measured.shape) for measured in calibration.measured]
+    data: MeasuredData, models: Mapping[str, SpreadModel], series: Sequence[Series], here: Optimum
+) -> MeasuredData:
+    """Return the data with the spread of each reading, from the predictions and residuals of a fit."""
+    spreads = [np.ones(measured.shape) for measured in data.measured]
     for k, s in enumerate(series):
         if s.output in models:
             own = models[s.output].spread(here.evaluation.residual[k], here.evaluation.predicted[k])
             spreads[s.experiment][s.sampling.index, s.column] = own
-    experiments = tuple(replace(e, spread=spread) for e, spread in zip(calibration.experiments, spreads, strict=True))
-    return replace(calibration, experiments=experiments, spreads=dict(models))
+    experiments = tuple(replace(e, spread=spread) for e, spread in zip(data.experiments, spreads, strict=True))
+    return replace(data, experiments=experiments, spreads=dict(models))
 
 
 def refit_with_spread(
@@ -83,11 +83,11 @@ def refit_with_spread(
         The search of the calibration that holds the spread, and where it ended. None where the innovations under a
         kind that was not declared are correlated: that residual is not noise.
     """
-    simulator, last = search.objective.simulator, search
+    first, simulator, last = search.objective.calibration, search.objective.simulator, search
     for _ in range(MAX_REFITS):
-        calibration = with_spread(search.objective.calibration, models, last.objective.series, here)
+        data = with_spread(first.data, models, last.objective.series, here)
         old = [s.sampling.spread for s in last.objective.series]
-        last = GlobalSearch(search.objective.with_calibration(calibration, simulator), search.settings)
+        last = GlobalSearch(search.objective.with_calibration(replace(first, data=data), simulator), search.settings)
         if all(_alike(a, s.sampling.spread) for a, s in zip(old, last.objective.series, strict=True)):
             break
         here = last.refit(here.coordinates, here.free, here.noise)
@@ -95,8 +95,7 @@ def refit_with_spread(
             o: estimate_spread(m.kind, *(np.concatenate(part) for part in _of_output(o, last.objective.series, here)))
             for o, m in models.items()
         }
-    declared = search.objective.calibration.noise
-    asked = [o for o in models if declared.spread_kind(o) == "auto"]
+    asked = [o for o in models if first.noise.spread_kind(o) == "auto"]
     return None if any(_correlated(o, last, here) for o in asked) else (last, here)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameter_estimates import Estimate
 from aero_bayes.estimate.process_noise import DIFFUSION_PREFIX
 from aero_bayes.sensors.noise import OutputNoise
@@ -18,12 +19,10 @@ from aero_bayes.simulation.interface import ProcessNoise
 MAX_NOISE_EXCESS = 2.0
 
 
-def noise_table(calibration: Calibration, noise: Mapping[str, OutputNoise]) -> dict[str, dict[str, object]]:
+def noise_table(data: MeasuredData, noise: Mapping[str, OutputNoise]) -> dict[str, dict[str, object]]:
     """Write the noise by output for result.json: ``sd`` and lag-one ``rho`` at the sample interval, and their parts."""
-    table = noise_at_interval(
-        noise, float(np.median(np.concatenate([np.diff(e.time) for e in calibration.experiments])))
-    )
-    for name, spread in calibration.spreads.items():
+    table = noise_at_interval(noise, float(np.median(np.concatenate([np.diff(e.time) for e in data.experiments]))))
+    for name, spread in data.spreads.items():
         table[name] |= {"kind": spread.kind, "base": spread.base}
         table[name] |= {"freedom": spread.freedom} if spread.kind == "student" else {"per_unit": spread.per_unit}
     return table
@@ -56,7 +55,7 @@ def structure_warnings(
     """
     units = {v.name: v.unit for v in calibration.model.outputs}
     lines = []
-    for name in calibration.outputs:
+    for name in calibration.data.outputs:
         n, unit = noise[name], units.get(name, "")
         if n.model_error:
             lines.append(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import Arrays, ResultCache, digest
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.sensors.noise import OutputNoise, SampleTimes
 from aero_bayes.sensors.whitening import LOG_2PI, whiten
 from aero_bayes.simulation.interface import (
@@ -123,12 +124,12 @@ class Objective:
         outcomes: Counter[Outcome] | None = None,
         result_cache: ResultCache | None = None,
     ) -> None:
-        if (calibration.process is not None) != self.filters:
+        if (calibration.simulated.process is not None) != self.filters:
             raise TypeError("process noise needs a FilterObjective, and only that: use objective_of")
         self.calibration, self.simulator, self.result_cache = calibration, simulator, result_cache
         self.parameters = calibration.parameters
-        self.outputs = tuple(o for o in calibration.outputs if outputs is None or o in outputs)
-        self.series = tuple(s for s in _series(calibration) if s.output in self.outputs)
+        self.outputs = tuple(o for o in calibration.data.outputs if outputs is None or o in outputs)
+        self.series = tuple(s for s in _series(calibration.data) if s.output in self.outputs)
         self.outcomes: Counter[Outcome] = Counter() if outcomes is None else outcomes
 
     def with_outputs(self, outputs: Sequence[str]) -> Objective:
@@ -301,10 +302,10 @@ class Objective:
 
         Outputs that do not count get large noise.
         """
-        scale = self.calibration.scale
+        scale = self.calibration.data.scale
         rows = [
             noise[name].as_row() if name in self.outputs else (IGNORED_NOISE_FACTOR * float(scale[k]), 0.0, 0.0)
-            for k, name in enumerate(self.calibration.outputs)
+            for k, name in enumerate(self.calibration.data.outputs)
         ]
         return np.array([[rows]])
 
@@ -314,9 +315,9 @@ class Objective:
             self.outcomes[Outcome(code)] += count
 
 
-def _series(calibration: Calibration) -> list[Series]:
+def _series(data: MeasuredData) -> list[Series]:
     found = []
-    for e, (experiment, measured) in enumerate(zip(calibration.experiments, calibration.measured, strict=True)):
+    for e, (experiment, measured) in enumerate(zip(data.experiments, data.measured, strict=True)):
         for column, output in enumerate(experiment.outputs):
             values = measured[:, column]
             spread = None if experiment.spread is None else experiment.spread[:, column]

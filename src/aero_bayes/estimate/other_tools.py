@@ -170,7 +170,7 @@ class OtherTools(FittedResult):
         lines = [f"// {line}" for line in self._about()]
         lines += [f'openModel("{file.as_posix()}");' for file in files] + [f'translateModel("{name}");']
         units = {v.name: v.unit for v in calibration.model.parameters}
-        given = [(held, value, units.get(held, "")) for held, value in calibration.fixed.items()]
+        given = [(held, value, units.get(held, "")) for held, value in calibration.simulated.fixed.items()]
         for p, value in zip(calibration.parameters, self.values.tolist(), strict=True):
             if isinstance(p.target, ParameterTarget | StartTarget) and p.acts_in(0):
                 told = p.target.name if isinstance(p.target, ParameterTarget) else p.target.state
@@ -178,13 +178,13 @@ class OtherTools(FittedResult):
             elif p.acts_in(0):
                 lines.append(f"// {with_unit(f'{p.name} = {value!r}', p.unit)}: {p.description}, not in the model")
         lines += [with_unit(f"{told} = {value!r};  //", unit).removesuffix("  //") for told, value, unit in given]
-        lines.append(f'simulateModel("{name}", stopTime={calibration.stop:.12g});')
+        lines.append(f'simulateModel("{name}", stopTime={calibration.data.stop:.12g});')
         with whole_file(path) as temporary:
             temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
         return path
 
     def _about(self) -> list[str]:
-        data = ", ".join(self.calibration.names)
+        data = ", ".join(self.calibration.data.names)
         return [f"{self.calibration.model.name}, fitted to {data} by aero-bayes", "Values in SI units."]
 
     def _matlab_content(self) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from aero_bayes.data import DataFinding, Recording, quantisation_step
 from aero_bayes.data.runs import MAD_TO_SD, FloatArray, Mask, after_changes, runs
 from aero_bayes.data.screen import hide
 from aero_bayes.display import with_unit
-from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.measured_data import MeasuredData
 
 #: Distance from the residuals around it, in robust standard deviations, above which a reading is an outlier (1 in 5e8
 #: of normal ones), and above which it is unusual (1 in 2,000).
@@ -37,26 +37,24 @@ BESIDE, MIN_TIMES_MOVED = 5, 2.0
 MIN_OUTLIER_READINGS = 30
 
 
-def without_outliers(
-    calibration: Calibration, fitted: Sequence[FloatArray]
-) -> tuple[Calibration, tuple[DataFinding, ...]]:
-    """Return the calibration without the readings that are outliers of a fit, and what is told of them.
+def without_outliers(data: MeasuredData, fitted: Sequence[FloatArray]) -> tuple[MeasuredData, tuple[DataFinding, ...]]:
+    """Return the data without the readings that are outliers of a fit, and what is told of them.
 
     Parameters
     ----------
-    calibration : Calibration
+    data : MeasuredData
     fitted : sequence of ndarray, shape (n, m)
         Outputs at the fit, of each experiment.
 
     Returns
     -------
     tuple
-        The same calibration and nothing where there are none.
+        The same data and nothing where there are none.
     """
-    experiments, recordings = list(calibration.experiments), list(calibration.recordings)
+    experiments, recordings = list(data.experiments), list(data.recordings)
     if not recordings:
-        return calibration, ()
-    for k, (experiment, measured) in enumerate(zip(calibration.experiments, calibration.measured, strict=True)):
+        return data, ()
+    for k, (experiment, measured) in enumerate(zip(data.experiments, data.measured, strict=True)):
         recording = recordings[k]
         rows = np.searchsorted(recording.time, experiment.time)
         inputs = {name: values[rows] for name, values in recording.inputs.items()}
@@ -70,13 +68,11 @@ def without_outliers(
         if recording is not recordings[k]:
             recordings[k], experiments[k] = recording, replace(experiment, measured=kept)
     findings = tuple(
-        f
-        for new, old in zip(recordings, calibration.recordings, strict=True)
-        for f in new.findings[len(old.findings) :]
+        f for new, old in zip(recordings, data.recordings, strict=True) for f in new.findings[len(old.findings) :]
     )
     if not findings:
-        return calibration, ()
-    return replace(calibration, experiments=tuple(experiments), recordings=tuple(recordings)), findings
+        return data, ()
+    return replace(data, experiments=tuple(experiments), recordings=tuple(recordings)), findings
 
 
 def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, FloatArray]) -> Mask:

@@ -59,10 +59,10 @@ def fixed_reasons(model: Model, fixed: Collection[str]) -> dict[str, str]:
 def fixed_parameters(calibration: Calibration) -> dict[str, Estimate]:
     """List parameters of the model that are not fitted, where the reason is known."""
     fitted = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
-    reasons = fixed_reasons(calibration.model, calibration.fixed)
+    reasons = fixed_reasons(calibration.model, calibration.simulated.fixed)
     table = {}
     for v in calibration.model.parameters:
-        value, note = calibration.fixed.get(v.name, v.start), reasons.get(v.name)
+        value, note = calibration.simulated.fixed.get(v.name, v.start), reasons.get(v.name)
         if v.name not in fitted and note is not None and value is not None:
             table[v.name] = Estimate(
                 v.name, float(value), None, None, None, None, v.unit, Status.FIXED, v.description, note=note

@@ -179,11 +179,11 @@ class FittedPredictor:
         CannotFinishError
             If no draw can be simulated.
         """
-        calibration, outputs = self.calibration, self.calibration.outputs
+        calibration, outputs = self.calibration, self.calibration.data.outputs
         recording = as_recording(inputs, calibration)
         values = np.tile(self.values, (len(points), 1))
         values[:, list(self.free)] = points[:, : len(self.free)]
-        run = run_filter if calibration.process is not None else run_problem
+        run = run_filter if calibration.simulated.process is not None else run_problem
         found = run(calibration, recording, values, workers=workers, engine=self.engine)
         good = found.outcomes[:, 0] == Outcome.OK
         if not good.any():
@@ -195,7 +195,7 @@ class FittedPredictor:
             y, variance = found.predicted[0][good], found.variance[0][good]
             part = predict_from_filter(time, measured, y, variance, self.band_factors, rng, _STORED, _BLOCKS)
         else:
-            noise = NoiseLayout.of(calibration, self.noise).unpack(np.log(points[:, len(self.free) :]))[good, 0]
+            noise = NoiseLayout.of(calibration.data, self.noise).unpack(np.log(points[:, len(self.free) :]))[good, 0]
             density = recording_log_density(time, measured - found.outputs[0][good], noise)
             density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
             y32 = found.outputs[0][good].astype(np.float32)

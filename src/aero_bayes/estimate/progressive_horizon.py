@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, suppress
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ def fit_progressive_horizon(
     def fit_horizons() -> Arrays:
         point, steps = start, 0
         for share in HORIZON_SHARES:
-            part = whole.calibration.beginning(share)
+            part = replace(whole.calibration, data=whole.calibration.data.beginning(share))
             with open_simulator(part.problem()) as simulator, suppress(CannotFinishError):
                 objective = whole.with_calibration(part, simulator)
                 found = local_fit(objective, point, free, settings=by_squares)
@@ -90,7 +91,7 @@ def floor_ratio(objective: Objective, residual: Sequence[FloatArray]) -> float:
 
     Infinite where a noise floor is unknown.
     """
-    recordings, worst = objective.calibration.recordings, 0.0
+    recordings, worst = objective.calibration.data.recordings, 0.0
     floors = noise_floors(recordings, objective.outputs)
     if any((r.name, o) not in floors for r in recordings for o in objective.outputs if o in r.outputs):
         return math.inf

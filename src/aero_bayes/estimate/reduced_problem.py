@@ -34,25 +34,24 @@ def with_few_samples(calibration: Calibration, simulator: Simulator, samples: in
         Of the calibration's problem.
     samples : int
     """
-    thinned = calibration.thinned(samples)
-    if max(s.time.size for e in calibration.experiments for s in e.inputs or (_CONSTANT_INPUT,)) <= 2 * samples:
+    data = calibration.data
+    thinned = replace(calibration, data=data.thinned(samples))
+    if max(s.time.size for e in data.experiments for s in e.inputs or (_CONSTANT_INPUT,)) <= 2 * samples:
         return thinned
-    averaged = replace(thinned, experiments=tuple(_averaged(e, samples) for e in thinned.experiments))
+    averaged = replace(calibration, data=data.with_experiments(_averaged(e, samples) for e in thinned.data.experiments))
     if _close(calibration, simulator, averaged):
         return averaged
     changes = CHANGES_PER_SAMPLE * samples
-    return replace(
-        calibration, experiments=tuple(thin(_beginning(e, changes), changes) for e in calibration.experiments)
-    )
+    shorter = data.with_experiments(thin(_beginning(e, changes), changes) for e in data.experiments)
+    return replace(calibration, data=shorter)
 
 
 def with_loose_solver(calibration: Calibration) -> Calibration:
     """Allow few solver steps and a loose tolerance, since models in the whole box may be very stiff."""
-    samples = max(e.time.size for e in calibration.experiments)
-    solver = replace(
-        calibration.solver, max_steps=max(STEPS_PER_SAMPLE * samples, MIN_STEPS), relative_tolerance=LOOSE_TOLERANCE
-    )
-    return replace(calibration, solver=solver)
+    samples = max(e.time.size for e in calibration.data.experiments)
+    simulated, steps = calibration.simulated, max(STEPS_PER_SAMPLE * samples, MIN_STEPS)
+    solver = replace(simulated.solver, max_steps=steps, relative_tolerance=LOOSE_TOLERANCE)
+    return replace(calibration, simulated=replace(simulated, solver=solver))
 
 
 _CONSTANT_INPUT = InputSignal("", np.zeros(1), np.zeros(1))
@@ -90,7 +89,8 @@ def _close(calibration: Calibration, simulator: Simulator, averaged: Calibration
         few = other.simulate(start)
     if np.any(whole.outcomes != Outcome.OK) or np.any(few.outcomes != Outcome.OK):
         return False
-    for full, part, e, c in zip(whole.outputs, few.outputs, calibration.experiments, averaged.experiments, strict=True):
+    experiments = zip(calibration.data.experiments, averaged.data.experiments, strict=True)
+    for full, part, (e, c) in zip(whole.outputs, few.outputs, experiments, strict=True):
         rows = np.searchsorted(e.time, c.time)
         error = np.sqrt(np.mean((full[0, rows] - part[0]) ** 2, axis=0))
         if np.any(error > MAX_AVERAGING_ERROR * np.maximum(np.ptp(full[0], axis=0), 1e-300)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -159,7 +160,7 @@ class Fit(OtherTools):
     @property
     def outputs(self) -> tuple[str, ...]:
         """Outputs that were fitted, length m."""
-        return self.calibration.outputs
+        return self.calibration.data.outputs
 
     @property
     def noise(self) -> Mapping[str, OutputNoise]:
@@ -194,12 +195,12 @@ class Fit(OtherTools):
     @property
     def rms_by_recording(self) -> Mapping[str, Mapping[str, float]]:
         """Root mean square error in the output's SI unit, by recording and output."""
-        return costs.rms_table(self.residuals, self.calibration.names, self.outputs)
+        return costs.rms_table(self.residuals, self.calibration.data.names, self.outputs)
 
     @property
     def bic(self) -> float:
         """Bayesian information criterion, free and noise parameters counted (smaller is better)."""
-        return -2.0 * self.log_likelihood + len(self.laplace.mean) * float(np.log(self.calibration.counts.sum()))
+        return -2.0 * self.log_likelihood + len(self.laplace.mean) * math.log(self.calibration.data.count)
 
     @property
     def failures(self) -> dict[str, int]:
@@ -212,7 +213,7 @@ class Fit(OtherTools):
 
     def joint_target(self, simulator: Simulator) -> JointTarget:
         """Return the log-posterior over free and noise parameters, through a ``simulator`` of the same problem."""
-        return JointTarget(self.target(simulator), NoiseLayout.of(self.calibration, self.noise))
+        return JointTarget(self.target(simulator), NoiseLayout.of(self.calibration.data, self.noise))
 
     @cached_property
     def parameters(self) -> dict[str, Estimate]:
@@ -244,7 +245,7 @@ class Fit(OtherTools):
 
     def noise_table(self) -> dict[str, Json]:
         """Write the noise by output: ``sd`` and lag-one ``rho`` at the sample interval, and what they are made of."""
-        return noise_table(self.calibration, self.noise)
+        return noise_table(self.calibration.data, self.noise)
 
     def to_dict(self) -> Json:
         """Return the keys of result.json that a fit fills."""
@@ -304,7 +305,7 @@ class Fit(OtherTools):
         True
         """
         covariance = self.laplace.covariance[: len(self.free), : len(self.free)]
-        left = [y - f for y, f in zip(self.calibration.raw_readings, self.fitted, strict=True)]
+        left = [y - f for y, f in zip(self.calibration.data.raw_readings, self.fitted, strict=True)]
         factors = band_factors(self.calibration, self.series, self.optimum, covariance, left)
         return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.settings.engine)
 
@@ -356,12 +357,12 @@ def _fit_json(fit: Fit) -> Json:
     return {
         "parameters": {name: e.to_dict() for name, e in fit.parameters.items()},
         "noise": fit.noise_table(),
-        "process_noise": process_noise_table(fit.calibration.process, fit.parameters),
+        "process_noise": process_noise_table(fit.calibration.simulated.process, fit.parameters),
         "sensors": dict(fit.sensors),
         "fit": {
             "cost_eq6": fit.cost_eq6,
             "rms": {"train": fit.rms},
-            "interpolation": fit.calibration.interpolation,
+            "interpolation": fit.calibration.data.interpolation,
             "log_likelihood": fit.log_likelihood,
             "log_posterior": fit.log_posterior,
             "bic": fit.bic,

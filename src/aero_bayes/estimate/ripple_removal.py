@@ -1,4 +1,4 @@
-"""Subtract ripple that is locked to a rotor from the readings of a calibration."""
+"""Subtract ripple that is locked to a rotor from the readings of outputs."""
 
 from __future__ import annotations
 
@@ -8,30 +8,40 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.sensors.ripple import Ripple, find_ripples
+from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
 
 
 def without_ripple(
-    calibration: Calibration, fitted: Sequence[FloatArray]
-) -> tuple[Calibration, dict[str, dict[str, Ripple]]]:
-    """Return the calibration with ripple locked to a rotor subtracted, and what was subtracted by recording and output.
+    data: MeasuredData, model: Model, fitted: Sequence[FloatArray]
+) -> tuple[MeasuredData, dict[str, dict[str, Ripple]]]:
+    """Return the data with ripple locked to a rotor subtracted, and what was subtracted by recording and output.
 
-    ``fitted`` holds the outputs (n, m) of each experiment. The calibration is the same where nothing was found.
+    Parameters
+    ----------
+    data : MeasuredData
+    model : Model
+        Has the units of the outputs.
+    fitted : sequence of ndarray, shape (n, m)
+        Outputs at the fit, of each experiment.
+
+    Returns
+    -------
+    tuple
+        The same data and an empty mapping where nothing was found.
     """
-    units = {v.name: v.unit for v in calibration.model.outputs}
-    by_output = [units.get(o, "") for o in calibration.outputs]
+    units = {v.name: v.unit for v in model.outputs}
+    by_output = [units.get(o, "") for o in data.outputs]
     experiments, found = [], {}
-    for experiment, name, y, f in zip(
-        calibration.experiments, calibration.names, calibration.measured, fitted, strict=True
-    ):
-        own = find_ripples(experiment.time, y, f, calibration.outputs, by_output)
+    for experiment, name, y, f in zip(data.experiments, data.names, data.measured, fitted, strict=True):
+        own = find_ripples(experiment.time, y, f, data.outputs, by_output)
         cleaned = y.copy()
         for output, ripple in own.items():
-            cleaned[:, calibration.outputs.index(output)] -= ripple.values
+            cleaned[:, data.outputs.index(output)] -= ripple.values
         if own:
             found[name] = own
         experiments.append(replace(experiment, measured=cleaned))
-    return (replace(calibration, experiments=tuple(experiments)) if found else calibration), found
+    return (data.with_experiments(experiments) if found else data), found

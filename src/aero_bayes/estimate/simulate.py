@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.new_recording import first_reading, typical
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import (
@@ -45,7 +46,7 @@ def simulate(
     if outcome is not Outcome.OK:
         raise CannotFinishError(f"{calibration.model.name} could not be simulated: {outcome.text}")
     variables = {v.name: v.unit for v in (*calibration.model.inputs, *calibration.model.outputs)}
-    outputs = {name: found.outputs[0][0, :, k].copy() for k, name in enumerate(calibration.outputs)}
+    outputs = {name: found.outputs[0][0, :, k].copy() for k, name in enumerate(calibration.data.outputs)}
     return Recording(f"{recording.name} (simulated)", recording.time, recording.inputs, outputs, variables)
 
 
@@ -61,7 +62,7 @@ def as_recording(inputs: Recording | Mapping[str, ArrayLike], calibration: Calib
     if inputs.rows < 2 or not np.all(np.diff(inputs.time) > 0.0):
         raise InputError(f"{inputs.name}: times must be at least two and increase")
     known = [v.name for v in calibration.model.inputs]
-    driven = {signal.name for experiment in calibration.experiments for signal in experiment.inputs}
+    driven = {signal.name for experiment in calibration.data.experiments for signal in experiment.inputs}
     for name, values in inputs.inputs.items():
         if name not in known:
             raise InputError(f"model {calibration.model.name} has no input {name}; it has {', '.join(known) or 'none'}")
@@ -129,17 +130,17 @@ def _problem(
     start: Mapping[str, float],
 ) -> tuple[Problem, FloatArray]:  # fmt: skip
     """Return a calibration's problem over a recording's times, and the values of its columns."""
-    own = _index(recording, calibration)
-    experiment = to_experiment(recording, [], interpolation=calibration.interpolation)
-    experiment = replace(experiment, outputs=calibration.outputs, measured=None)
-    like = calibration.experiments[0 if own is None else own]
+    own = _index(recording, calibration.data)
+    experiment = to_experiment(recording, [], interpolation=calibration.data.interpolation)
+    experiment = replace(experiment, outputs=calibration.data.outputs, measured=None)
+    like = calibration.data.experiments[0 if own is None else own]
     experiment = replace(experiment, start_sd=like.start_sd)
     if own is not None:
         experiment = replace(experiment, start=like.start)
     else:
         experiment = replace(experiment, start=_first_readings(recording, calibration))
     columns = _columns(calibration, recording, values, own)
-    fixed = dict(calibration.fixed)
+    fixed = dict(calibration.simulated.fixed)
     for name, value in parameters.items():
         calibration.model.parameter(name)
         if not math.isfinite(value):
@@ -150,21 +151,21 @@ def _problem(
         state = calibration.model.states[calibration.model.state_index(name)].name
         columns.pop(StartTarget(state), None)
         experiment = replace(experiment, start={**experiment.start, state: float(value)})
-    alone = replace(calibration, experiments=(experiment,), names=(recording.name,), recordings=(recording,))
+    alone = replace(calibration, data=MeasuredData((experiment,), (recording.name,), (recording,)))
     problem = replace(alone.problem(), targets=(tuple(columns),), fixed=fixed)
     matrix = np.column_stack(list(columns.values())) if columns else np.empty((len(values), 0))
     return problem, matrix
 
 
-def _index(recording: Recording, calibration: Calibration) -> int | None:
+def _index(recording: Recording, data: MeasuredData) -> int | None:
     """Find which of the fitted recordings this is, if any."""
-    same = (k for k, fitted in enumerate(calibration.recordings) if fitted.sha256 == recording.sha256)
+    same = (k for k, fitted in enumerate(data.recordings) if fitted.sha256 == recording.sha256)
     return next(same, None)
 
 
 def _first_readings(recording: Recording, calibration: Calibration) -> dict[str, float]:
     """Read the start of states of a new recording, where they started at a reading in those that were fitted."""
-    begun = {state for experiment in calibration.experiments for state in experiment.start}
+    begun = {state for experiment in calibration.data.experiments for state in experiment.start}
     readings = {state: first_reading(recording, StartTarget(state), calibration) for state in sorted(begun)}
     return {state: first.level for state, first in readings.items() if first is not None}
 
@@ -177,7 +178,7 @@ def _columns(
         p.target: values[:, j] for j, p in enumerate(calibration.parameters) if p.acts_in(own)
     }
     if own is None:
-        for target, mean in typical(calibration, values, calibration.recordings).items():
+        for target, mean in typical(calibration, values, calibration.data.recordings).items():
             first = first_reading(recording, target, calibration)
             if isinstance(target, StartTarget) and first is None and recording.outputs == {}:
                 continue

@@ -36,21 +36,19 @@ def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
         states at each reading, and where the second run fails in every recording.
     """
     calibration = fit.calibration
-    if calibration.process is not None:
+    if calibration.simulated.process is not None:
         return fit
-    own = calibration.solver
-    solver = replace(
-        own,
-        relative_tolerance=TIGHTER * own.relative_tolerance,
-        absolute_tolerance=TIGHTER * own.absolute_tolerance,
-    )
+    usual = calibration.simulated.solver
+    relative, absolute = TIGHTER * usual.relative_tolerance, TIGHTER * usual.absolute_tolerance
+    solver = replace(usual, relative_tolerance=relative, absolute_tolerance=absolute)
+    exact = replace(calibration, simulated=replace(calibration.simulated, solver=solver))
     moved = [np.zeros_like(y) for y in fit.fitted]
-    with suppress(CannotFinishError), open_simulator(replace(calibration, solver=solver).problem()) as simulator:
+    with suppress(CannotFinishError), open_simulator(exact.problem()) as simulator:
         runs = simulator.simulate(fit.values[np.newaxis])
-        for e, (tight, usual) in enumerate(zip(runs.outputs, fit.fitted, strict=True)):
-            moved[e] = tight[0] - usual if runs.outcomes[0, e] == Outcome.OK else np.full_like(usual, np.nan)
+        for e, (tight, fitted) in enumerate(zip(runs.outputs, fit.fitted, strict=True)):
+            moved[e] = tight[0] - fitted if runs.outcomes[0, e] == Outcome.OK else np.full_like(fitted, np.nan)
     sizes = {}
-    for k, output in enumerate(calibration.outputs):
+    for k, output in enumerate(calibration.data.outputs):
         rows = np.concatenate([y[:, k] for y in moved])
         if np.isfinite(rows).any():
             sizes[output] = float(np.sqrt(np.nanmean(rows**2)))

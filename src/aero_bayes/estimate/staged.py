@@ -58,12 +58,12 @@ def stages_by_effect(objective: Objective, point: FloatArray, free: Sequence[int
     """
     calibration = objective.calibration
     found = objective.evaluate(point, free)
-    if found is None or found.slopes is None or len(calibration.outputs) == 1:
+    if found is None or found.slopes is None or len(calibration.data.outputs) == 1:
         return ()
-    effect = np.zeros((len(free), len(calibration.outputs)))
+    effect = np.zeros((len(free), len(calibration.data.outputs)))
     for k, series in enumerate(objective.series):
-        size = np.max(np.abs(found.slopes[k]), axis=1) / calibration.scale[series.column]
+        size = np.max(np.abs(found.slopes[k]), axis=1) / calibration.data.scale[series.column]
         effect[:, series.column] = np.maximum(effect[:, series.column], size)
     names = [objective.parameters.names[j] for j in free]
-    stages = causal_stages(names, calibration.outputs, np.where(effect > 1e-6, effect, 0.0))
+    stages = causal_stages(names, calibration.data.outputs, np.where(effect > 1e-6, effect, 0.0))
     return stages if len(stages) > 1 else ()

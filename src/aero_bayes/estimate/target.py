@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.levenberg_marquardt import FixedCost, QuadraticModel
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Outcome, Simulator
 
@@ -38,10 +39,10 @@ class NoiseLayout:
     limit: float = 12.0
 
     @classmethod
-    def of(cls, calibration: Calibration, noise: Mapping[str, OutputNoise]) -> NoiseLayout:
-        scale, outputs = calibration.scale, calibration.outputs
-        interval = min(calibration.intervals)
-        duration = max(float(e.time[-1] - e.time[0]) for e in calibration.experiments)
+    def of(cls, data: MeasuredData, noise: Mapping[str, OutputNoise]) -> NoiseLayout:
+        scale, outputs = data.scale, data.outputs
+        interval = min(data.intervals)
+        duration = max(float(e.time[-1] - e.time[0]) for e in data.experiments)
         centre = np.log(np.stack([0.01 * scale, 0.03 * scale, np.full(scale.shape, np.sqrt(interval * duration))], 1))
         return cls(outputs, tuple(noise[name] for name in outputs), centre)
 

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from aero_bayes.data import DataFinding, Recording
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.language.units import conversion
 from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.model import Model
 
 FloatArray = NDArray[np.float64]
 
@@ -67,39 +69,40 @@ def with_unit_finding(
     open_simulator : callable
         Opens a simulator for a problem.
     """
-    present = _share(fit.calibration, fit.fitted)
-    if not present > POOR_SHARE or fit.calibration.process is not None:
+    data = fit.calibration.data
+    present = _share(data, fit.fitted)
+    if not present > POOR_SHARE or fit.calibration.simulated.process is not None:
         return fit
     tried: list[tuple[float, _Reading, Calibration]] = []
-    for reading in _readings(fit.calibration):
+    for reading in _readings(fit.calibration.model):
         with suppress(InputError, CannotFinishError):
-            calibration = calibrated([reading.of(r) for r in fit.calibration.recordings])
+            calibration = calibrated([reading.of(r) for r in data.recordings])
             tried.append((_nearest(calibration, fit, open_simulator), reading, calibration))
     best: tuple[float, _Reading, Fit] | None = None
     for _, reading, calibration in sorted(tried, key=lambda one: one[0])[:MAX_TRIED]:
         with suppress(CannotFinishError):
             again = fitted(calibration)
-            share = _share(again.calibration, again.fitted)
+            share = _share(again.calibration.data, again.fitted)
             if share < (best[0] if best else present / MIN_FACTOR):
                 best = share, reading, again
     if best is None:
         return fit
     share, reading, _ = best
     finding = DataFinding(
-        "unit", fit.calibration.names[0], reading.channel,
+        "unit", data.names[0], reading.channel,
         f"{reading.channel} looks like {reading.unit}: read as such, the fit leaves {100.0 * share:.2g} % of what the "
         f"outputs move, and not {100.0 * present:.2g} %.",
-        "all recordings" if len(fit.calibration.recordings) > 1 else fit.calibration.names[0],
+        "all recordings" if len(data.recordings) > 1 else data.names[0],
         f'Say so by [data.columns.{reading.channel}] unit = "{reading.unit}".', False,
     )  # fmt: skip
-    told = tuple(replace(r, findings=(*r.findings, finding)) for r in fit.calibration.recordings)
-    return replace(fit, calibration=replace(fit.calibration, recordings=told))
+    told = tuple(replace(r, findings=(*r.findings, finding)) for r in data.recordings)
+    return replace(fit, calibration=replace(fit.calibration, data=replace(data, recordings=told)))
 
 
-def _readings(calibration: Calibration) -> list[_Reading]:
+def _readings(model: Model) -> list[_Reading]:
     """Return each channel in each unit of its dimension."""
     found = []
-    for v in (*calibration.model.inputs, *calibration.model.outputs):
+    for v in (*model.inputs, *model.outputs):
         for unit in UNITS:
             change = conversion(unit, v.unit) if v.unit else None
             if change is not None and not (math.isclose(change[0], 1.0) and change[1] == 0.0):
@@ -116,18 +119,18 @@ def _nearest(calibration: Calibration, fit: Fit, open_simulator: OpenSimulator) 
     with open_simulator(calibration.problem()) as simulator:
         runs = simulator.simulate(rows)
     shares = [
-        _share(calibration, [y[k] for y in runs.outputs])
+        _share(calibration.data, [y[k] for y in runs.outputs])
         for k in range(len(rows))
         if np.all(runs.outcomes[k] == Outcome.OK)
     ]
     return min(shares, default=math.inf)
 
 
-def _share(calibration: Calibration, outputs: Sequence[FloatArray]) -> float:
+def _share(data: MeasuredData, outputs: Sequence[FloatArray]) -> float:
     """Compute the largest RMS residual of an output as a share of the standard deviation of its readings."""
     shares = []
-    for k in range(len(calibration.outputs)):
-        read = np.concatenate([y[:, k] for y in calibration.measured])
+    for k in range(len(data.outputs)):
+        read = np.concatenate([y[:, k] for y in data.measured])
         left = read - np.concatenate([y[:, k] for y in outputs])
         seen = np.isfinite(left)
         if seen.any() and (size := float(np.std(read[seen]))) > 0.0:

@@ -155,17 +155,18 @@ class Unseen:
         kept = ParameterSet(tuple(p for p in shared if p not in new))
         own = replace(
             self.settings, outputs=self.recordings.outputs, most_readings=None, keep_standstill_readings=True,
-            interpolation=calibration.interpolation, solver=calibration.solver,
+            interpolation=calibration.data.interpolation, solver=calibration.simulated.solver,
         )  # fmt: skip
         # Only the base model shows which states start at a reading: in an extended one a law may act on it.
-        fixed = {name: value for name, value in calibration.fixed.items() if name in known}
+        fixed = {name: value for name, value in calibration.simulated.fixed.items() if name in known}
         base_named = calibrate(named, plain, kept, fixed=fixed, settings=own)
         starts = base_named.parameters
         if not close:
-            starts = with_free_starts(starts, base_named.experiments, plain)
+            starts = with_free_starts(starts, base_named.data.experiments, plain)
         own_starts = for_recordings(ParameterSet(tuple(new)), plain, named)
         base_named = replace(base_named, parameters=starts.extended(own_starts.items))
-        whole = replace(self.family.transfer(base_named, calibration.model), fixed=calibration.fixed)
+        whole = self.family.transfer(base_named, calibration.model)
+        whole = replace(whole, simulated=replace(whole.simulated, fixed=calibration.simulated.fixed))
         row = _values(_renamed(calibration, base_named, whole), fit, base_named, self._all_recordings, self._fitted)
         # A law at an output hides the initial value of its state.
         hidden = [p.target for p in base_named.parameters] != [p.target for p in whole.parameters]
@@ -183,7 +184,7 @@ class Unseen:
         if not starts:
             return rows, []
         settled, ends = rows.copy(), []
-        beginning = whole.beginning(INITIAL_STATE_SHARE)
+        beginning = replace(whole, data=whole.data.beginning(INITIAL_STATE_SHARE))
         with self.open_simulator(beginning.problem()) as simulator:
             objective = objective_of(beginning, simulator)
             for k, at in enumerate(whole.parameters.to_search(rows)):
@@ -198,7 +199,8 @@ def _renamed(calibration: Calibration, base_named: Calibration, whole: Calibrati
     """The calibration of an extended model with its states named as in the base model."""
     old = {there.target: here.target for here, there in zip(base_named.parameters, whole.parameters, strict=True)}
     items = tuple(replace(p, target=old.get(p.target, p.target)) for p in calibration.parameters)
-    return replace(calibration, model=base_named.model, parameters=ParameterSet(items))
+    simulated = replace(calibration.simulated, model=base_named.model)
+    return replace(calibration, simulated=simulated, parameters=ParameterSet(items))
 
 
 def _values(

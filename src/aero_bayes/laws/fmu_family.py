@@ -60,7 +60,7 @@ class FmuFamily(ModelicaFamily):
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the candidates; see the base class."""
         self._fixed_values.clear()
-        self._fixed_values.update(calibration.fixed)
+        self._fixed_values.update(calibration.simulated.fixed)
         return super().prepare(calibration, fit, open_simulator)
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
@@ -73,10 +73,10 @@ class FmuFamily(ModelicaFamily):
         self._signals.sizes.clear()
         self._signals.sizes.update({name: seen[name] for name in states})
         given = {
-            v.name: signal_nominal([s.values for s in recorded_inputs(calibration, v.name)]) or v.nominal or 1.0
+            v.name: signal_nominal([s.values for s in recorded_inputs(calibration.data, v.name)]) or v.nominal or 1.0
             for v in inner.inputs
         }
-        time = fastest_time_scale(calibration, fit)
+        time = fastest_time_scale(calibration.data)
         nominals: dict[str, Mapping[str, float]] = {}
         for port in self.places.ports:
             if port.kind == "motion":
@@ -90,7 +90,7 @@ class FmuFamily(ModelicaFamily):
             elif port.kind == "input":
                 nominals[port.id] = {
                     "u_n": given[port.id],
-                    "w_n": relative_change(recorded_inputs(calibration, port.id), time),
+                    "w_n": relative_change(recorded_inputs(calibration.data, port.id), time),
                     "t_n": time,
                 }
             else:
@@ -137,7 +137,7 @@ class FmuFamily(ModelicaFamily):
             folder / f"{name}.fmu"
         )
 
-    def _states_there(self, calibration: Calibration, model: Model) -> Mapping[str, str]:
+    def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
         """Return names in a coupled model of states that are outputs, which may have others there."""
         there = {s.name for s in model.states}
         return {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}

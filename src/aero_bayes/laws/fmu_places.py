@@ -9,7 +9,7 @@ from pathlib import Path
 
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.laws.candidates import Candidate, find_candidates
 from aero_bayes.laws.fmu_ports import INSIDE, FmuBoundary
 from aero_bayes.laws.formula_places import FormulaPort
@@ -71,9 +71,9 @@ class FmuPlaces(LawPlaces):
         every = (*inner.parameters, *inner.inputs, *inner.outputs, *inner.states)
         return {v.name for v in every} | set(self.boundary.names.values())
 
-    def candidates_for(self, calibration: Calibration) -> Sequence[Candidate]:
+    def candidates_for(self, data: MeasuredData) -> Sequence[Candidate]:
         """Return all candidates. At an input that no recording has, only an offset."""
-        driven = {s.name for e in calibration.experiments for s in e.inputs}
+        driven = {s.name for e in data.experiments for s in e.inputs}
         return [
             c
             for c in find_candidates(self.ports, self.laws)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declaration_of
 from aero_bayes.export.rumoca_front import load_flat
@@ -141,7 +141,7 @@ class LawPlaces:
         """Return the declared name of a port, which several ports may share; else its id."""
         return self.declared.ports.get(port.id, port.id)
 
-    def candidates_for(self, calibration: Calibration) -> Sequence[Candidate]:
+    def candidates_for(self, data: MeasuredData) -> Sequence[Candidate]:
         """Return the candidates that may act on the model of a calibration."""
         return self.writable_candidates()
 

@@ -204,8 +204,8 @@ def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, s
     def renamed(by_state: Mapping[str, float]) -> dict[str, float]:
         return {names.get(state, state): value for state, value in by_state.items()}
 
-    experiments = tuple(
-        replace(e, start=renamed(e.start), start_sd=renamed(e.start_sd)) for e in calibration.experiments
+    data = calibration.data.with_experiments(
+        replace(e, start=renamed(e.start), start_sd=renamed(e.start_sd)) for e in calibration.data.experiments
     )
     parameters = tuple(
         replace(p, target=replace(p.target, state=names.get(p.target.state, p.target.state)))
@@ -213,12 +213,11 @@ def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, s
         else p
         for p in calibration.parameters
     )
-    process = calibration.process
+    process = calibration.simulated.process
     if process is not None:
         process = replace(process, diffusion=renamed(process.diffusion))
-    return replace(
-        calibration, model=model, experiments=experiments, parameters=ParameterSet(parameters), process=process
-    )
+    simulated = replace(calibration.simulated, model=model, process=process)
+    return replace(calibration, data=data, simulated=simulated, parameters=ParameterSet(parameters))
 
 
 def effect_parameter(

@@ -120,15 +120,16 @@ class ModelicaFamily:
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
-        kept = self.places.allowed(self.places.candidates_for(calibration))
+        kept = self.places.allowed(self.places.candidates_for(calibration.data))
         found = any(c.port.replaceable is None for c in kept)
         nominals = self._nominals(calibration, fit, open_simulator) if found else {}
         required = self.places.candidate_filter.require
         kept = [c for c in kept if c.id in required or is_possible(c.law, nominals.get(c.port.id, {}))]
-        highest = max((float(np.abs(s.values).max()) for e in calibration.experiments for s in e.inputs), default=1.0)
+        experiments = calibration.data.experiments
+        highest = max((float(np.abs(s.values).max()) for e in experiments for s in e.inputs), default=1.0)
         self.terms.placed.clear()
         self.formulas.clear()
-        recorded = set.intersection(*({s.name for s in e.inputs} for e in calibration.experiments))
+        recorded = set.intersection(*({s.name for s in e.inputs} for e in experiments))
         for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self.places.taken_names(), nominals)):
             declared = self.places.declared.effects.get(placed.id)
             self.terms.add(placed, starting_values(placed, declared, highest))
@@ -281,17 +282,17 @@ class ModelicaFamily:
         """Return the base model with an unknown signal at each place."""
         placed_laws, signals = self.formulas.unknown_signals(places)
         model = self._with(placed_laws)
-        states = {**{s.name: s.name for s in self.base_model().states}, **self._states_there(calibration, model)}
+        states = {**{s.name: s.name for s in self.base_model().states}, **self._states_there(calibration.model, model)}
         return DisturbedModel(self.transfer(calibration, model), states, signals)
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """Return the calibration of the base model, for a member of the family. States get their names there."""
-        return calibration_on(calibration, model, self._states_there(calibration, model))
+        return calibration_on(calibration, model, self._states_there(calibration.model, model))
 
-    def _states_there(self, calibration: Calibration, model: Model) -> Mapping[str, str]:
-        """Return names in another model of states of a calibration's."""
+    def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
+        """Return names in another model of states of a base model."""
         there = states_by_base_name(model, self.places.structure, self._aliases, self.terms.read)
-        return state_names(calibration.model, self.places.structure, there)
+        return state_names(base, self.places.structure, there)
 
     @cached_property
     def _aliases(self) -> dict[str, str]:

@@ -85,7 +85,7 @@ class BaseFit:
         """
         moved = context.family.transfer(self.plain, model)
         own = for_recordings(ParameterSet(tuple(new)), model, context.recordings.fitted)
-        return replace(moved, parameters=moved.parameters.extended(own.items), fixed={**moved.fixed, **(fixed or {})})
+        return replace(moved, parameters=moved.parameters.extended(own.items)).with_fixed(fixed or {})
 
 
 def fit_base_model(context: LoopContext, begin: Mapping[str, float] | None = None) -> BaseFit:
@@ -98,7 +98,7 @@ def fit_base_model(context: LoopContext, begin: Mapping[str, float] | None = Non
     context.statistics.end_stage("models")
     context.progress("fitting the model as given", 0.05)
     close, fit = _fitted_without_outliers(context, context.calibrate(model, _shared(context, model)), begin or {})
-    plain = replace(close, parameters=with_free_starts(close.parameters, close.experiments, close.model))
+    plain = replace(close, parameters=with_free_starts(close.parameters, close.data.experiments, close.model))
     if plain.parameters != close.parameters:
         fit = best_fit(context, plain, close.parameters.from_search(fit.coordinates), fit)
     floors = noise_floors([*context.recordings.train, *context.recordings.test], context.recordings.outputs)
@@ -126,11 +126,11 @@ def _fitted_without_outliers(
         with context.open(calibration.problem()) as simulator:
             objective = context.objective(calibration, simulator)
             fitted = objective.predictions(objective.parameters.from_search(found.coordinates))
-        cleaned, findings = without_outliers(calibration, fitted)
+        cleaned, findings = without_outliers(calibration.data, fitted)
         if not findings:
             break
-        calibration = cleaned
-        found = best_fit(context, cleaned, cleaned.parameters.from_search(found.coordinates), found)
+        calibration = replace(calibration, data=cleaned)
+        found = best_fit(context, calibration, calibration.parameters.from_search(found.coordinates), found)
     return calibration, found
 
 
@@ -196,11 +196,12 @@ def _fitted(context: LoopContext, calibration: Calibration, begin: Mapping[str, 
         context.statistics.add_simulations(objective)
     if lines is not None:
         return lines
-    cleaned, ripple = (
-        without_ripple(calibration, fitted) if settings.fitting.ripple == "subtract" else (calibration, {})
-    )
+    if settings.fitting.ripple != "subtract":
+        return calibration, found
+    data, ripple = without_ripple(calibration.data, calibration.model, fitted)
     if not ripple:
         return calibration, found
+    cleaned = replace(calibration, data=data)
     return cleaned, best_fit(context, cleaned, cleaned.parameters.from_search(found.coordinates), found)
 
 

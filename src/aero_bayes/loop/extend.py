@@ -167,7 +167,7 @@ def _width_influence(context: LoopContext, effect: FoundEffect, calibration: Cal
     }
     if not doubled:
         return None
-    wider = replace(calibration, fixed={**calibration.fixed, **doubled})
+    wider = calibration.with_fixed(doubled)
     settings = LocalFitSettings(hold_noise=True).with_limits(4, 0.02)
     try:
         with context.open(wider.problem()) as simulator:

@@ -131,9 +131,9 @@ def propose_formulas(
 
 def _with_process_noise(plain: Calibration, states: Sequence[str]) -> Calibration:
     """Return the first model on few samples, but not too few, with process noise of some states."""
-    few = plain.thinned(MAX_SAMPLES)
-    finer = replace(few, experiments=tuple(map(_with_samples_between, few.experiments)))
-    return finer.with_process_noise(finer.noise.with_process(states))
+    few = plain.data.thinned(MAX_SAMPLES)
+    finer = few.with_experiments(map(_with_samples_between, few.experiments))
+    return replace(plain, data=finer).with_process_noise(plain.noise.with_process(states))
 
 
 def _with_samples_between(e: Experiment) -> Experiment:
@@ -153,7 +153,7 @@ def _with_samples_between(e: Experiment) -> Experiment:
 
 def _bounded(calibration: Calibration, sizes: Mapping[str, float], noise: Mapping[str, float]) -> tuple[Parameter, ...]:
     """Parameters of the filter: diffusions by the sizes of the states, and the noise of readings near its floor."""
-    duration = max(float(e.time[-1] - e.time[0]) for e in calibration.experiments)
+    duration = max(float(e.time[-1] - e.time[0]) for e in calibration.data.experiments)
     found = []
     for p in calibration.parameters:
         if isinstance(p.target, DiffusionTarget):
@@ -201,7 +201,7 @@ def _signals(
     known = family.formulas.signals.variables()
     states = {known[base][0]: calibration.model.state_index(own) for base, own in there.items() if base in known}
     series = []
-    for f, e, measured in zip(filtered, calibration.experiments, calibration.measured, strict=True):
+    for f, e, measured in zip(filtered, calibration.data.experiments, calibration.data.measured, strict=True):
         outputs = {known[name][0]: y for name, y in zip(e.outputs, f.predicted.T, strict=True) if name in known}
         values = {name: SampledTerms(y, y, y) for name, y in outputs.items()}
         updated = updated_means(f, measured)

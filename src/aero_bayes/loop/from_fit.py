@@ -16,9 +16,9 @@ from aero_bayes.simulation.interface import ParameterTarget
 
 def recordings_of(fit: Fit) -> Sequence[Recording]:
     """Return the recordings of a fit; InputError for one that was made without them."""
-    if not fit.calibration.recordings:
+    if not fit.calibration.data.recordings:
         raise InputError("the fit holds no recordings: give them, and the model, in place of the fit")
-    return fit.calibration.recordings
+    return fit.calibration.data.recordings
 
 
 def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
@@ -38,7 +38,9 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
         chosen = chosen_parameters(calibration.model, settings.parameters, known)
     fixed = {p.name: float(fit[p.name]) for p in shared if p.name not in chosen}
     between = own.calibration.interpolation
-    read = replace(own.calibration, interpolation=between if between == "auto" else calibration.interpolation or "hold")
-    fixed = {**calibration.fixed, **fixed, **own.fixed}
+    read = replace(
+        own.calibration, interpolation=between if between == "auto" else calibration.data.interpolation or "hold"
+    )
+    fixed = {**calibration.simulated.fixed, **fixed, **own.fixed}
     first = replace(own, method="local", staged=False, calibration=read, fixed=fixed)
     return replace(settings, fit=first, parameters=chosen)

@@ -163,7 +163,7 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     groups = family.candidate_groups()
     searched = other_cause(base, settings) is None
     library = Library(groups, family.refinements(), curves) if searched else Library((), {}, ())
-    fit = replace(settings.local_fit, floors=plain.floors)
+    fit = replace(settings.local_fit, floors=plain.data.floors)
     work = SearchControl(
         context.statistics.time_is_up, context.map, lambda what, share: context.progress(what, 0.2 + 0.5 * share)
     )

@@ -88,7 +88,7 @@ def result_of(
         words={id_: context.family.describe(id_) for id_ in sorted(rivals)},
         added=written.parameters if written is not None else (),
         diagnosis=base.diagnosis,
-        interpolation=conclusion.calibration.interpolation,
+        interpolation=conclusion.calibration.data.interpolation,
         recordings=context.recordings,
         plain=context.family.base_model(),
         calibrated=_calibrated(context.family.base_model().source, conclusion, fitted),
@@ -233,12 +233,8 @@ class _FittedAlternative:
         items, values = calibration.parameters.items, calibration.parameters.from_search(fit.coordinates)
         columns, targets = list(fit.free), [(j, p.target) for j, p in enumerate(items) if j not in fit.free]
         fixed_at = {t.name: float(values[j]) for j, t in targets if isinstance(t, ParameterTarget)}
-        own = replace(
-            calibration,
-            parameters=ParameterSet(tuple(items[j] for j in columns)),
-            fixed={**calibration.fixed, **fixed_at},
-        )
-        return cls(own, values[columns], tuple(range(len(columns))), fit.noise, fit.covariance)
+        own = replace(calibration, parameters=ParameterSet(tuple(items[j] for j in columns)))
+        return cls(own.with_fixed(fixed_at), values[columns], tuple(range(len(columns))), fit.noise, fit.covariance)
 
 
 def _separating_experiments(

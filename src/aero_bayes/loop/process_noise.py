@@ -72,11 +72,8 @@ def find_process_noise(context: LoopContext, conclusion: Conclusion, states: Seq
 
 def _model(context: LoopContext, conclusion: Conclusion, states: Sequence[str]) -> CandidateModel:
     """Return the model that came out, on few readings and with process noise of some states."""
-    plain, written, last = (
-        conclusion.base.plain.thinned(MAX_FILTER_READINGS),
-        conclusion.written,
-        conclusion.calibration,
-    )
+    plain, written, last = conclusion.base.plain, conclusion.written, conclusion.calibration
+    plain = replace(plain, data=plain.data.thinned(MAX_FILTER_READINGS))
     if states:
         plain = plain.with_process_noise(plain.noise.with_process(states))
     calibration = plain
@@ -93,7 +90,7 @@ def _result(context: LoopContext, found: tuple[ProcessNoiseFit, ...]) -> FoundPr
     calibration, parameters = objective.calibration, objective.parameters
     rivals = [f for f in found[1:] if f.score > best.score - within and f.explains == best.explains]
     smoothed = objective.smoothed_states(parameters.from_search(fit.coordinates))
-    by_recording = zip(context.recordings.train, calibration.experiments, smoothed, strict=True)
+    by_recording = zip(context.recordings.train, calibration.data.experiments, smoothed, strict=True)
     return FoundProcessNoise(
         states=best.states,
         explains=best.explains,

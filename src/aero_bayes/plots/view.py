@@ -44,7 +44,7 @@ def view(
 
 def fit_view(fit: Fit) -> RunDirectory:
     """Return a fit with its curves; what ripple was taken out of the readings is no part of what it leaves."""
-    recordings = fit.calibration.recordings
+    recordings = fit.calibration.data.recordings
     if not recordings:
         raise InputError("a fit to experiments without recordings has nothing to be drawn over")
     series = fitted_series(fit) | ripple_series(recordings, fit)
@@ -55,7 +55,7 @@ def posterior_view(posterior: Posterior) -> RunDirectory:
     """Return a posterior with its fit's curves, its bands and its draws."""
     base = fit_view(posterior.fit)
     bands = posterior.predictive
-    names, outputs = posterior.calibration.names, posterior.fit.outputs
+    names, outputs = posterior.calibration.data.names, posterior.fit.outputs
     series = band_series(names, outputs, [b.lower for b in bands], [b.upper for b in bands])
     draws = {name: posterior.draws[:, :, j] for j, name in enumerate(posterior.names)}
     table = {name: ParameterJson.model_validate(plain(e.to_dict())) for name, e in posterior.parameters.items()}

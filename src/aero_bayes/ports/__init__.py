@@ -5,19 +5,16 @@ from aero_bayes.ports.balance import Balance, parameter_values
 from aero_bayes.ports.find import driver_names, find_ports, is_driver, replaceable_ports
 from aero_bayes.ports.insertion_point import InsertionPoint, find_insertion_point, in_vector
 from aero_bayes.ports.internal_signals import defining_equations
-from aero_bayes.ports.nominal_values import (
-    NEGLIGIBLE_TERM,
+from aero_bayes.ports.nominal_values import NEGLIGIBLE_TERM, port_nominals, recorded_inputs, simulated_signals
+from aero_bayes.ports.port import DIFFERENCE, KELVIN, Attachment, Port, port_table, signal_expression
+from aero_bayes.ports.replaceable import CombinationRule, ReplaceableModel, find_replaceable_models
+from aero_bayes.ports.signal_statistics import (
     fastest_time_scale,
-    port_nominals,
-    recorded_inputs,
     relative_change,
     share_visited_twice,
     signal_nominal,
-    simulated_signals,
     visited_range,
 )
-from aero_bayes.ports.port import DIFFERENCE, KELVIN, Attachment, Port, port_table, signal_expression
-from aero_bayes.ports.replaceable import CombinationRule, ReplaceableModel, find_replaceable_models
 
 __all__ = [
     "DIFFERENCE", "KELVIN", "NEGLIGIBLE_TERM", "AliasStructure", "Attachment", "Balance",

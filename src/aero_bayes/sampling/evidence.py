@@ -21,7 +21,7 @@ MAX_PARETO_K = 0.6
 
 def laplace_evidence(fit: Fit) -> float:
     """Compute the log-evidence of a fit, noise parameters integrated out with the rest (MacKay, 2003, chapter 27)."""
-    layout = NoiseLayout.of(fit.calibration, fit.noise)
+    layout = NoiseLayout.of(fit.calibration.data, fit.noise)
     noise = fit.laplace.mean[fit.laplace.parameters :]
     determinant = float(np.linalg.slogdet(fit.laplace.covariance)[1])
     volume = 0.5 * (len(fit.laplace.mean) * math.log(2.0 * math.pi) + determinant)

@@ -33,9 +33,9 @@ def _groups(posterior: PosteriorDraws) -> tuple[dict[str, dict[str, Any]], dict[
     }
     coords: dict[str, Any] = {}
     dims: dict[str, list[str]] = {}
-    for index, (name, part) in enumerate(zip(posterior.calibration.names, posterior.predictive, strict=True)):
+    for index, (name, part) in enumerate(zip(posterior.calibration.data.names, posterior.predictive, strict=True)):
         label = re.sub(r"\W+", "_", name) or f"recording_{index}"
-        if posterior.calibration.names.count(name) > 1:
+        if posterior.calibration.data.names.count(name) > 1:
             label = f"{label}_{index}"
         each = len(part.draws) // chains
         if each == 0:
@@ -44,9 +44,9 @@ def _groups(posterior: PosteriorDraws) -> tuple[dict[str, dict[str, Any]], dict[
         blocks = part.log_likelihood[: chains * each]
         groups["log_likelihood"][label] = blocks.reshape(chains, each, -1)
         dims[label] = [f"block_{label}"]
-        measured = np.asarray(posterior.calibration.experiments[index].measured)
+        measured = np.asarray(posterior.calibration.data.experiments[index].measured)
         rows = np.searchsorted(part.time, part.draw_time)
-        for k, output in enumerate(posterior.calibration.outputs):
+        for k, output in enumerate(posterior.calibration.data.outputs):
             if not np.isfinite(measured[:, k]).any():
                 continue
             variable = f"{output}_{label}"

@@ -53,7 +53,7 @@ def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:
     """
     objective = objective_of(fit.calibration, simulator)
     parameters = objective.parameters
-    settings = LocalFitSettings(floors=fit.calibration.floors, hold_noise=True)
+    settings = LocalFitSettings(floors=fit.calibration.data.floors, hold_noise=True)
     known, found = [fit.optimum], [fit]
     for mode in fit.modes:
         values = fit.values.copy()

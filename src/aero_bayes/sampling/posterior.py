@@ -99,8 +99,8 @@ class Posterior(PosteriorDraws, FittedResult):
             "parameters": {
                 name: e.to_dict() for name, e in (self.parameters | chosen_estimates(self.fit.trials)).items()
             },
-            "noise": noise_table(self.calibration, self.noise),
-            "process_noise": process_noise_table(self.calibration.process, self.parameters),
+            "noise": noise_table(self.calibration.data, self.noise),
+            "process_noise": process_noise_table(self.calibration.simulated.process, self.parameters),
             "mcmc": {
                 "ensembles": self.draws.shape[0],
                 "draws": self.steps,

@@ -54,7 +54,7 @@ def posterior_predictive(
         return _filtered(joint, points[:, : len(joint.target.free)], band_factors, rng, stored, blocks)
     free = len(joint.target.free)
     noise = joint.layout.unpack(points[:, free:])[:, 0]
-    experiments = joint.target.calibration.experiments
+    experiments = joint.target.calibration.data.experiments
     collected: list[list[FloatArray]] = [[] for _ in experiments]
     densities: list[list[FloatArray]] = [[] for _ in experiments]
     kept_noise: list[FloatArray] = []
@@ -86,7 +86,7 @@ def _filtered(
     return tuple(
         predict_from_filter(e.time, np.asarray(e.measured), y[good], variance[good], factors, rng, stored, blocks)
         for e, y, variance in zip(
-            joint.target.calibration.experiments, found.predicted, found.variance, strict=True
+            joint.target.calibration.data.experiments, found.predicted, found.variance, strict=True
         )
     )  # fmt: skip
 

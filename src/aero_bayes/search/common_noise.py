@@ -66,7 +66,7 @@ def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -
     objective, optimum = fitted.model.objective, fitted.optimum
     calibration, parts = objective.calibration, _by_output(fitted)
     white: dict[str, NoiseKind] = {o: "white" for o in parts if calibration.noise.kind(o) == "white"}
-    floors_of = {o: max(calibration.floors.get(o, 0.0), 1e-7 * _range(fitted, o)) for o in parts}
+    floors_of = {o: max(calibration.data.floors.get(o, 0.0), 1e-7 * _range(fitted, o)) for o in parts}
     # The correlation time of sensor noise is limited; slower residuals are model error.
     estimated = fit_noise(objective, optimum.evaluation.residual, LocalFitSettings(kinds=white, floors=floors_of))
     reports = check_residuals(calibration, objective.series, replace(optimum, noise=estimated), floors)
@@ -91,4 +91,4 @@ def _by_output(fitted: FittedModel) -> dict[str, list[tuple[int, FloatArray]]]:
 
 def _range(fitted: FittedModel, output: str) -> float:
     calibration = fitted.model.objective.calibration
-    return float(calibration.scale[calibration.outputs.index(output)])
+    return float(calibration.data.scale[calibration.data.outputs.index(output)])

@@ -102,7 +102,7 @@ def whitened_slopes(
     calibration = objective.calibration
     slopes = [
         prediction_slopes(f, measured, signal, values)
-        for f, measured, values in zip(filtered, calibration.measured, terms, strict=True)
+        for f, measured, values in zip(filtered, calibration.data.measured, terms, strict=True)
     ]
     assert fit.evaluation.sd is not None
     return np.concatenate(

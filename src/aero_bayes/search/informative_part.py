@@ -46,7 +46,7 @@ def informative_share(fitted: FittedModel) -> float:
     if found is None or found.slopes is None:
         return 1.0
     for share in SHARES:
-        shares = [share] * len(model.objective.calibration.experiments)
+        shares = [share] * len(model.objective.calibration.data.experiments)
         if tells_enough(model.objective, found, fitted.optimum.noise, shares, MIN_READINGS):
             return share
     return 1.0
@@ -86,7 +86,7 @@ def _compared(
     """
     assert found.slopes is not None
     for series, by, r in zip(objective.series, found.slopes, found.residual, strict=True):
-        rows = objective.calibration.experiments[series.experiment].time.size
+        rows = objective.calibration.data.experiments[series.experiment].time.size
         inside = series.sampling.index < int(shares[series.experiment] * rows)
         unit = noise[series.output].sd
         own = np.array([output == series.output for output in objective.outputs], dtype=np.float64)

@@ -77,7 +77,8 @@ class CommonBlocks:
         outputs = objective.outputs
         owner = np.repeat([outputs.index(s.output) for s in series], [s.sampling.size for s in series])
         rounding = [
-            ROUNDING_SHARE * float(calibration.scale[calibration.outputs.index(o)]) / noise[o].sd for o in outputs
+            ROUNDING_SHARE * float(calibration.data.scale[calibration.data.outputs.index(o)]) / noise[o].sd
+            for o in outputs
         ]
         least = np.bincount(owner).astype(np.float64) * np.square(rounding)
         return cls(outputs, tuple(folds), owner, least, whole)
@@ -176,13 +177,14 @@ def _leverage(fitted: FittedModel) -> FloatArray:
 
 def _without(objective: Objective, readings: Readings) -> Objective:
     """Return the objective without some readings (columns of the whitened slopes), on the same simulator."""
-    measured = [y.copy() for y in objective.calibration.measured]
+    calibration = objective.calibration
+    measured = [y.copy() for y in calibration.data.measured]
     for series, rows in _by_series(objective.series, readings):
         measured[series.experiment][series.sampling.index[rows], series.column] = np.nan
-    experiments = tuple(
-        replace(e, measured=y) for e, y in zip(objective.calibration.experiments, measured, strict=True)
+    data = calibration.data.with_experiments(
+        replace(e, measured=y) for e, y in zip(calibration.data.experiments, measured, strict=True)
     )
-    found = objective.with_calibration(replace(objective.calibration, experiments=experiments), objective.simulator)
+    found = objective.with_calibration(replace(calibration, data=data), objective.simulator)
     found.result_cache = None
     return found
 

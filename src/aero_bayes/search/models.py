@@ -286,7 +286,8 @@ class ModelCache:
 
     def on_beginning(self, share: float) -> ModelCache:
         """Return the same models on the first ``share`` of each recording."""
-        return ModelCache(replace(self.source, plain=self.source.plain.beginning(share)))
+        plain = self.source.plain
+        return ModelCache(replace(self.source, plain=replace(plain, data=plain.data.beginning(share))))
 
     def close(self, count: Callable[[Objective], None] = lambda objective: None) -> None:
         """Close all simulators; ``count`` is told each objective."""

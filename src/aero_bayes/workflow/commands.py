@@ -205,11 +205,11 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
     for entry in result["recordings"]:
         entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
-    used = [{r.name: r for r in found.calibration.recordings}.get(r.name, r) for r in job.recordings]
+    used = [{r.name: r for r in found.calibration.data.recordings}.get(r.name, r) for r in job.recordings]
     series = measured_series(used) | unfitted_series(job.read or job.recordings, used)
     series |= fitted_series(found) | ripple_series(job.recordings, found)
     names = [state.name for state in found.calibration.model.states]
-    states = dict(zip(found.calibration.names, found.states, strict=False))
+    states = dict(zip(found.calibration.data.names, found.states, strict=False))
     return result, series | state_series(names, states)
 
 
@@ -222,7 +222,7 @@ def _loop_page_parts(job: Job, loop: LoopResult) -> tuple[Json, Series]:
 def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
     bands = posterior.predictive
     return posterior.to_dict(), band_series(
-        posterior.calibration.names, posterior.fit.outputs, [b.lower for b in bands], [b.upper for b in bands]
+        posterior.calibration.data.names, posterior.fit.outputs, [b.lower for b in bands], [b.upper for b in bands]
     )
 
 
@@ -289,8 +289,8 @@ def write_page(found: Fit | Posterior | LoopResult, path: Path) -> Path:
     with ScratchFolder() as scratch:
         config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
         job = Job(
-            RunOptions(scratch), config, source.name, model.source is not None, model, calibration.recordings, (),
-            calibration.parameters, dict(calibration.fixed),
+            RunOptions(scratch), config, source.name, model.source is not None, model, calibration.data.recordings, (),
+            calibration.parameters, dict(calibration.simulated.fixed),
         )  # fmt: skip
         if isinstance(found, LoopResult):
             known = found.recordings

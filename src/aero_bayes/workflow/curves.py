@@ -47,7 +47,7 @@ def unfitted_series(read: Sequence[Recording], used: Sequence[Recording]) -> Ser
 def fitted_series(fit: Fit) -> Series:
     """Return ``fitted/<rec>/<output>`` for the outputs that were recorded."""
     series: Series = {}
-    for name, fitted, residual in zip(fit.calibration.names, fit.fitted, fit.residuals, strict=True):
+    for name, fitted, residual in zip(fit.calibration.data.names, fit.fitted, fit.residuals, strict=True):
         for column, output in enumerate(fit.outputs):
             if np.isfinite(residual[:, column]).any():
                 series[f"fitted/{name}/{output}"] = fitted[:, column]
@@ -70,8 +70,8 @@ def state_series(names: Sequence[str], states: Mapping[str, SmoothedStates]) -> 
 def ripple_series(recordings: Sequence[Recording], fit: Fit) -> Series:
     """Return ``ripple/<rec>/<output>``: the ripple that the fit subtracted from the readings, if any."""
     series: Series = {}
-    calibration = fit.calibration
-    fitted = dict(zip(calibration.names, zip(calibration.experiments, calibration.readings, strict=True), strict=True))
+    data = fit.calibration.data
+    fitted = dict(zip(data.names, zip(data.experiments, data.readings, strict=True), strict=True))
     for recording in recordings:
         if recording.name not in fitted:
             continue

@@ -270,7 +270,8 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     left = {v.name: _usual(v) for v in model.inputs if v.name not in (config.data.inputs or ())}
     recording = read_recording(data, layout=replace(layout, constants=left), columns=columns_of(config))
     settings = CalibrationSettings(delay="none", initial_states="estimated")
-    calibration = calibrate([recording], model, parameters, settings=settings).thinned(SAMPLE_COUNT)
+    whole = calibrate([recording], model, parameters, settings=settings)
+    calibration = replace(whole, data=whole.data.thinned(SAMPLE_COUNT))
     with open_simulator(calibration.problem()) as simulator:
         objective = Objective(calibration, simulator)
         at = calibration.parameters.to_search(calibration.parameters.start)

@@ -30,8 +30,9 @@ from aero_bayes.laws.law import SIGNAL_DEFAULTS
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import describe_law, identifier
-from aero_bayes.ports.nominal_values import NOMINAL_QUANTILE, port_nominals
+from aero_bayes.ports.nominal_values import port_nominals
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_expression
+from aero_bayes.ports.signal_statistics import NOMINAL_QUANTILE
 from aero_bayes.progress import ProgressBar
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.sensors.noise import OutputNoise
@@ -172,7 +173,7 @@ def _noise_of_readings(found: Fit) -> dict[str, OutputNoise]:
     """
     noise = dict(found.optimum.noise)
     for output in noise:
-        floors = [output_noise_floor(r, output) for r in found.calibration.recordings if output in r.outputs]
+        floors = [output_noise_floor(r, output) for r in found.calibration.data.recordings if output in r.outputs]
         largest = max((floor.at_most for floor in floors), default=0.0)
         if largest > 0.0:
             noise[output] = OutputNoise(largest)

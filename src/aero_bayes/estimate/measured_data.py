@@ -1,0 +1,116 @@
+"""What was measured, as experiments that a simulator repeats: readings, their names and limits, and fewer of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.data import Recording
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.thinning import rows_of_first_readings, thin
+from aero_bayes.sensors.reading_spread import SpreadModel
+from aero_bayes.simulation.interface import Experiment, Interpolation
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MeasuredData:
+    """The experiments that a model is fitted to.
+
+    Parameters
+    ----------
+    experiments : tuple of Experiment, length E
+        All with the same ``outputs``; readings that a recording lacks are NaN.
+    names : tuple of str, length E
+        Names of the recordings.
+    recordings : tuple of Recording
+        Where the experiments came from (empty if they were given directly).
+    floors : mapping of str to float
+        Least standard deviation of the noise by output, where a sensor counts.
+    spreads : mapping of str to SpreadModel
+        By output, where the noise is not equally large at each reading; the experiments hold the spreads.
+    """
+
+    experiments: tuple[Experiment, ...]
+    names: tuple[str, ...]
+    recordings: tuple[Recording, ...] = ()
+    floors: Mapping[str, float] = field(default_factory=dict)
+    spreads: Mapping[str, SpreadModel] = field(default_factory=dict)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.experiments[0].outputs
+
+    @property
+    def interpolation(self) -> dict[str, Interpolation]:
+        """What each input does between its samples, by name."""
+        return {signal.name: signal.interpolation for e in self.experiments for signal in e.inputs}
+
+    @property
+    def measured(self) -> tuple[FloatArray, ...]:
+        """Measurements of each experiment, shape (n, m)."""
+        return tuple(_measured(e) for e in self.experiments)
+
+    @property
+    def readings(self) -> tuple[FloatArray, ...]:
+        """Everything that was read at the experiments' times, (n, m), also what does not count (a standing encoder)."""
+        pairs = zip(self.measured, self.raw_readings, strict=True)
+        return tuple(np.where(np.isnan(measured), raw, measured) for measured, raw in pairs)
+
+    @property
+    def raw_readings(self) -> tuple[FloatArray, ...]:
+        """What was recorded at the experiments' times, (n, m), ripple included."""
+        if not self.recordings:
+            return self.measured
+        found = []
+        for recording, experiment in zip(self.recordings, self.experiments, strict=True):
+            rows = np.searchsorted(recording.time, experiment.time)
+            gap = np.full(recording.rows, np.nan)
+            found.append(np.column_stack([recording.outputs.get(o, gap)[rows] for o in experiment.outputs]))
+        return tuple(found)
+
+    @property
+    def scale(self) -> FloatArray:
+        """Range of each output over all recordings, shape (m,): what its errors are compared with before any fit."""
+        stacked = np.concatenate(self.measured)
+        spread = np.nanmax(stacked, axis=0) - np.nanmin(stacked, axis=0)
+        return np.where(spread > 0.0, spread, 1.0)
+
+    @property
+    def stop(self) -> float:
+        """When the longest recording ends, in s."""
+        return max(float(e.time[-1]) for e in self.experiments)
+
+    @cached_property
+    def intervals(self) -> tuple[float, ...]:
+        """Sample interval of each experiment in s."""
+        return tuple(float(np.median(np.diff(e.time))) for e in self.experiments)
+
+    @property
+    def count(self) -> int:
+        """Number of readings of all outputs."""
+        return sum(int(np.isfinite(y).sum()) for y in self.measured)
+
+    def with_experiments(self, experiments: Iterable[Experiment]) -> MeasuredData:
+        """Return the same data with its experiments changed, as many as there are."""
+        return replace(self, experiments=tuple(experiments))
+
+    def beginning(self, share: float) -> MeasuredData:
+        """Keep the first ``share`` of each recording's samples, at least twenty readings an output."""
+        rows = [max(int(share * len(y)), rows_of_first_readings(y)) for y in self.measured]
+        return self.with_experiments(e.at_samples(slice(n)) for e, n in zip(self.experiments, rows, strict=True))
+
+    def thinned(self, samples: int) -> MeasuredData:
+        """Keep at most about ``samples`` sample times of each recording; inputs stay as they are."""
+        return self.with_experiments(thin(e, samples) for e in self.experiments)
+
+
+def _measured(experiment: Experiment) -> FloatArray:
+    if experiment.measured is None:
+        raise InputError("an experiment without measurements cannot be fitted")
+    return experiment.measured
