@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 import emcee
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from aero_bayes import Posterior
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate import Fit
 from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
 from aero_bayes.simulation import open_simulator
-
-FloatArray = NDArray[np.float64]
 
 #: Half a central interval of 50 and 90 % of a Gaussian, in standard deviations.
 HALF_50, HALF_90 = 0.6744897501960817, 1.6448536269514722

@@ -15,9 +15,9 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 import simulated_aero as bench
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.estimate import CalibrationSettings, ParameterSet, declared_overrides, parameters_from_model
@@ -30,7 +30,6 @@ from simulated_rigs import MODELS
 from simulated_rigs.kinds import KINDS, RigKind
 from simulated_rigs.truth import LawPlace, LawTruth, law_kind
 
-FloatArray = NDArray[np.float64]
 One = TypeVar("One", bench.EffectTruth, LawTruth)
 
 #: Factors of the size of what is missing.

@@ -6,13 +6,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.cost import eq6
 from aero_bayes.simulation import Outcome, Simulator
-
-FloatArray = NDArray[np.float64]
 
 #: Standard deviation, in units of the fitted output's, of outputs that a reduced call shall leave out.
 IGNORED = 1e9

@@ -6,13 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate import Fit
 from paper_replay.search import StageEnd
 
-FloatArray = NDArray[np.float64]
 Variant = Literal["paper's values", "recipe rerun", "scaled axes", "joint fit"]
 PAPER: Variant = "paper's values"
 RERUN: Variant = "recipe rerun"

@@ -19,16 +19,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, minimize
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
 from aero_bayes.estimate.staged import Stage
 from aero_bayes.estimate.swarm import Swarm, SwarmSettings
 from paper_replay.evaluator import ModelEvaluator
 from paper_replay.published import BOX, PAPER_STAGES
 
-FloatArray = NDArray[np.float64]
 Axes = Literal["linear", "log"]
 Method = Literal["line search", "interior point"]
 

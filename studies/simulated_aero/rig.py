@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from simulated_aero.effects import KINDS, EffectKind
@@ -18,7 +18,6 @@ from simulated_aero.integrate import AeroIntegrator
 from simulated_aero.sensors import SensorNoise, Sensors, clean, quantise
 from simulated_aero.truth import EffectTruth, Truth
 
-FloatArray = NDArray[np.float64]
 UNITS = {"time": "s", "V_m": "V", "i_m": "A", "omega_m": "rad/s", "theta": "rad"}
 
 

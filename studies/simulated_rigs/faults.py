@@ -8,12 +8,10 @@ from math import exp, log, pi, sqrt
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from simulated_rigs.trial import RigTrial
-
-FloatArray = NDArray[np.float64]
 
 #: Each kind of fault, with the cause that a diagnosis has to name.
 FAULTS: Mapping[str, str] = {

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from aero_bayes.data import write_csv
 from aero_bayes.errors import InputError
@@ -22,7 +21,6 @@ from simulated_rigs.kinds import KINDS, RigKind
 from simulated_rigs.trial import MODELS, CleanRun, RigTrial, law_at_distance, make_trial
 from simulated_rigs.truth import LawTruth, law_places
 
-FloatArray = NDArray[np.float64]
 #: First number of a fleet's seeds.
 FLEET = 23001
 #: How far the fleet's typical values lie from the model's, and how much rigs differ, each as a share.

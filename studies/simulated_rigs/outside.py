@@ -7,7 +7,8 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from simulated_rigs.assembly import Assembly, FloatArray
+from aero_bayes.arrays import FloatArray
+from simulated_rigs.assembly import Assembly
 from simulated_rigs.laws import LawKind, Parameters
 from simulated_rigs.plant import Values
 from simulated_rigs.signals import faded_command, held_command, mapped_command

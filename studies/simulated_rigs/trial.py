@@ -12,8 +12,8 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, write_csv
 from aero_bayes.errors import InputError
 from simulated_aero.inputs import Chirp, InputDesign, prbs, random_levels, random_multi_sine
@@ -22,7 +22,6 @@ from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
 from simulated_rigs.truth import LawPlace, LawTruth, law_kind, law_places, outside_places, scale_at, simulate_rig
 
-FloatArray = NDArray[np.float64]
 CleanRun = tuple[FloatArray, FloatArray]
 What = Literal["law", "none", "pair", "outside"]
 WHATS: tuple[What, ...] = ("law", "none", "pair", "outside")

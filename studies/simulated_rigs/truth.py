@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from simulated_rigs.kinds import RigKind
 from simulated_rigs.laws import LAWS, LawKind, Scale
 from simulated_rigs.linear import run_linear
 from simulated_rigs.outside import OUTSIDE
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

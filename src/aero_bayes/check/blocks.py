@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.sensors import reading_log_density
 from aero_bayes.simulation.interface import Outcome
-
-FloatArray = NDArray[np.float64]
 
 #: Largest number of simulated values in memory.
 _MAX_TRAJECTORY_NUMBERS = 4_000_000

@@ -12,13 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.sampling.importance import RELIABLE_BELOW, pareto_smooth
 
-FloatArray = NDArray[np.float64]
 #: Densities (s, b) of all blocks over draws of the posterior that has seen only the first so many blocks.
 Refit = Callable[[int], FloatArray]
 

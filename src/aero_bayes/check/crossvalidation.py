@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.check.blocks import block_edges, block_log_likelihood
 from aero_bayes.check.comparison import ElpdEstimate, leave_future_out, leave_one_out, waic
 from aero_bayes.errors import InputError
@@ -28,7 +28,6 @@ from aero_bayes.progress import Progress
 from aero_bayes.sampling.evidence import importance_posterior
 from aero_bayes.simulation.interface import DelayTarget
 
-FloatArray = NDArray[np.float64]
 _REFIT_SETTINGS = FitSettings(method="local", staged=False)
 #: Number of delays that are tried before the best one is refined.
 _DELAY_POINTS = 21

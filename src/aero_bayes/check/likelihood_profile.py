@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings, levenberg_marquardt
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import Simulator
-
-FloatArray = NDArray[np.float64]
 
 #: Drop of the log-posterior at the ends of a 90 % interval: half the 90 % quantile of chi-squared (1 degree of
 #: freedom).

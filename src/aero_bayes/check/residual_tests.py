@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
@@ -26,7 +26,6 @@ from aero_bayes.sensors.noise_estimation import is_model_error
 from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE
 from aero_bayes.simulation.interface import SolverSettings
 
-FloatArray = NDArray[np.float64]
 ResidualVerdict = Literal["adequate", "structured"]
 
 #: Residual, as a share of what an output moves, up to which it is rounding, and up to which it may be the solver's

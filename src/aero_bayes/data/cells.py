@@ -7,14 +7,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 
 if TYPE_CHECKING:
     import pandas
-
-FloatArray = NDArray[np.float64]
 
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 SPECIAL = re.compile(r"[+-]?(nan|inf|infinity|1\.#\w+)", re.IGNORECASE)

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data.layout import Layout
 from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
@@ -17,7 +18,6 @@ from aero_bayes.errors import InputError
 #: Smallest number of samples of a recording.
 MIN_SAMPLES = 4
 RowName = Callable[[int], str]
-FloatArray = NDArray[np.float64]
 
 
 class Recorded(Protocol):

@@ -22,7 +22,8 @@ import numpy as np
 import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
+
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 #: Largest number of differences at each lag, evenly spread over a longer recording.
 MAX_DIFFERENCES = 20_000

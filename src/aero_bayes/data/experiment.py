@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aero_bayes.data.recording import FloatArray, Recording
+from aero_bayes.arrays import FloatArray
+from aero_bayes.data.recording import Recording
 from aero_bayes.simulation.interface import Experiment, InputSignal, Interpolation
 
 #: How long before the first sample the earlier input value is placed, in s: longer than any input delay.

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from aero_bayes.data.runs import FloatArray, Rows
+from aero_bayes.arrays import FloatArray
+from aero_bayes.data.runs import Rows
 
 #: Length of a gap in usual intervals. An input that holds over fewer is hardly wrong for long.
 MIN_GAP_INTERVALS = 10.0

@@ -6,15 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data.wrapped import unwrapped
 from aero_bayes.declared import ColumnSpec, PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_modelica_unit
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.data.cells import FloatArray, seconds
+from aero_bayes.arrays import FloatArray
+from aero_bayes.data.cells import seconds
 from aero_bayes.data.frames import missing_extra
 from aero_bayes.data.signals import Columns, Request, Signals, pick_signals
 from aero_bayes.data.table import is_time_name

@@ -27,12 +27,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data.differences import Differences, NoiseVariances
 from aero_bayes.data.recording import Recording
 
-FloatArray = NDArray[np.float64]
 #: Orders of differences. The estimates of two successive orders must agree.
 DIFFERENCE_ORDERS = (3, 4, 5)
 #: Smallest share of the differences' variance that is noise, and largest share that the inputs explain.

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import plain_seconds
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.clock import with_steady_clock
@@ -23,8 +23,6 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
 from aero_bayes.files import whole_file
 from aero_bayes.unknown_names import known_names_hint
-
-FloatArray = NDArray[np.float64]
 
 
 def read_recording(

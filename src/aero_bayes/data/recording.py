@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arguments import names_of
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import numbers, seconds
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.findings import DataFinding
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data.differences import input_jumps
 from aero_bayes.data.recording import Recording
 
-FloatArray = NDArray[np.float64]
 #: Length in s of the segments within which the integrated angle keeps its phase.
 SEGMENT_LENGTH = 0.5
 #: Least speed of a rotor whose ripple is examined, in rad/s.

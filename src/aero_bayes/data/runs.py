@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
+
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 

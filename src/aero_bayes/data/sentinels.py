@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from aero_bayes.data.runs import MAD_TO_SD, FloatArray, Mask, after_changes, runs, typical_step
+from aero_bayes.arrays import FloatArray
+from aero_bayes.data.runs import MAD_TO_SD, Mask, after_changes, runs, typical_step
 
 #: What loggers and sensors are known to write for a reading that they do not have.
 KNOWN_CONSTANTS = frozenset({

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 #: Decimals of a time in s within which two instants are one.
 SAME_INSTANT = 9

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from aero_bayes.data.runs import FloatArray, Mask, after_changes, noise_size, runs
+from aero_bayes.arrays import FloatArray
+from aero_bayes.data.runs import Mask, after_changes, noise_size, runs
 
 #: Fewest equal readings in a row that are stuck, and that are clipped at an extreme.
 MIN_STUCK, MIN_CLIPPED = 10, 4

@@ -6,14 +6,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import NoiseFloor, output_noise_floor, quantisation_step
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.ripple import ripple_amplitudes
 from aero_bayes.display import table_html, with_unit
 
-FloatArray = NDArray[np.float64]
 #: Number of equal readings in a row at an extreme value that mean saturation of a continuous sensor.
 MIN_SATURATED_RUN = 5
 

@@ -19,7 +19,6 @@ from aero_bayes.unknown_names import known_names_hint
 if TYPE_CHECKING:
     import pandas
 
-FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: How a column is called that says of each row (or of one signal) whether it is good.

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from aero_bayes.data.runs import FloatArray, Rows
+from aero_bayes.arrays import FloatArray
+from aero_bayes.data.runs import Rows
 
 #: A whole turn by unit of an angle.
 TURNS = {"rad": 2.0 * math.pi, "deg": 360.0, "rev": 1.0}

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.design.information import Engine, ExperimentPredictor
 from aero_bayes.design.propose import Design
 from aero_bayes.design.separation import Separation
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.design.information import Engine, ExperimentPredictor
 from aero_bayes.design.propose import Design
 from aero_bayes.design.separation import Separation
@@ -17,8 +17,6 @@ from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, Qu
 from aero_bayes.progress import Progress
 from aero_bayes.simulation.interface import Experiment, Outcome, Simulator
 from aero_bayes.simulation.workers import WorkerPool
-
-FloatArray = NDArray[np.float64]
 
 #: Predicted decrease of the cost, in nats, at which a refit has converged: less is lost in the error of the solver, and
 #: it moves a parameter by a seventh of its standard deviation at most.

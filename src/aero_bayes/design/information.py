@@ -8,8 +8,8 @@ from types import TracebackType
 from typing import Literal, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import Calibration, OutputNoise, Parameter, ParameterSet
 from aero_bayes.sensors import SampleTimes, whiten
@@ -24,7 +24,6 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.workers import WorkerPool
 
-FloatArray = NDArray[np.float64]
 Engine = Literal["native", "fmpy"]
 
 #: Largest number of samples in the sum of the information. More are thinned, and their white noise is scaled.

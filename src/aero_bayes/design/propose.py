@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.design.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment, posterior_sd
 from aero_bayes.design.proposed_input import ProposedInput
 from aero_bayes.design.signal_search import BestSignal, SearchSettings, best_signals
@@ -22,8 +22,6 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.workers import WorkerPool
-
-FloatArray = NDArray[np.float64]
 
 #: Posterior draws over which the proposal's travel must stay within its limit.
 TRAVEL_DRAWS = 16

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.files import whole_file
 
-FloatArray = NDArray[np.float64]
 #: Families whose name is not what one calls their signals.
 SIGNAL_PHRASES = {
     "binary": "a binary sequence", "square wave": "a square wave", "step and release": "a step and its release",

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.design.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment
 from aero_bayes.design.propose import TRAVEL_SHARE, default_limits, experiment_times, within_travel
 from aero_bayes.design.proposed_input import ProposedInput
@@ -20,8 +20,6 @@ from aero_bayes.design.signal_search import SearchSettings, best_signals
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.progress import Progress
 from aero_bayes.simulation.workers import WorkerPool
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

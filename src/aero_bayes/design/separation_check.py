@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aero_bayes.design.gain_check import refit_experiment, simulated_experiment
 from aero_bayes.design.information import Engine, ExperimentPredictor
@@ -14,8 +13,6 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Fit
 from aero_bayes.progress import Progress
 from aero_bayes.simulation.workers import WorkerPool
-
-FloatArray = NDArray[np.float64]
 
 #: Difference in log-evidence above which two models count as separated (odds of 20 to 1).
 MIN_LOG_EVIDENCE_DIFFERENCE = 3.0

@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.design.information import Engine
 from aero_bayes.design.signal_families import FAMILIES, SignalFamily
 from aero_bayes.progress import Progress, Watched
 
-FloatArray = NDArray[np.float64]
 #: Scores of input signals on the full times, smaller is better, infinite for what is not allowed.
 Score = Callable[[Sequence[FloatArray]], FloatArray]
 

@@ -6,8 +6,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.result import Fit
@@ -16,8 +16,6 @@ from aero_bayes.language.syntax import Call, Expression, Number, names_in, walk
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
-
-FloatArray = NDArray[np.float64]
 
 #: Functions that are not defined for every number, and what a user can write in their place.
 DOMAINS = {

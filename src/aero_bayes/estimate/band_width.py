@@ -13,16 +13,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.leave_out import BLOCK_COUNT, MIN_BLOCK_READINGS, LinearisedFit, Readings, blocks_of_time
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors.whiteness import residual_correlation_time
 from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
-
-FloatArray = NDArray[np.float64]
 
 #: Share of new readings that a band holds.
 BAND_SHARE = 0.9

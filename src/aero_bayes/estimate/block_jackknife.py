@@ -12,13 +12,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.leave_out import LinearisedFit, time_cells
 from aero_bayes.estimate.objective import Series
-
-FloatArray = NDArray[np.float64]
 
 #: Blocks that the readings are cut into, and steps in which a block moves by its own length.
 JACKKNIFE_BLOCKS, STEPS = 10, 12

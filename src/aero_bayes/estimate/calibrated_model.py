@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
@@ -23,7 +23,6 @@ from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.start_parameters import start_parameters
 
-FloatArray = NDArray[np.float64]
 #: Values of one element, or of the elements of an array.
 ParameterValues = float | str | list["ParameterValues"]
 #: Modifications by component: a value and what is said of it, or those inside.

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aero_bayes.checkpoint import digest
 from aero_bayes.data import Recording, to_experiment
@@ -31,8 +30,6 @@ from aero_bayes.simulation.interface import (
     StartTarget,
 )
 from aero_bayes.simulation.model import Model
-
-FloatArray = NDArray[np.float64]
 
 #: Largest number of solver steps for each change of an input.
 MAX_STEPS_PER_CHANGE = 60

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
 
 
 def eq6(residual: Sequence[FloatArray]) -> float:

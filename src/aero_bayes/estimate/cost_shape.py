@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.step_rule import CostShape
 from aero_bayes.simulation.interface import DelayTarget
-
-FloatArray = NDArray[np.float64]
 
 #: Margin at both ends of a sample interval, as a share of it: at the kink itself a derivative may be of either side.
 KINK_MARGIN = 1e-6

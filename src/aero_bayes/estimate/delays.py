@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.cost_shape import cost_shape
 from aero_bayes.estimate.levenberg_marquardt import LocalResult, LocalSettings, QuadraticModel, levenberg_marquardt
 from aero_bayes.estimate.local_fit import Optimum
@@ -20,8 +20,6 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.target import Target
 from aero_bayes.simulation.interface import DelayTarget
-
-FloatArray = NDArray[np.float64]
 
 #: Gain in log-probability at which another local optimum is preferred.
 MIN_LOG_EVIDENCE_GAIN = 0.5

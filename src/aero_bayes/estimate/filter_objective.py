@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Filter, GaussNewton, Outcome, ReadingNoiseTarget, Simulator
 from aero_bayes.simulation.smoothing import SmoothedStates, smooth
-
-FloatArray = NDArray[np.float64]
 
 
 def objective_of(calibration: Calibration, simulator: Simulator, **options: Any) -> Objective:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
@@ -22,8 +22,6 @@ from aero_bayes.estimate.stage_report import stage_report
 from aero_bayes.estimate.step_parameters import settle_blind
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.simulation.interface import Outcome
-
-FloatArray = NDArray[np.float64]
 
 
 def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:

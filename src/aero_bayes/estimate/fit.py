@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.arguments import require_all, require_type
@@ -46,7 +45,6 @@ from aero_bayes.sensors.ripple import Ripple
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
-FloatArray = NDArray[np.float64]
 #: How often a fit is repeated without its outliers: the first one is drawn by them, so that it may not see all.
 MAX_OUTLIER_ROUNDS = 3
 

@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameter_estimates import Estimate
@@ -17,8 +17,6 @@ from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
-
-FloatArray = NDArray[np.float64]
 
 
 class FittedResult(ABC):

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
 
 #: Least eigenvalue of a Hessian that is scaled to a unit diagonal, as a share of the largest: below, it is rounding.
 MIN_EIGENVALUE = 1e-12

@@ -10,8 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
@@ -28,8 +28,6 @@ from aero_bayes.estimate.step_parameters import other_plateaus
 from aero_bayes.estimate.target import Target
 from aero_bayes.progress import Progress, Watched
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
-
-FloatArray = NDArray[np.float64]
 
 #: Noise of every output under Eq. 6, as a share of the smallest range of an output; it only sets the tolerances.
 EQ6_NOISE_SHARE = 1e-3

@@ -14,10 +14,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names
 from aero_bayes.estimate.step_parameters import StepParameter
-
-FloatArray = NDArray[np.float64]
 
 #: Posterior over prior standard deviation below which a parameter counts as identified, and above which as not at all.
 IDENTIFIED_BELOW, UNIDENTIFIED_ABOVE = 1.0 / 3.0, 0.95

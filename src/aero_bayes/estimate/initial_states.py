@@ -7,15 +7,13 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, output_noise_floor
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.simulation import Model, Variable, open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, Problem, StartTarget
-
-FloatArray = NDArray[np.float64]
 
 #: ``reading``: states that are outputs start at their first reading; ``estimated``: every state's start is estimated;
 #: ``auto``: those that are outputs and may start anywhere are estimated about their reading.

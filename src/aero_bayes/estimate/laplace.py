@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import polar
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.block_jackknife import jackknife_covariance
 from aero_bayes.estimate.gaussian import parameter_covariance
 from aero_bayes.estimate.local_fit import Optimum
@@ -17,8 +17,6 @@ from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 from aero_bayes.estimate.target import CurvatureAdjustment, NoiseLayout
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.sensors.whitening import log_density
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

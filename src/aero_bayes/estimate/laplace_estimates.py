@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Identifiability, Status
 from aero_bayes.estimate.laplace import Laplace
 from aero_bayes.estimate.parameter_estimates import Estimate, fixed_parameters
 from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
-FloatArray = NDArray[np.float64]
 _NO_INTERVAL: tuple[float | None, float | None, float | None, float | None] = (None, None, None, None)
 
 

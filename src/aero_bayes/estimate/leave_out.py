@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 
-FloatArray = NDArray[np.float64]
 Readings = NDArray[np.int_]
 
 #: Least curvature, as a share of that of all readings.

@@ -14,11 +14,9 @@ from enum import Enum
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.step_rule import CostShape, StepRule
-
-FloatArray = NDArray[np.float64]
 
 
 class Stop(Enum):

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, pack_all, unpack_all
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.cost_shape import cost_shape
@@ -30,8 +30,6 @@ from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 from aero_bayes.sensors.noise_estimation import update_output_noise
-
-FloatArray = NDArray[np.float64]
 
 #: Smallest noise as a share of an output's range: data without noise leave no more than the rounding of numbers.
 ROUNDING = 1e-13

@@ -7,15 +7,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.thinning import rows_of_first_readings, thin
 from aero_bayes.sensors.reading_spread import SpreadModel
 from aero_bayes.simulation.interface import Experiment, Interpolation
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.gaussian import unlimited_sd
 from aero_bayes.estimate.global_search import GlobalSearch
@@ -24,8 +24,6 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.sensors.whiteness import residual_correlation_time
-
-FloatArray = NDArray[np.float64]
 
 #: Least probability, beside the reported optimum, of another one that is told.
 MIN_MODE_SHARE = 0.02

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, output_noise_floor
 from aero_bayes.data.initial_level import InitialLevel, initial_level
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation.interface import ProblemTarget, StartTarget
-
-FloatArray = NDArray[np.float64]
 
 
 def typical(

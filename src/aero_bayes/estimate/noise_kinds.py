@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
@@ -15,8 +15,6 @@ from aero_bayes.estimate.objective import Series
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.reading_spread import SpreadModel, choose_spread, estimate_spread
 from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE, correlation_p_value
-
-FloatArray = NDArray[np.float64]
 
 #: Fits in turn with the spread of the readings, and relative change of a spread at which they have converged.
 MAX_REFITS, MIN_CHANGE = 10, 0.02

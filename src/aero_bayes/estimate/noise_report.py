@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameter_estimates import Estimate
@@ -47,7 +47,7 @@ def process_noise_table(process: ProcessNoise | None, parameters: Mapping[str, E
 
 
 def structure_warnings(
-    calibration: Calibration, innovations: Mapping[str, NDArray[np.float64]], noise: Mapping[str, OutputNoise]
+    calibration: Calibration, innovations: Mapping[str, FloatArray], noise: Mapping[str, OutputNoise]
 ) -> tuple[str, ...]:
     """Return one sentence for each output whose residual the noise cannot explain.
 

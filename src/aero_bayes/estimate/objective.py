@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, ResultCache, digest
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.measured_data import MeasuredData
@@ -27,7 +28,6 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.smoothing import SmoothedStates
 
-FloatArray = NDArray[np.float64]
 #: Noise of an output that does not count, over its range.
 IGNORED_NOISE_FACTOR = 1e6
 #: Largest output or sensitivity, in any unit, that counts as a prediction: the square of a larger one overflows.

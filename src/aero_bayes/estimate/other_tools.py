@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.display import with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
@@ -20,7 +20,6 @@ from aero_bayes.estimate.value_comparison import ValueTrial
 from aero_bayes.files import whole_file
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 
-FloatArray = NDArray[np.float64]
 #: Longest name that MATLAB takes (its ``namelengthmax``).
 MATLAB_NAME = 63
 

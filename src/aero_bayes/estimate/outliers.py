@@ -13,8 +13,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import DataFinding, Recording, quantisation_step
-from aero_bayes.data.runs import MAD_TO_SD, FloatArray, Mask, after_changes, runs
+from aero_bayes.data.runs import MAD_TO_SD, Mask, after_changes, runs
 from aero_bayes.data.screen import hide
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.measured_data import MeasuredData

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arguments import names_of
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.default_bounds import default_bounds, first_given, model_bound
 from aero_bayes.estimate.priors import LogUniform, Prior, Uniform, search_sd
@@ -18,7 +19,6 @@ from aero_bayes.estimate.unfittable import no_parameter_text
 from aero_bayes.simulation.interface import ParameterTarget, ProblemTarget
 from aero_bayes.simulation.model import Model
 
-FloatArray = NDArray[np.float64]
 #: Distance from a bound, as a share of the box, at which a parameter counts as lying on it.
 BOUND_TOLERANCE = 1e-6
 #: Share of its upper bound to which a parameter at zero is moved where its sensitivity is needed.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 #: Sample times of which whole draws are kept, and blocks of time whose density is given.
 _STORED, _BLOCKS = 600, 60
 

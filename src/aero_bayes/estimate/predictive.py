@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sensors.whitening import reading_log_density
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

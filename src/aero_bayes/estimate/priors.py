@@ -12,13 +12,13 @@ from functools import lru_cache
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import log_ndtr, ndtr, ndtri
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.display import with_unit
 from aero_bayes.errors import InputError
 
-FloatArray = NDArray[np.float64]
 _LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 

@@ -9,8 +9,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.initial_states import MAX_SPREAD_SHARE, state_of, state_sizes
 from aero_bayes.estimate.parameters import Parameter
@@ -25,8 +25,6 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.problem_checks import check_process
-
-FloatArray = NDArray[np.float64]
 
 #: What the name of a diffusion's parameter begins with; the state follows.
 DIFFUSION_PREFIX = "process."

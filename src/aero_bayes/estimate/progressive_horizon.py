@@ -12,8 +12,8 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays
 from aero_bayes.data import noise_floors
 from aero_bayes.errors import CannotFinishError
@@ -21,7 +21,6 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.simulation.interface import Problem, Simulator
 
-FloatArray = NDArray[np.float64]
 OpenSimulator = Callable[[Problem], AbstractContextManager[Simulator]]
 
 #: Shares of the recordings that are fitted one after the other.

@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.thinning import rows_of_first_readings, thin
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Simulator
-
-FloatArray = NDArray[np.float64]
 
 #: Largest error of an output due to averaged inputs, at the starting values, as a share of its range.
 MAX_AVERAGING_ERROR = 0.05

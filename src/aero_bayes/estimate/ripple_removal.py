@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.sensors.ripple import Ripple, find_ripples
 from aero_bayes.simulation.model import Model
-
-FloatArray = NDArray[np.float64]
 
 
 def without_ripple(

@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
@@ -26,8 +27,6 @@ from aero_bayes.simulation.interface import (
     StartTarget,
     Trajectories,
 )
-
-FloatArray = NDArray[np.float64]
 
 
 def simulate(

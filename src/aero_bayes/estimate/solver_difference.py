@@ -6,15 +6,13 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
 from aero_bayes.sensors.whitening import whiten
 from aero_bayes.simulation.interface import Outcome
-
-FloatArray = NDArray[np.float64]
 
 #: The tolerances of the second run, as a share of the problem's own.
 TIGHTER = 0.1

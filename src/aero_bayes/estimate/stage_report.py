@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.global_search import FittedStage
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameters import ParameterSet
@@ -36,7 +36,7 @@ class StageReport:
 
 def stage_report(fitted: FittedStage, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:
     """Return values in SI units and errors by output, over all recordings, at the optimum of a stage."""
-    residuals: dict[str, list[NDArray[np.float64]]] = {}
+    residuals: dict[str, list[FloatArray]] = {}
     own = [s for s in series if s.output in fitted.stage.outputs]
     for s, residual in zip(own, fitted.optimum.evaluation.residual, strict=True):
         residuals.setdefault(s.output, []).append(residual)

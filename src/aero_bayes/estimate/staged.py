@@ -9,11 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.objective import Objective
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
-
-FloatArray = NDArray[np.float64]
 
 #: Nats by which the log-likelihood may differ for two values to count as equally good: it is noise of the solver.
 EQUAL_LIKELIHOOD = 1e-2

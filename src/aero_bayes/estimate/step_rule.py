@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
 
 #: Distance from a kink, as a share of the smooth region, up to which a coordinate counts as at the kink.
 KINK_TOLERANCE = 1e-3

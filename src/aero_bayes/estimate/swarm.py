@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
+
 BatchCost = Callable[[FloatArray], FloatArray]
 
 

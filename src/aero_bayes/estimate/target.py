@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.levenberg_marquardt import FixedCost, QuadraticModel
@@ -19,7 +20,6 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Outcome, Simulator
 
-FloatArray = NDArray[np.float64]
 _NOISE_PARTS = ("sd_white", "sd_ou", "tau")
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.interface import Experiment
-
-FloatArray = NDArray[np.float64]
 
 
 def rows_of_first_readings(measured: FloatArray, least: int = 20) -> int:

@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import DataFinding, Recording
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
@@ -19,8 +19,6 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.language.units import conversion
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
-
-FloatArray = NDArray[np.float64]
 
 #: Units that loggers write, SI ones among them for models that are not in SI.
 UNITS = (

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
+
 #: Fewest rigs from which a spread is inferred: with fewer its flat prior says more than they.
 MIN_RIGS = 4
 #: Points of the grid over τ: first over all sizes, then where the posterior is; nats below its peak that are left out.

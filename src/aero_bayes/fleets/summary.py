@@ -7,9 +7,9 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaincinv
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO
 from aero_bayes.fleets.population import MIN_RIGS, Population, fit_population, stand_out
 from aero_bayes.fleets.table import Row, Table
@@ -25,7 +25,6 @@ from aero_bayes.schema import (
 )
 from aero_bayes.schema.base import Level
 
-FloatArray = NDArray[np.float64]
 QUANTILE_LEVELS = np.array([0.05, 0.5, 0.95])
 #: A rig stands out where one so far away is expected once in so many fleets.
 OUTLIER_FLEETS = 100.0

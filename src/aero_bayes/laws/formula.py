@@ -14,8 +14,8 @@ from itertools import combinations, permutations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.language.class_reader import read_classes
 from aero_bayes.language.classes import ClassText
 from aero_bayes.language.parse import parse_expression
@@ -24,7 +24,6 @@ from aero_bayes.laws.law import Law, LawInterface, is_fitted_parameter, law_para
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.ports import Port
 
-FloatArray = NDArray[np.float64]
 #: What a formula does: it is added; it is the share by which a parameter grows; or a parameter goes with a power of a
 #: signal, whose exponent is fitted.
 Way = Literal["added", "share", "power"]

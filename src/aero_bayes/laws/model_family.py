@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
@@ -19,7 +17,6 @@ from aero_bayes.laws.formula_terms import FormulaTerms
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import DiffusionTarget, ParameterTarget, Problem, Simulator, StartTarget
 
-FloatArray = NDArray[np.float64]
 OpenSimulator = Callable[[Problem], Simulator]
 
 #: Prior standard deviation of the magnitude of an effect, in nominal values.

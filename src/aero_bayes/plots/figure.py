@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.plots.style import mathematics, palette, settings
-from aero_bayes.report.drawing import Band, Dots, FloatArray, Line, Panel
+from aero_bayes.report.drawing import Band, Dots, Line, Panel
 from aero_bayes.report.thinning import band_envelope, column_means
 
 __all__ = ["FloatArray", "Picture", "draw_panels", "ground"]

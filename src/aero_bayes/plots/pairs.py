@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.plots.figure import FloatArray, ground
+from aero_bayes.plots.figure import ground
 from aero_bayes.plots.style import mathematics, palette, settings
 from aero_bayes.report.posterior_figures import marginal, most_correlated, rank_correlation, regions, rim, span
 from aero_bayes.report.text import greek_name, minus, pretty_unit

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.result import Fit
@@ -21,7 +19,6 @@ from aero_bayes.workflow.curves import band_series, fitted_series, measured_seri
 from aero_bayes.workflow.describe import recording_row
 from aero_bayes.workflow.results import plain
 
-FloatArray = NDArray[np.float64]
 Role = Literal["train", "test"]
 
 

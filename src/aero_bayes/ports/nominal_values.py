@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
@@ -33,8 +33,6 @@ from aero_bayes.ports.signal_statistics import (
 )
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import InputSignal, Outcome
-
-FloatArray = NDArray[np.float64]
 
 #: Nominal value below which a signal counts as zero.
 MIN_NOMINAL = 1e-200

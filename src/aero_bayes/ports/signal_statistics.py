@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.simulation.interface import InputSignal
-
-FloatArray = NDArray[np.float64]
 
 #: The nominal value of a signal is this quantile of its absolute values.
 NOMINAL_QUANTILE = 0.995

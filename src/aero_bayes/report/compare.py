@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
-from aero_bayes.report.drawing import FloatArray, Line, Panel, Source
+from aero_bayes.report.drawing import Line, Panel, Source
 from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate, plate
 from aero_bayes.report.page import fill
 from aero_bayes.report.run_directory import RunDirectory

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.report.svg import INK, MUTED, RULE, Canvas
 from aero_bayes.report.thinning import band_envelope, column_means, envelope
-
-FloatArray = NDArray[np.float64]
 
 _FONT = 11.5
 _RIGHT, _TITLE, _GAP, _FOOT = 14.0, 27.0, 9.0, 40.0

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.drawing import FloatArray
+from aero_bayes.arrays import FloatArray
 
 #: Steps that a series' range is divided into, as a power of two: far below what a sensor resolves.
 BITS = 18

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.report.curves import largest, named
 from aero_bayes.report.drawing import Band, Layer, Line, Panel, Source
 from aero_bayes.report.figure import Plate, plate
-from aero_bayes.report.run_directory import FloatArray, RunDirectory
+from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import INK, SERIES
 from aero_bayes.report.tables import Column, bar, html_table, parameter_quantity
 from aero_bayes.report.text import (

@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.drawing import Band, FloatArray, Line, Panel, draw
+from aero_bayes.arrays import FloatArray
+from aero_bayes.report.drawing import Band, Line, Panel, draw
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import minus, tidy
 

@@ -11,8 +11,9 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.files import whole_file
-from aero_bayes.report.drawing import Dots, FloatArray, Layer, Line, Panel
+from aero_bayes.report.drawing import Dots, Layer, Line, Panel
 from aero_bayes.report.figure import WIDE_WIDTH, Plate, plate
 from aero_bayes.report.page import fill
 from aero_bayes.report.svg import ACCENT, MEASURED, MUTED, WARM_COLOUR

@@ -13,6 +13,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.files import whole_file
 from aero_bayes.report import (
     curves,
@@ -29,7 +30,6 @@ from aero_bayes.report import (
     study,
 )
 from aero_bayes.report.diagram_figure import diagram_plate, is_all_equations
-from aero_bayes.report.drawing import FloatArray
 from aero_bayes.report.embed import embedded
 from aero_bayes.report.figure import WIDE_WIDTH, Plate
 from aero_bayes.report.run_directory import RunDirectory

@@ -11,7 +11,8 @@ import scipy  # imports its parts when they are first used
 from markupsafe import Markup
 from scipy.ndimage import gaussian_filter
 
-from aero_bayes.report.drawing import Band, FloatArray, Layer, Line, Panel
+from aero_bayes.arrays import FloatArray
+from aero_bayes.report.drawing import Band, Layer, Line, Panel
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, SERIES, Canvas
 from aero_bayes.report.tables import Column, html_table

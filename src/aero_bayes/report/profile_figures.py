@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.drawing import Dots, FloatArray, Layer, Line, Panel
+from aero_bayes.arrays import FloatArray
+from aero_bayes.report.drawing import Dots, Layer, Line, Panel
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED

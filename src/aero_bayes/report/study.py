@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.report.curves import largest
-from aero_bayes.report.drawing import FloatArray, Line, Panel, Source
+from aero_bayes.report.drawing import Line, Panel, Source
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import MEASURED, SERIES

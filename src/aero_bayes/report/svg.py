@@ -9,9 +9,9 @@ from collections.abc import Mapping
 
 import numpy as np
 from markupsafe import Markup, escape
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
 
 INK, MUTED, RULE, MEASURED, ACCENT, WARM_COLOUR = "ink", "muted", "rule", "measured", "accent", "warm"
 SERIES = tuple(f"s{number}" for number in range(1, 7))

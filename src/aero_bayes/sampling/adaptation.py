@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, ndtr
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sampling.moves import Surrogate, Warp, WarpedStudentT
 from aero_bayes.sampling.moves.warp import KNOT_SCORES
 
-FloatArray = NDArray[np.float64]
 Density = Callable[[FloatArray], FloatArray]
 
 #: Burn-in ends when, in so many rounds in succession, the acceptance of the surrogate's draws was at least this, and

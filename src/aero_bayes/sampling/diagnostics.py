@@ -14,12 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy  # imports its parts when they are first used
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sensors.whiteness import autocovariance, integrated_time
-
-FloatArray = NDArray[np.float64]
 
 
 def rank_normalise(samples: FloatArray) -> FloatArray:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Status, status_of
 from aero_bayes.estimate.parameter_estimates import Estimate
@@ -17,8 +17,6 @@ from aero_bayes.estimate.predictive import Predictive
 from aero_bayes.estimate.result import Fit
 from aero_bayes.sampling.diagnostics import Convergence
 from aero_bayes.sensors.noise import OutputNoise
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from emcee.moves import RedBlueMove
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, pack, pack_random, unpack, unpack_random
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.sampling.adaptation import Adaptation, Density, adapt, log_prior_of, scan_axes
@@ -17,8 +18,6 @@ from aero_bayes.sampling.moves import DelayedAcceptanceMove, WarpedStudentT
 from aero_bayes.sampling.settings import SampleSettings
 from aero_bayes.sampling.standard_moves import MakeMoves
 from aero_bayes.sampling.stopping import MIN_STEPS
-
-FloatArray = NDArray[np.float64]
 
 #: Temperature of the surrogate whose draws are evaluated after each round of burn-in.
 _TAIL_TEMPERATURE = 2.0

@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.sampling.importance import WeightedSample, adaptive_importance_sample
 from aero_bayes.sampling.moves import WarpedStudentT
 from aero_bayes.simulation.interface import Simulator
-
-FloatArray = NDArray[np.float64]
 
 #: Pareto k of the importance weights below which no further round is made.
 MAX_PARETO_K = 0.6

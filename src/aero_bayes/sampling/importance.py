@@ -11,12 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sampling.moves import WarpedStudentT
-
-FloatArray = NDArray[np.float64]
 
 #: Shape above which an estimate from smoothed weights is not to be trusted.
 RELIABLE_BELOW = 0.7

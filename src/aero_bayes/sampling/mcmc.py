@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.progress import Progress
 from aero_bayes.sampling.adaptation import Adaptation, Density
@@ -24,8 +24,6 @@ from aero_bayes.sampling.moves import WarpedStudentT
 from aero_bayes.sampling.settings import SampleSettings
 from aero_bayes.sampling.standard_moves import MakeMoves, standard_moves
 from aero_bayes.sampling.stopping import StoppingDecision, decide
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

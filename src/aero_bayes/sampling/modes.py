@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.finished_fit import at_optimum
@@ -25,8 +26,6 @@ from aero_bayes.sampling.diagnostics import Convergence
 from aero_bayes.sampling.importance import importance_sample
 from aero_bayes.sampling.mcmc import Chain
 from aero_bayes.simulation.interface import Simulator
-
-FloatArray = NDArray[np.float64]
 
 #: Draws by which the integral over a region is estimated: to a few percent, where the chain's proposal is good.
 INTEGRAL_DRAWS = 1000

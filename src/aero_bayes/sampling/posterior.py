@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.fitted_result import FittedResult
 from aero_bayes.estimate.noise_report import noise_table, process_noise_table
 from aero_bayes.estimate.parameter_estimates import estimates_html
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 Json = dict[str, object]
 
 

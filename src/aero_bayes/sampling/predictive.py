@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.predictive import (
     Predictive,
@@ -18,8 +19,6 @@ from aero_bayes.estimate.predictive import (
 )
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.simulation.interface import Filter, Outcome
-
-FloatArray = NDArray[np.float64]
 
 
 def posterior_predictive(

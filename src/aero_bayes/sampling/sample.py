@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.arguments import require_type
+from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.result import Fit
@@ -36,8 +36,6 @@ from aero_bayes.sampling.predictive import posterior_predictive
 from aero_bayes.sampling.settings import SampleSettings
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Simulator
-
-FloatArray = NDArray[np.float64]
 
 
 def sample(

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sampling.diagnostics import Convergence, check_convergence
 from aero_bayes.sampling.settings import SampleSettings
 
-FloatArray = NDArray[np.float64]
 #: Smallest number of steps that are judged, and of autocorrelation times of a chain whose walkers depend on each other.
 MIN_STEPS, MIN_AUTOCORRELATION_TIMES = 50, 50.0
 

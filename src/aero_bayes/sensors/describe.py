@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sensors.quantisation import Quantisation, describe_quantisation, quantum
 from aero_bayes.sensors.ripple import Ripple
 
-FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
 
 #: Share of the residual's variance below which quantisation is not reported.

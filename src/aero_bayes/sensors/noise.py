@@ -15,7 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
+
 NoiseKind = Literal["white", "ou", "auto"]
 #: What a user may declare of an output's noise.
 DeclaredNoise = Literal["auto", "white", "ou", "relative", "student", "rounded"]

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy  # imports its parts when they are first used
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes
 from aero_bayes.sensors.whitening import log_density_at
 from aero_bayes.sensors.whittle import BinnedPeriodogram, maximise_whittle
-
-FloatArray = NDArray[np.float64]
 
 #: Longest correlation time of noise, as a share of the longest recording: a longer one means model error.
 MAX_CORRELATION_SHARE = 0.02

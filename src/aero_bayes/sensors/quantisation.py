@@ -17,11 +17,10 @@ import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import quantisation_step
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.sensors.noise_estimation import estimate_noise
-
-FloatArray = NDArray[np.float64]
 
 #: Gain in log-likelihood above which the exact likelihood is preferred to the Gaussian one.
 MIN_ROUNDING_GAIN = 3.0

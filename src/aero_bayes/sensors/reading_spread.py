@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sensors.whitening import LOG_2PI
 
-FloatArray = NDArray[np.float64]
 SpreadKind = Literal["constant", "relative", "student"]
 
 #: Blocks that are left out in turn, and readings without which a kind of noise cannot be told.

@@ -17,12 +17,11 @@ import numpy as np
 import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data.ripple import MIN_ROTOR_SPEED, SEGMENT_LENGTH
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise, SampleTimes
 from aero_bayes.sensors.noise_estimation import estimate_noise
 from aero_bayes.sensors.whitening import whiten
-
-FloatArray = NDArray[np.float64]
 
 #: Least number of ripple periods in a segment: slower ripple may be slow physics.
 MIN_PERIODS = 3.0

@@ -6,10 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
 
 #: Probability that all tests of a fit together call noise correlated or structured.
 FALSE_ALARM_RATE = 1e-3

@@ -13,12 +13,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sensors.noise import OutputNoise, SampleTimes
 from aero_bayes.simulation import engine_path
 
-FloatArray = NDArray[np.float64]
 LOG_2PI = float(np.log(2.0 * np.pi))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
 
 #: Alternating updates of the white and the correlated variance for each correlation time of a grid.
 MULTIPLICATIVE_UPDATES = 40

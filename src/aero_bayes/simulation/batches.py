@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.engine_library import LoadError
-from aero_bayes.simulation.interface import FloatArray, Outcome, Problem, Trajectories
+from aero_bayes.simulation.interface import Outcome, Problem, Trajectories
 from aero_bayes.simulation.supervision import TODO
 from aero_bayes.simulation.workers import WorkerPool
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.batches import Batches
@@ -23,7 +24,6 @@ from aero_bayes.simulation.cosimulation_runs import CosimulationEngine
 from aero_bayes.simulation.input_signals import linear_signals
 from aero_bayes.simulation.interface import (
     DelayTarget,
-    FloatArray,
     Outcome,
     Problem,
     StartTarget,

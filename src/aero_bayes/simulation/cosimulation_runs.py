@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from fmpy.fmi1 import FMICallException
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.input_signals import linear_signals, signals_of_run, value_at
-from aero_bayes.simulation.interface import FloatArray, InputSignal, Outcome, ParameterTarget, Problem
+from aero_bayes.simulation.interface import InputSignal, Outcome, ParameterTarget, Problem
 from aero_bayes.simulation.model_description import ModelDescription
 from aero_bayes.simulation.worker_main import NOT_LOADED, SPENT
 

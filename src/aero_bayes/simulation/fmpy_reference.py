@@ -15,13 +15,13 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.sundials import CVodeSolver
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.input_signals import signals_of_run, value_at
 from aero_bayes.simulation.interface import (
-    FloatArray,
     InputSignal,
     Outcome,
     ParameterTarget,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from aero_bayes.simulation.interface import FloatArray
+from aero_bayes.arrays import FloatArray
 
 #: Standard deviations of a normal density on either side of its mean that hold 90 %.
 NORMAL_HALF_WIDTH = 1.6448536269514722

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
-    FloatArray,
     InputSignal,
     InputTarget,
     ProblemTarget,

@@ -16,9 +16,9 @@ from typing import Literal, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.model_description import ModelDescription
 
-FloatArray = NDArray[np.float64]
 Interpolation = Literal["hold", "linear"]
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.simulation.batches import (
@@ -23,7 +24,6 @@ from aero_bayes.simulation.batches import (
 from aero_bayes.simulation.interface import (
     Filtered,
     FilteredStates,
-    FloatArray,
     GaussNewton,
     Likelihoods,
     Outcome,

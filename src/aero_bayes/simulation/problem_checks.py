@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.interface import (
     DelayTarget,
     DiffusionTarget,
     Experiment,
-    FloatArray,
     InputTarget,
     ParameterTarget,
     Problem,
@@ -54,7 +54,7 @@ def check_process(model: ModelDescription, process: ProcessNoise) -> None:
             raise InputError(f"process noise of {name}: {value:g} is not a standard deviation")
 
 
-def _check_grid(where: str, time: NDArray[np.float64]) -> None:
+def _check_grid(where: str, time: FloatArray) -> None:
     if time.ndim != 1 or time.size == 0 or not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0):
         raise InputError(f"{where}: times must be finite and increasing")
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.interface import (
     DelayTarget,
     DiffusionTarget,
@@ -50,7 +51,7 @@ class _Writer:
     def reals(self, values: ArrayLike) -> None:
         self._array(np.asarray(values, dtype="<f8").ravel())
 
-    def _array(self, values: NDArray[np.int64] | NDArray[np.float64]) -> None:
+    def _array(self, values: NDArray[np.int64] | FloatArray) -> None:
         self.integer(values.size)
         self.parts.append(values.tobytes())
 
@@ -114,7 +115,7 @@ def _write_experiment(
         w.real(scale)
 
 
-def _by_state(model: ModelDescription, values: Mapping[str, float]) -> NDArray[np.float64]:
+def _by_state(model: ModelDescription, values: Mapping[str, float]) -> FloatArray:
     row = np.zeros(len(model.states))
     for name, value in values.items():
         row[model.state_index(name)] = value

@@ -12,10 +12,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.input_signals import signal_values, signals_of_run
 from aero_bayes.simulation.interface import (
-    FloatArray,
     Outcome,
     ParameterTarget,
     Problem,

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.closing import ClosedAtExit
 from aero_bayes.simulation.gaussian import gauss_newton_products
 from aero_bayes.simulation.interface import (
     DelayTarget,
-    FloatArray,
     GaussNewton,
     Likelihoods,
     Outcome,

@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 from aero_bayes.simulation.interface import FilteredStates
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,9 @@ from threading import Lock
 
 import numpy as np
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.interface import (
     Experiment,
-    FloatArray,
     InputSignal,
     Outcome,
     ParameterTarget,

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.smoothing import SmoothedStates
 
-FloatArray = NDArray[np.float64]
 Series = dict[str, FloatArray]
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.config import Config
 from aero_bayes.data import read_recording
 from aero_bayes.data.file_forms import column_names
@@ -30,8 +30,6 @@ from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_m
 from aero_bayes.simulation import Model, Variable, open_simulator
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.workflow.job import columns_of, layout_of
-
-FloatArray = NDArray[np.float64]
 
 #: Number of sample times at which sensitivities are computed.
 SAMPLE_COUNT = 2000

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.config import load_config
 from aero_bayes.data.noise import output_noise_floor
 from aero_bayes.errors import InputError
@@ -41,7 +41,6 @@ from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.workflow.commands import fit_job
 from aero_bayes.workflow.job import RunOptions, open_job, which_model
 
-FloatArray = NDArray[np.float64]
 PortRow = dict[str, Any]
 
 #: What a probe has the size of, by the name that laws know it by.

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.files import whole_file
 from aero_bayes.schema import SCHEMA, RunJson
 
-FloatArray = NDArray[np.float64]
 Json = dict[str, Any]
 
 __all__ = ["SCHEMA", "merge", "plain", "versions", "write_result", "write_series"]

@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.model import Model
-
-FloatArray = NDArray[np.float64]
 
 #: Span over which the linearised model is propagated, in s.
 #: Rates in 1/s below which a mode counts as an integrator, and below which it counts as standing still.

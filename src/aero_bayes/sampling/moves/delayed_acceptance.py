@@ -6,11 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 from emcee.moves import MHMove
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sampling.moves.warped_student_t import WarpedStudentT
-
-FloatArray = NDArray[np.float64]
 
 
 class DelayedAcceptanceMove(MHMove):  # type: ignore[misc]

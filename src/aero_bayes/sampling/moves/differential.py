@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from emcee.moves import RedBlueMove
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
 
 
 class DifferentialMove(RedBlueMove):  # type: ignore[misc]

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from emcee.moves import MHMove
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sampling.moves.warped_student_t import WarpedStudentT
-
-FloatArray = NDArray[np.float64]
 
 
 class IndependenceMove(MHMove):  # type: ignore[misc]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
 
 #: Standard errors by which a coefficient must differ from zero to be kept.
 _MIN_STANDARD_ERRORS = 5.0

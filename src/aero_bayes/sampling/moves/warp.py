@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-FloatArray = NDArray[np.float64]
+from aero_bayes.arrays import FloatArray
 
 #: Departure of a quantile from that of a normal density, in standard deviations, above which a coordinate is warped.
 MIN_DEPARTURE = 0.3

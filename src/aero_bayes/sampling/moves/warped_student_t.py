@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.sampling.moves.triangular_map import TriangularMap
 from aero_bayes.sampling.moves.warp import Warp
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
