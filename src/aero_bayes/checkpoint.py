@@ -70,7 +70,7 @@ class Checkpoint(ResultCache):
     def __init__(self, path: Path, identity: str = "") -> None:
         super().__init__()
         self.path, self._identity, self._owner = path, identity, os.getpid()
-        stored = read_arrays(path)
+        stored = _read_arrays(path)
         if stored is not None and str(stored.pop("identity", "")) != identity:
             raise InputError(
                 f"{path} belongs to a run with other data, model or settings; without --resume the run starts again"
@@ -125,7 +125,7 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
         os.fsync(file.fileno())
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[np.generic]] | None:
+def _read_arrays(path: Path) -> dict[str, NDArray[np.generic]] | None:
     """Return what :func:`write_arrays` wrote; None if there is no such file or it is no such file."""
     try:
         with np.load(path, allow_pickle=False) as stored:

@@ -25,7 +25,7 @@ RESUMED_SECONDS = 0.5
 _BAR = "{desc:<36.36}{percentage:3.0f}%|{bar:24}| {elapsed}, {remaining} left{postfix}"
 
 
-def in_notebook() -> bool:
+def _in_notebook() -> bool:
     """Return whether this runs in IPython, in a Jupyter notebook for example."""
     ipython = sys.modules.get("IPython")
     return ipython is not None and ipython.get_ipython() is not None
@@ -60,7 +60,7 @@ class Watched:
 @contextmanager
 def watching(progress: Progress | None) -> Iterator[Watched]:
     """Tell ``progress`` of work. In a notebook it is a bar by default, and an interrupt asks the work to end."""
-    if isinstance(progress, Watched) or not in_notebook():
+    if isinstance(progress, Watched) or not _in_notebook():
         yield progress if isinstance(progress, Watched) else Watched(progress)
         return
     with _interrupts() as seen, ProgressBar(quiet=False) as bar:
@@ -99,7 +99,7 @@ class ProgressBar:
 
     def __init__(self, quiet: bool) -> None:
         self._quiet = quiet
-        drawn = in_notebook() or (sys.stderr.isatty() and os.environ.get("TERM") != "dumb")
+        drawn = _in_notebook() or (sys.stderr.isatty() and os.environ.get("TERM") != "dumb")
         self._lines = quiet or not drawn
         self._phase, self._work = "", ""
         self._began = self._told = 0.0
@@ -145,7 +145,7 @@ class ProgressBar:
     def _draw(self, phase: str, share: float, beside: str) -> None:
         if self._bar is None:
             at = round(share * RESOLUTION)
-            self._bar = tqdm(total=RESOLUTION, initial=at, desc=phase, bar_format=_BAR, leave=not in_notebook())
+            self._bar = tqdm(total=RESOLUTION, initial=at, desc=phase, bar_format=_BAR, leave=not _in_notebook())
         self._bar.set_description_str(phase, refresh=False)
         self._bar.set_postfix_str(beside, refresh=False)
         self._bar.update(max(0, round(share * RESOLUTION) - self._bar.n))

@@ -50,14 +50,14 @@ def to_experiment(
         For an output that was not recorded.
     """
     names = tuple(outputs) if outputs is not None else tuple(recording.outputs)
-    known = input_before_start(recording, zero_at_rest) | dict(before or {})
+    known = _input_before_start(recording, zero_at_rest) | dict(before or {})
     linear = set(recording.inputs) if interpolation == "linear" else set()
     if not isinstance(interpolation, str):
         linear = {name for name, how in interpolation.items() if how == "linear"}
     signals = tuple(
         InputSignal(name, np.ascontiguousarray(recording.time), np.ascontiguousarray(values), "linear")
         if name in linear
-        else hold_signal(name, recording.time, values, known.get(name))
+        else _hold_signal(name, recording.time, values, known.get(name))
         for name, values in recording.inputs.items()
     )
     return Experiment(
@@ -69,7 +69,7 @@ def to_experiment(
     )
 
 
-def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float | None = None) -> InputSignal:
+def _hold_signal(name: str, time: FloatArray, values: FloatArray, before: float | None = None) -> InputSignal:
     """Return a piecewise constant input with a point at every change.
 
     ``before`` is its value until the first sample.
@@ -81,7 +81,7 @@ def hold_signal(name: str, time: FloatArray, values: FloatArray, before: float |
     return InputSignal(name, np.ascontiguousarray(grid), np.ascontiguousarray(levels), "hold")
 
 
-def input_before_start(
+def _input_before_start(
     recording: Recording, zero_at_rest: Sequence[str] | None = None, share: float = 0.02
 ) -> dict[str, float]:
     """Return the value of each input before the first sample: zero if the rig was at rest, else its first value.

@@ -53,7 +53,7 @@ class FrameTable:
         name, extra = READERS[path.suffix.lower()]
         # Without its name pandas would ask the file for its engine first.
         options = {"engine": "openpyxl", "header": None, "sheet_name": None} if extra == "excel" else {}
-        frame = read_with_extra(path, extra, name, **options)
+        frame = _read_with_extra(path, extra, name, **options)
         self.first_row, self.where = 1, str(path)
         if extra == "excel":
             frame = self._sheet(frame)
@@ -96,7 +96,7 @@ class FrameTable:
         raise InputError(f"{self.path}: no sheet has a row of names above rows of numbers")
 
 
-def read_with_extra(path: Path, extra: str, reader: str, **options: Any) -> Any:
+def _read_with_extra(path: Path, extra: str, reader: str, **options: Any) -> Any:
     """Return what a reader of pandas makes of a file; InputError that names the extra where it needs one."""
     import pandas
 

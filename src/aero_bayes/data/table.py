@@ -99,7 +99,7 @@ def read_table(file: TableFile, request: Request) -> Columns:
         if name not in named and not (name == "time" and clocks):
             raise InputError(f"{file.where}: no column {request.sources[name]}"
                              f"{known_names_hint(request.sources[name], file.names)}")  # fmt: skip
-    about = quality_columns(file.names, {n: c for n, c in named.items() if n not in request.held and n != "time"})
+    about = _quality_columns(file.names, {n: c for n, c in named.items() if n not in request.held and n != "time"})
     columns = list(dict.fromkeys([*named.values(), *clocks.values(), *about]))
     table = file.read(columns, request.memory)
 
@@ -213,7 +213,7 @@ def row_names(file: TableFile) -> list[str]:
     return file.names
 
 
-def quality_columns(names: Sequence[str], signals: Mapping[str, str]) -> dict[str, list[str]]:
+def _quality_columns(names: Sequence[str], signals: Mapping[str, str]) -> dict[str, list[str]]:
     """Return the signals that each column of quality words is about, by the column's name.
 
     ``signals`` has the column of each signal. A column that names no signal is about all of them.

@@ -152,7 +152,7 @@ def simulated_experiment(
         result = simulator.simulate(values[None])
     if result.outcomes[0, 0] != Outcome.OK:
         return None
-    readings = result.outputs[0][0] + np.stack([simulate_noise(proposed.time, n, rng) for n in noise], axis=1)
+    readings = result.outputs[0][0] + np.stack([_simulate_noise(proposed.time, n, rng) for n in noise], axis=1)
     return replace(experiment, measured=readings)
 
 
@@ -214,7 +214,7 @@ def _posterior(
     return QuadraticModel(cost, data.gradient[0] * slope + away @ precision, hessian)
 
 
-def simulate_noise(time: FloatArray, noise: OutputNoise, rng: np.random.Generator) -> FloatArray:
+def _simulate_noise(time: FloatArray, noise: OutputNoise, rng: np.random.Generator) -> FloatArray:
     """Draw white and Ornstein-Uhlenbeck noise at increasing times (n,)."""
     out = noise.sd_white * rng.standard_normal(time.size)
     if noise.sd_ou > 0.0:

@@ -28,7 +28,7 @@ class SignalFamily:
     jumps: bool = True
 
 
-def staircase_signal(u: FloatArray, time: FloatArray) -> FloatArray:
+def _staircase_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """Hold each of eight levels for a share of the time."""
     levels, shares = 2.0 * u[:STEPS] - 1.0, 0.15 + u[STEPS:]
     ends = np.cumsum(shares) / shares.sum() * (time[-1] - time[0])
@@ -36,7 +36,7 @@ def staircase_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     return np.asarray(levels[np.minimum(index, STEPS - 1)])
 
 
-def binary_signal(u: FloatArray, time: FloatArray) -> FloatArray:
+def _binary_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """Return a pseudo-random binary signal: height, offset, clock, and which one."""
     clock = _between(u[2], 0.05, 4.0)
     tick = ((time - time[0]) / clock + 1e-9).astype(np.int64)
@@ -44,19 +44,19 @@ def binary_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     return np.clip(_swing(u, 2.0 * bits[tick] - 1.0), -1.0, 1.0)
 
 
-def square_signal(u: FloatArray, time: FloatArray) -> FloatArray:
+def _square_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """Return a square wave: height, offset, period."""
     period = _between(u[2], 0.2, 20.0)
     return np.clip(_swing(u, np.where(np.mod(time - time[0], period) < 0.5 * period, 1.0, -1.0)), -1.0, 1.0)
 
 
-def release_signal(u: FloatArray, time: FloatArray) -> FloatArray:
+def _release_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """Return one level, then zero: the body swings freely to rest."""
     held = (0.1 + 0.8 * u[1]) * (time[-1] - time[0])
     return np.where(time - time[0] < held, 2.0 * u[0] - 1.0, 0.0)
 
 
-def multi_sine_signal(u: FloatArray, time: FloatArray) -> FloatArray:
+def _multi_sine_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """Sum ten sines with random phases: height, offset, lowest and highest frequency, and which phases."""
     low = _between(u[2], 0.05, 0.5)
     frequency = np.geomspace(low, low * _between(u[3], 2.0, 30.0), SINES)
@@ -65,7 +65,7 @@ def multi_sine_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     return np.clip(_swing(u, wave / max(float(np.abs(wave).max()), 1e-9)), -1.0, 1.0)
 
 
-def chirp_signal(u: FloatArray, time: FloatArray) -> FloatArray:
+def _chirp_signal(u: FloatArray, time: FloatArray) -> FloatArray:
     """Return a sine of rising frequency: height, offset, first and last frequency."""
     low, high = _between(u[2], 0.02, 0.5), _between(u[3], 0.3, 5.0)
     t = _updates(time)
@@ -87,10 +87,10 @@ def _updates(time: FloatArray) -> FloatArray:
 
 
 FAMILIES = (
-    SignalFamily("steps", 2 * STEPS, staircase_signal),
-    SignalFamily("binary", 4, binary_signal),
-    SignalFamily("square wave", 3, square_signal),
-    SignalFamily("step and release", 2, release_signal),
-    SignalFamily("multi-sine", 5, multi_sine_signal, jumps=False),
-    SignalFamily("chirp", 4, chirp_signal, jumps=False),
+    SignalFamily("steps", 2 * STEPS, _staircase_signal),
+    SignalFamily("binary", 4, _binary_signal),
+    SignalFamily("square wave", 3, _square_signal),
+    SignalFamily("step and release", 2, _release_signal),
+    SignalFamily("multi-sine", 5, _multi_sine_signal, jumps=False),
+    SignalFamily("chirp", 4, _chirp_signal, jumps=False),
 )

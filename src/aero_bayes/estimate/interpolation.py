@@ -43,7 +43,7 @@ def moving_inputs(data: MeasuredData, model: Model) -> tuple[str, ...]:
     return tuple(n for n, count in changes.items() if follow[n] > MIN_FOLLOWING_SHARE * count and n not in discrete)
 
 
-def with_interpolation(calibration: Calibration, interpolation: Mapping[str, Interpolation]) -> Calibration:
+def _with_interpolation(calibration: Calibration, interpolation: Mapping[str, Interpolation]) -> Calibration:
     """Return the calibration with another interpolation of some of its inputs."""
     at_rest = calibration.model.declared.recording.zero_at_rest
     data = calibration.data
@@ -55,17 +55,17 @@ def with_interpolation(calibration: Calibration, interpolation: Mapping[str, Int
     return replace(calibration, data=data.with_experiments(experiments))
 
 
-def with_linear_inputs(calibration: Calibration) -> Calibration | None:
+def _with_linear_inputs(calibration: Calibration) -> Calibration | None:
     """Return the calibration with linear interpolation of its moving inputs; None if there are none."""
     moving = moving_inputs(calibration.data, calibration.model)
-    return with_interpolation(calibration, dict.fromkeys(moving, "linear")) if moving else None
+    return _with_interpolation(calibration, dict.fromkeys(moving, "linear")) if moving else None
 
 
 def with_other_interpolation(calibration: Calibration) -> Calibration | None:
     """Return the calibration with the other interpolation of its moving inputs; None if there are none."""
     if "linear" not in calibration.data.interpolation.values():
-        return with_linear_inputs(calibration)
-    return with_interpolation(calibration, dict.fromkeys(calibration.data.interpolation, "hold"))
+        return _with_linear_inputs(calibration)
+    return _with_interpolation(calibration, dict.fromkeys(calibration.data.interpolation, "hold"))
 
 
 def choose_interpolation(
@@ -95,7 +95,7 @@ def choose_interpolation(
         Of it. Or None in the place of both.
     """
     before, here = search.objective.calibration, result.optimum
-    if (linear := with_linear_inputs(before)) is None:
+    if (linear := _with_linear_inputs(before)) is None:
         return None
     # It may be at a wrong optimum: the other interpolation then starts anew.
     far = floor_ratio(search.objective, here.evaluation.residual) > GOOD_FIT_RATIO
@@ -103,7 +103,7 @@ def choose_interpolation(
     best, here = (before, here) if found is None else (linear, found)
     moving = moving_inputs(before.data, before.model)
     for name in moving if len(moving) > 1 else ():
-        other = with_interpolation(best, {name: "hold" if best.data.interpolation[name] == "linear" else "linear"})
+        other = _with_interpolation(best, {name: "hold" if best.data.interpolation[name] == "linear" else "linear"})
         found = _better_fit(search, here, other, open_simulator)
         best, here = (best, here) if found is None else (other, found)
     return None if best is before else (best, here)

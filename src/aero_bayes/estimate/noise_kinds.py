@@ -48,7 +48,7 @@ def choose_spreads(noise: NoiseModel, series: Sequence[Series], here: Optimum) -
     return found
 
 
-def with_spread(
+def _with_spread(
     data: MeasuredData, models: Mapping[str, SpreadModel], series: Sequence[Series], here: Optimum
 ) -> MeasuredData:
     """Return the data with the spread of each reading, from the predictions and residuals of a fit."""
@@ -83,7 +83,7 @@ def refit_with_spread(
     """
     first, simulator, last = search.objective.calibration, search.objective.simulator, search
     for _ in range(MAX_REFITS):
-        data = with_spread(first.data, models, last.objective.series, here)
+        data = _with_spread(first.data, models, last.objective.series, here)
         old = [s.sampling.spread for s in last.objective.series]
         last = GlobalSearch(search.objective.with_calibration(replace(first, data=data), simulator), search.settings)
         if all(_alike(a, s.sampling.spread) for a, s in zip(old, last.objective.series, strict=True)):

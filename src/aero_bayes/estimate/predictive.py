@@ -59,7 +59,7 @@ def edges(n: int, blocks: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, n, min(blocks, n) + 1).astype(np.int64))
 
 
-def noise_draws(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
+def _noise_draws(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
     """Draw noise, shape (k, n, m), for noise triples (k, m, 3)."""
     k, m = noise.shape[:2]
     white, ou, tau = np.moveaxis(noise, 2, 0)
@@ -80,7 +80,7 @@ def predict_from_outputs(
     """Predict readings from simulated outputs (k, n, m), noise triples (k, m, 3) and densities of blocks (k, b)."""
     sd = np.hypot(noise[:, np.newaxis, :, 0], noise[:, np.newaxis, :, 1])
     return _summarise(
-        time, outputs, sd, lambda rows: noise_draws(rng, time[rows], noise), density, factors, stored, blocks
+        time, outputs, sd, lambda rows: _noise_draws(rng, time[rows], noise), density, factors, stored, blocks
     )
 
 

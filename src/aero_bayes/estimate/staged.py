@@ -22,7 +22,7 @@ class Stage:
     outputs: tuple[str, ...]
 
 
-def causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArray) -> tuple[Stage, ...]:
+def _causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArray) -> tuple[Stage, ...]:
     """Order stages from the effects of parameters on outputs.
 
     Parameters
@@ -63,5 +63,5 @@ def stages_by_effect(objective: Objective, point: FloatArray, free: Sequence[int
         size = np.max(np.abs(found.slopes[k]), axis=1) / calibration.data.scale[series.column]
         effect[:, series.column] = np.maximum(effect[:, series.column], size)
     names = [objective.parameters.names[j] for j in free]
-    stages = causal_stages(names, calibration.data.outputs, np.where(effect > 1e-6, effect, 0.0))
+    stages = _causal_stages(names, calibration.data.outputs, np.where(effect > 1e-6, effect, 0.0))
     return stages if len(stages) > 1 else ()

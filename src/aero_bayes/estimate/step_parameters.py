@@ -105,7 +105,7 @@ def _plateaus(objective: Objective, point: FloatArray, column: int) -> list[Floa
     return list(distinct.values())
 
 
-def log_likelihood_at(objective: Objective, here: Optimum, point: FloatArray) -> float:
+def _log_likelihood_at(objective: Objective, here: Optimum, point: FloatArray) -> float:
     """Compute the log-likelihood of search coordinates (p,) under the noise of an optimum.
 
     Minus infinity if a run fails.
@@ -115,7 +115,7 @@ def log_likelihood_at(objective: Objective, here: Optimum, point: FloatArray) ->
 
 
 def _equal(objective: Objective, here: Optimum, point: FloatArray) -> bool:
-    return log_likelihood_at(objective, here, point) >= here.whitened.log_likelihood - EQUAL_LIKELIHOOD
+    return _log_likelihood_at(objective, here, point) >= here.whitened.log_likelihood - EQUAL_LIKELIHOOD
 
 
 def _plateau(objective: Objective, here: Optimum, point: FloatArray, column: int) -> StepParameter:

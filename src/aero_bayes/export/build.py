@@ -62,7 +62,7 @@ def fmi_headers() -> Path:
     return Path(spec.origin).parent / "c-code"
 
 
-def compile_library(source: str, identifier: str, *, quick: bool = False, fmi: int = 2) -> bytes:
+def _compile_library(source: str, identifier: str, *, quick: bool = False, fmi: int = 2) -> bytes:
     """Compile a generated model and link it to the runtime; ``quick`` saves time on the optimisation.
 
     What was compiled before from the same source is read from the user's cache.
@@ -90,7 +90,7 @@ def compile_binaries(
     members = {}
     for one in platforms:
         if one is this_machine():
-            library = compile_library(source, identifier, quick=quick, fmi=fmi)
+            library = _compile_library(source, identifier, quick=quick, fmi=fmi)
         else:
             library = one_file({target: _cross_compile(source, identifier, one, target, fmi) for target in one.targets})
         members[f"binaries/{one.folders[fmi]}/{identifier}{one.suffix}"] = library

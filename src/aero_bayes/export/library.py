@@ -34,7 +34,7 @@ def rig_packages() -> tuple[Path, ...]:
     return tuple(sorted(path.parent for path in modelica_root().glob(f"*/{DECLARATION_FILE}")))
 
 
-def declaration_in(folder: Path) -> PackageDeclaration:
+def _declaration_in(folder: Path) -> PackageDeclaration:
     """Return what a package declares of its rigs; nothing where it has no such file."""
     file = folder / DECLARATION_FILE
     return (
@@ -49,7 +49,7 @@ def declaration_of(model: str, sources: Sequence[Path] = ()) -> PackageDeclarati
     """
     package, _, system = model.partition(".")
     for folder in (*rig_packages(), *sources):
-        if folder.name == package and system in (found := declaration_in(folder)).systems:
+        if folder.name == package and system in (found := _declaration_in(folder)).systems:
             return found
     for file in (s for s in sources if s.is_file()):
         for name in _bases(model, file):

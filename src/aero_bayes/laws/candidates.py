@@ -29,7 +29,7 @@ def ports_with_laws(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ..
 
 def with_applicable_laws(ports: Iterable[Port], laws: Sequence[Law]) -> tuple[Port, ...]:
     """Return the ports with the ids of the laws that are applicable there."""
-    return tuple(replace(p, laws=tuple(law.id for law in laws if is_applicable(law, p))) for p in ports)
+    return tuple(replace(p, laws=tuple(law.id for law in laws if _is_applicable(law, p))) for p in ports)
 
 
 #: What cannot be stored: a speed, an angle, their rates, a force, a torque, a current. A first-order lag of such a
@@ -50,7 +50,7 @@ def has_reaction(law: Law, port: Port) -> bool:
     return law.kind in ("overflow", "exchange") or port.kind == "motion"
 
 
-def is_applicable(law: Law, port: Port) -> bool:
+def _is_applicable(law: Law, port: Port) -> bool:
     """Return whether a law can act at a port, by its kind, the signals that it reads and the units that it needs."""
     if port.replaceable is not None:
         return law.kind == "replaceable" and law.constraint == port.replaceable.constraint
@@ -144,7 +144,7 @@ def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candida
     joined: set[frozenset[str]] = set()
     for port in ports:
         first = by_id.get(port.neighbours[0]) if port.neighbours else None
-        for law in (law for law in laws if is_applicable(law, port)):
+        for law in (law for law in laws if _is_applicable(law, port)):
             neighbour = first if has_reaction(law, port) else None
             if law.kind == "exchange":
                 pair = frozenset((port.id, *port.neighbours[:1]))

@@ -23,7 +23,7 @@ _NAMESPACES = {
 }
 
 
-def imported_class(inner: Model) -> str:
+def _imported_class(inner: Model) -> str:
     """Return the name under which the Modelica model expects the imported FMU."""
     return f"{_class_name(inner.path.stem)}_fmu"
 
@@ -44,7 +44,7 @@ def wrapper_text(
         Fitted values of the FMU's own parameters.
     name : str
     """
-    cls = imported_class(inner)
+    cls = _imported_class(inner)
     lines = [
         "within ;",
         f'model {name} "{inner.path.name} with {" and ".join(u.id for u in placed_laws) or "nothing added"}"',

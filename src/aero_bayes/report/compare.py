@@ -48,13 +48,13 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
     if not 2 <= len(directories) <= len(SERIES):
         raise InputError(f"{len(directories)} runs cannot be compared; expected 2 to {len(SERIES)} directories")
     runs = dict(zip(_names([Path(d) for d in directories]), map(RunDirectory.read, directories), strict=True))
-    figures = residual_plates(runs)
+    figures = _residual_plates(runs)
     context = {
         "title": " against ".join(runs),
         "legend": [(SERIES[k], name) for k, name in enumerate(runs)],
         "verdicts": [(name, run.result.verdict) for name, run in runs.items()],
-        "intervals": interval_plate(runs), "parameters": estimates_by_run_table(runs),
-        "errors": rms_by_run_table(runs), "residuals": figures, "settings": settings_table(runs),
+        "intervals": _interval_plate(runs), "parameters": _estimates_by_run_table(runs),
+        "errors": _rms_by_run_table(runs), "residuals": figures, "settings": _settings_table(runs),
     }  # fmt: skip
     series = {f"{name}|{key}": values for name, run in runs.items() for key, values in run.series.items()}
     page = fill("compare.html.jinja", context, series, [run.result for run in runs.values()])
@@ -85,7 +85,7 @@ def _shared(runs: Runs) -> dict[str, dict[str, ParameterJson]]:
     }
 
 
-def interval_plate(runs: Runs) -> Plate | None:
+def _interval_plate(runs: Runs) -> Plate | None:
     """Return a row for each parameter that two runs estimate.
 
     Values and 90 % intervals, each row on a scale of its own.
@@ -131,7 +131,7 @@ def _interval_drawing(
     return canvas.svg()
 
 
-def estimates_by_run_table(runs: Runs) -> Markup | None:
+def _estimates_by_run_table(runs: Runs) -> Markup | None:
     """Write value, interval and status of every parameter, run by run."""
     rows = []
     for name, entries in _shared(runs).items():
@@ -163,7 +163,7 @@ def _apart(entries: Sequence[ParameterJson]) -> str:
     return significant(max(gaps), 2) if gaps else NO_VALUE
 
 
-def residual_plates(runs: Runs) -> list[tuple[str, Plate]]:
+def _residual_plates(runs: Runs) -> list[tuple[str, Plate]]:
     """Return residuals of all runs for each recording that at least two of them have."""
     names = dict.fromkeys(name for run in runs.values() for name in run.recordings())
     found = []
@@ -198,7 +198,7 @@ def _of_run(source: Source, run: str) -> Source:
     return Source(f"{run}|{source.time}", tuple((sign, f"{run}|{key}") for sign, key in source.terms))
 
 
-def rms_by_run_table(runs: Runs) -> Markup | None:
+def _rms_by_run_table(runs: Runs) -> Markup | None:
     """Write the RMS of the residual, by recording and output."""
     rows = []
     places = dict.fromkeys(
@@ -219,7 +219,7 @@ def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
     return None if values is None else float(np.sqrt(np.nanmean(values**2)))
 
 
-def settings_table(runs: Runs) -> Markup | None:
+def _settings_table(runs: Runs) -> Markup | None:
     """Return everything about how the runs were made that is not the same for all."""
     told = all(run.result.settings for run in runs.values())
     found = [dict(_flat("", run.result.settings) if told else ()) | dict(_circumstances(run)) for run in runs.values()]

@@ -140,7 +140,7 @@ class _PanelFrame:
         return self.top + self.height * (1 - (values - low) / (high - low))
 
 
-def columns_for(width: float) -> int:
+def _columns_for(width: float) -> int:
     """Time columns of an envelope: about three for every four pixels."""
     return int(0.75 * width)
 
@@ -176,7 +176,7 @@ def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Marku
         canvas.group("panel", _panel_spec(panel, frame))
         canvas.text(3, top + 14, panel.title, INK, _FONT + 0.5)
         top += _TITLE
-        _draw_panel(canvas, panel, frame, ticks, columns_for(width))
+        _draw_panel(canvas, panel, frame, ticks, _columns_for(width))
         canvas.end()
         top += panel.height + _GAP
     canvas.group("x axis")

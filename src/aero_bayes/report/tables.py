@@ -93,7 +93,7 @@ def parameter_table(parameters: Mapping[str, ParameterJson]) -> Markup:
         shown, sure = parameter_quantity(stated)
         interval = Markup('{}<span class="to"> … </span>{}').format(shown.low, shown.high) if sure else NO_VALUE
         about = Markup("{}<small>{}</small>").format(symbol(name), stated.description)
-        glyph = interval_glyph(stated, name) if sure else Markup("")
+        glyph = _interval_glyph(stated, name) if sure else Markup("")
         own = f"of {stated.recording} alone" if stated.recording else ""
         note = "; ".join(filter(None, (stated.note, own)))
         known = stated.prior.replace(f" {stated.unit}", f" {pretty_unit(stated.unit)}") if stated.unit else stated.prior
@@ -132,7 +132,7 @@ def status_words(parameters: Mapping[str, ParameterJson]) -> list[tuple[str, str
     return [(status, _STATUS_WORDS[status]) for status in _RANKS if status in found]
 
 
-def interval_glyph(stated: ParameterJson, name: str) -> Markup:
+def _interval_glyph(stated: ParameterJson, name: str) -> Markup:
     """Return the 90 % interval (bar) within the parameter's bounds (track); logarithmic where wide."""
     low, high, middle, first, last = stated.q05, stated.q95, stated.value, stated.lower, stated.upper
     if low is None or high is None or middle is None or first is None or last is None or last <= first:

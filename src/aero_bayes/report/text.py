@@ -136,7 +136,7 @@ def scaled_unit(largest: float, unit: object) -> tuple[float, str]:
     return (1e3, f"m{label}") if largest >= 1e-4 else (1e6, f"µ{label}")
 
 
-def greek(name: str) -> str:
+def _greek(name: str) -> str:
     """Return the letter that a name spells; the name itself where it spells none."""
     try:
         return unicodedata.lookup(f"GREEK SMALL LETTER {'LAMDA' if name == 'lambda' else name.upper()}")
@@ -147,15 +147,15 @@ def greek(name: str) -> str:
 def greek_name(name: str) -> str:
     """Return a name with its Greek letters, for use within a figure: ``omega_m`` becomes ω_m."""
     if name.endswith("_dot") and name.count("_") == 1:
-        return f"{greek(name[:-4])}\u0307"
+        return f"{_greek(name[:-4])}\u0307"
     head, separator, tail = name.partition("_")
-    return f"{greek(head)}{separator}{tail}"
+    return f"{_greek(head)}{separator}{tail}"
 
 
 def symbol(name: str) -> Markup:
     """Return a name as mathematics where it is a symbol (R_a, theta), else as code; always safe to put in the page."""
     head, separator, tail = name.partition("_")
-    letter = greek(head)
+    letter = _greek(head)
     if len(letter) > 2 or not letter.isalpha() or "_" in tail or not (tail.isalnum() or not separator):
         return Markup("<code>{}</code>").format(name)
     subscript = Markup("<sub>{}</sub>").format(tail) if separator else Markup("")
@@ -166,7 +166,7 @@ def key_label(key: object) -> Markup:
     """Return a key of a run's result as a label: a symbol where it is one, else its words."""
     text = str(key)
     head = text.partition("_")[0]
-    known = greek(head) != head or (len(head) <= 2 and "_" in text)
+    known = _greek(head) != head or (len(head) <= 2 and "_" in text)
     return symbol(text) if known else escape(text.replace("_", " "))
 
 

@@ -20,7 +20,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.sensors.whiteness import autocovariance, integrated_time
 
 
-def rank_normalise(samples: FloatArray) -> FloatArray:
+def _rank_normalise(samples: FloatArray) -> FloatArray:
     """Replace samples by the normal scores of their ranks over all chains (Blom)."""
     rank = scipy.stats.rankdata(samples, method="average").reshape(samples.shape)
     return np.asarray(ndtri((rank - 0.375) / (samples.size + 0.25)))
@@ -50,7 +50,7 @@ def r_hat(samples: FloatArray) -> float:
     kept = samples[:, steps - 2 * half :]
     chains = kept.reshape(2 * ensembles, half * walkers)
     folded = np.abs(chains - np.median(chains))
-    return max(_plain_r_hat(rank_normalise(chains)), _plain_r_hat(rank_normalise(folded)))
+    return max(_plain_r_hat(_rank_normalise(chains)), _plain_r_hat(_rank_normalise(folded)))
 
 
 def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
@@ -89,7 +89,7 @@ class Convergence:
 def check_convergence(samples: FloatArray, *, coupled: bool = True) -> Convergence:
     """Diagnose one quantity, shape (ensembles, steps, walkers)."""
     size = samples.size
-    tau = autocorrelation_time(rank_normalise(samples), coupled=coupled)
+    tau = autocorrelation_time(_rank_normalise(samples), coupled=coupled)
     low, high = np.quantile(samples, [0.05, 0.95])
     tails = [autocorrelation_time((samples <= q).astype(np.float64), coupled=coupled) for q in (low, high)]
     return Convergence(r_hat(samples), tau, size / tau, size / max(tails))

@@ -184,7 +184,7 @@ def pareto_smooth(log_weights: FloatArray) -> tuple[FloatArray, float]:
     excess = np.exp(log_weights[tail] - top) - threshold
     if not excess[0] >= 0.0 or excess[-1] <= 1e-12:
         return log_weights, 0.0
-    shape, scale = fit_pareto(np.maximum(excess, 1e-300))
+    shape, scale = _fit_pareto(np.maximum(excess, 1e-300))
     level = (np.arange(size) + 0.5) / size
     quantile = -scale * np.log1p(-level) if abs(shape) < 1e-12 else scale * np.expm1(-shape * np.log1p(-level)) / shape
     smoothed = log_weights.copy()
@@ -192,7 +192,7 @@ def pareto_smooth(log_weights: FloatArray) -> tuple[FloatArray, float]:
     return smoothed, shape
 
 
-def fit_pareto(excess: FloatArray) -> tuple[float, float]:
+def _fit_pareto(excess: FloatArray) -> tuple[float, float]:
     """Estimate shape and scale of a generalised Pareto distribution from increasing excesses, shape (n,).
 
     A quasi-Bayesian mean over a grid of the likelihood's profile, with the shape shrunk a little towards one half.

@@ -30,7 +30,7 @@ def preamble(job: Job, command: str) -> Json:
         "seed": job.options.seed,
         "versions": versions(),
         "data": [recording.to_dict() for recording in job.read or recordings],
-        "simulated": any(is_simulated(recording) for recording in recordings),
+        "simulated": any(_is_simulated(recording) for recording in recordings),
         "units": units,
         "model": {
             "name": job.name,
@@ -45,7 +45,7 @@ def preamble(job: Job, command: str) -> Json:
     }
 
 
-def is_simulated(recording: Recording) -> bool:
+def _is_simulated(recording: Recording) -> bool:
     """Return whether the simulated bench wrote the recording, by the label beside its file.
 
     Nothing else of it is read.
@@ -102,7 +102,7 @@ def fit_verdict(
     if structured and len(found) == 1:
         what = f"{found[0]['what']} Data, solver, search and form of the noise do not explain it: the model lacks an "
         return {"level": "warning", "text": f"{what}effect."}
-    told = cause_sentence(found[0]) if found else ""
+    told = _cause_sentence(found[0]) if found else ""
     if structured:
         left = next(str(row["what"]) for row in found if row["cause"] == "model")
         rest = f"{left} This cause is looked into before the model is blamed."
@@ -114,7 +114,7 @@ def fit_verdict(
     return {"level": "warning" if caution else "good", "text": text}
 
 
-def cause_sentence(row: Mapping[str, Any]) -> str:
+def _cause_sentence(row: Mapping[str, Any]) -> str:
     """Return a row of a diagnosis as text: the cause, what was found, where, and what was done."""
     where = f" ({row['where']})" if row["where"] else ""
     text = f"{row['cause'].capitalize()}: {row['what'].removesuffix('.')}{where}. {row['done']}".strip()

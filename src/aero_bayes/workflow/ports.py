@@ -69,7 +69,7 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
     """
     with ScratchFolder() as scratch:
         rows = _rows(RunOptions(Path(scratch), model, config, quiet=True), data)
-    click.echo(json.dumps(rows, indent=2) if as_json else as_table(rows))
+    click.echo(json.dumps(rows, indent=2) if as_json else _as_table(rows))
     if data and not as_json:
         click.echo(RESPONSE_NOTE)
 
@@ -85,14 +85,14 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
         return port_table(around.ports)
     places = LawPlaces(name, config.model.sources, config.model.libraries)
     if not places.declared.effects:
-        return model_ports(places, options, data)
+        return _model_ports(places, options, data)
     if data:
         raise InputError(f"{name}: --data is not possible, because {places.declared.package} declares its ports")
     named = [c for c in places.candidates if c.alias]
     return [{"id": c.id, "port": places.port_name(c.port), "summary": describe_law(c.law, c.port)} for c in named]
 
 
-def model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
+def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     """Return rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, also ``response`` and ``visible``.
 
     ``options.out`` is where FMUs are built for the recordings' sake.
@@ -102,7 +102,7 @@ def model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) ->
         job = open_job(data, options)
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, again=True)
-        responses = port_responses(ModelicaFamily(places, options.out), found)
+        responses = _port_responses(ModelicaFamily(places, options.out), found)
         for row in rows:
             row["response"] = responses.get(row["id"])
             row["visible"] = visibility(row["response"])
@@ -121,7 +121,7 @@ def visibility(response: float | None) -> str:
     return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "no"
 
 
-def port_responses(family: ModelicaFamily, found: Fit) -> dict[str, float]:
+def _port_responses(family: ModelicaFamily, found: Fit) -> dict[str, float]:
     """Return how many standard deviations of noise a probe of each port's own size moves the outputs by.
 
     The noise is that of the fit or that of the readings alone, whichever shows the probe more: a model that lacks an
@@ -264,7 +264,7 @@ def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
     return left
 
 
-def as_table(rows: Sequence[PortRow]) -> str:
+def _as_table(rows: Sequence[PortRow]) -> str:
     """Return rows as aligned columns with a header; file and line in one, lists with spaces."""
     shown = [_cells(row) for row in rows]
     if not shown:

@@ -27,7 +27,7 @@ PROFILE_POINTS, MAX_PROFILE_ITERATIONS, PROFILE_TIME_LIMIT = 15, 15, 4.0
 MIN_BOUND_DEVIATIONS = 2.0
 
 
-def parameters_to_profile(found: Fit) -> list[str]:
+def _parameters_to_profile(found: Fit) -> list[str]:
     """List fitted physical parameters that are weak or not identified, or that lie at a bound; the weakest first."""
     low, high = found.calibration.parameters.box
     point = found.calibration.parameters.to_search(found.values)
@@ -44,7 +44,7 @@ def parameters_to_profile(found: Fit) -> list[str]:
 
 def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     """Return the ``profiles`` of result.json's ``identifiability``: nothing where no parameter is doubtful."""
-    names = parameters_to_profile(found)
+    names = _parameters_to_profile(found)
     if not names:
         return {}
     began = time.perf_counter()
