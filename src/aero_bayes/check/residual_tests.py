@@ -149,7 +149,24 @@ def smooth_dependence_test(
 def slow_variation_test(
     innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray, waves: int = 12
 ) -> StructureTest:
-    """Test of the ``waves`` slowest cosines over the recording."""
+    """Test of the ``waves`` slowest cosines over the recording.
+
+    Parameters
+    ----------
+    innovations : ndarray, shape (n,)
+        Whitened residual.
+    series : Series
+    noise : OutputNoise
+        By which it was whitened.
+    slopes : ndarray, shape (k, n)
+        Whitened sensitivities.
+    waves : int
+        Number of cosines.
+
+    Returns
+    -------
+    StructureTest
+    """
     n = innovations.size
     phase = np.pi * (np.arange(n) + 0.5) / n
     rows, _ = whiten(np.cos(np.outer(np.arange(1, waves + 1), phase)), series.sampling, noise)

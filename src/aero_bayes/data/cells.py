@@ -72,6 +72,19 @@ def times_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
     """Convert cells to times in s: numbers as they are, times of day over midnight, dates from the first one on.
 
     A date without a zone is taken for universal time, which knows no hour twice.
+
+    Parameters
+    ----------
+    column : pandas.Series
+    place : callable
+        Where the cell of a row stands, for messages.
+    name : str
+        What messages call the column.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In s.
     """
     if column.dtype.kind in "biuf":
         return np.asarray(column.to_numpy(), dtype=np.float64)

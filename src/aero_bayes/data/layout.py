@@ -43,7 +43,21 @@ class ColumnMap:
     unwrap: bool = False
 
     def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
-        """Convert raw values to the unit ``expected``, or to SI if empty. InputError for another dimension."""
+        """Convert raw values to the unit ``expected``, or to SI if empty. InputError for another dimension.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            As in the file.
+        column : str
+            What messages call it.
+        expected : str
+            Unit of the model; empty for SI.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         converted = self._converted(values, column, expected)
         return unwrapped(converted, expected) if self.unwrap else converted
 
@@ -93,7 +107,19 @@ class Layout:
 
     @classmethod
     def of(cls, inputs: Sequence[str], outputs: Sequence[str], units: Mapping[str, str] | None = None) -> Layout:
-        """Return a layout of names and units, without bounds on magnitudes."""
+        """Return a layout of names and units, without bounds on magnitudes.
+
+        Parameters
+        ----------
+        inputs, outputs : sequence of str
+            Names.
+        units : mapping of str to str, optional
+            By name.
+
+        Returns
+        -------
+        Layout
+        """
         known = units or {}
         return cls(
             tuple(ColumnSpec(name, known.get(name, "")) for name in inputs),

@@ -34,6 +34,18 @@ def ripple_amplitudes(recording: Recording, output: str, orders: tuple[int, ...]
 
     It is averaged over segments in which the rotor turns and no input jumped shortly before. Orders that are not above
     the noise are left out, and so are orders that alias to a very low frequency.
+
+    Parameters
+    ----------
+    recording : Recording
+    output : str
+    orders : tuple of int
+        Periods a turn.
+
+    Returns
+    -------
+    dict of int to float
+        By order, in the unit of the output.
     """
     speed = _rotor_speed(recording)
     if speed is None or recording.rate_hz <= 0.0:

@@ -72,6 +72,19 @@ def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> Floa
 
     A jump at the wrong time makes a few outliers. So differences of successive residuals are scored, with a
     heavy-tailed (Cauchy) loss, and not the slow misfit of a first fit.
+
+    Parameters
+    ----------
+    objective : Objective
+    fit : Optimum
+        Of the same objective.
+    free : sequence of int
+        Free columns, some of which are delays.
+
+    Returns
+    -------
+    ndarray, shape (p,)
+        Search coordinates.
     """
     parameters = objective.parameters
     columns = delay_columns(objective, free)

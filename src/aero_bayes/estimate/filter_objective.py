@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.checkpoint import ResultCache
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.sensors.noise import OutputNoise
@@ -16,10 +17,21 @@ from aero_bayes.simulation.interface import Filter, GaussNewton, Outcome, Readin
 from aero_bayes.simulation.smoothing import SmoothedStates, smooth
 
 
-def objective_of(calibration: Calibration, simulator: Simulator, **options: Any) -> Objective:
-    """Compare a calibration with its recordings, by a filter where it has process noise; options of `Objective`."""
+def objective_of(
+    calibration: Calibration, simulator: Simulator, *, result_cache: ResultCache | None = None
+) -> Objective:
+    """Compare a calibration with its recordings, by a filter where it has process noise.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    simulator : Simulator
+        Of the calibration's problem.
+    result_cache : ResultCache, optional
+        Keeps the results of searches.
+    """
     kind = Objective if calibration.simulated.process is None else FilterObjective
-    return kind(calibration, simulator, **options)
+    return kind(calibration, simulator, result_cache=result_cache)
 
 
 class FilterObjective(Objective):

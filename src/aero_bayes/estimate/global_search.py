@@ -153,7 +153,21 @@ class GlobalSearch:
         return GlobalSearchResult(here, swarm, tuple(self.stages), self.iterations, self.start_levels)
 
     def refit(self, start: FloatArray, free: Sequence[int], noise: Mapping[str, OutputNoise]) -> Optimum:
-        """Fit locally from a point near the optimum and check the noise again."""
+        """Fit locally from a point near the optimum and check the noise again.
+
+        Parameters
+        ----------
+        start : ndarray, shape (p,)
+            Search coordinates.
+        free : sequence of int
+            Free columns.
+        noise : mapping of str to OutputNoise
+            By output, at the start.
+
+        Returns
+        -------
+        Optimum
+        """
         here = self._local_fit(start, free, noise, self.local_settings)
         return self.settle_noise(here)
 

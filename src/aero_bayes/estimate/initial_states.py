@@ -160,7 +160,20 @@ def _start_prior(state: Variable, expected: float, spread: float) -> tuple[float
 
 
 def state_sizes(model: Model, experiment: Experiment, states: list[Variable]) -> Mapping[str, float]:
-    """Return a natural size of each state: its range in a simulation of the model as it is."""
+    """Return a natural size of each state: its range in a simulation of the model as it is.
+
+    Parameters
+    ----------
+    model : Model
+    experiment : Experiment
+        That is simulated.
+    states : list of Variable
+
+    Returns
+    -------
+    mapping of str to float
+        By the name of the state, in its unit.
+    """
     if not states:
         return {}
     names = tuple(state.name for state in states)

@@ -111,7 +111,25 @@ def noise_covariance(
     noise: Mapping[str, OutputNoise],
     step: float = 0.02,
 ) -> FloatArray:
-    """Compute the covariance of the noise parameters' logarithms, from second differences of their log-posterior."""
+    """Compute the covariance of the noise parameters' logarithms, from second differences of their log-posterior.
+
+    Parameters
+    ----------
+    layout : NoiseLayout
+    times : sequence of ndarray, shape (n,)
+        Sample times of each recording in s.
+    residuals : sequence of ndarray, shape (n, m)
+        Of each recording.
+    noise : mapping of str to OutputNoise
+        The estimate, by output.
+    step : float
+        Of the differences, in the logarithms.
+
+    Returns
+    -------
+    ndarray, shape (q, q)
+        In the order of ``layout``.
+    """
     centre = layout.pack(noise)
     size = layout.size
     hessian = np.zeros((size, size))

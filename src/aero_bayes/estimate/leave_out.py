@@ -62,7 +62,20 @@ class LinearisedFit:
 
     @classmethod
     def of(cls, optimum: Optimum, parameters: ParameterSet, moving: Sequence[int]) -> LinearisedFit:
-        """Linearise an optimum over some of its free columns, given by their places among them."""
+        """Linearise an optimum over some of its free columns, given by their places among them.
+
+        Parameters
+        ----------
+        optimum : Optimum
+        parameters : ParameterSet
+            All of the fit.
+        moving : sequence of int
+            Places among ``optimum.free``.
+
+        Returns
+        -------
+        LinearisedFit
+        """
         second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in moving]]
         return cls(optimum.whitened.slopes[list(moving)], optimum.whitened.residual, prior_curvature(second))
 
@@ -136,6 +149,22 @@ def time_cells(series: Sequence[Series], leverage: FloatArray, recording: int, c
 
     Each cell holds the same sum of the number of readings and of their leverage (N,), both as shares of the
     recording's. So no cell is empty unless one reading outweighs it, and a transient that tells much is cut into many.
+
+    Parameters
+    ----------
+    series : sequence of Series
+        All of the fit.
+    leverage : ndarray, shape (N,)
+        Of each reading.
+    recording : int
+        Its index.
+    count : int
+        Number of cells.
+
+    Returns
+    -------
+    list of ndarray of int
+        Columns of each cell.
     """
     first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
     own = [k for k, s in enumerate(series) if s.experiment == recording]

@@ -18,6 +18,18 @@ def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, 
 
     Sensors have noise of their own each. What two outputs have in common, and what one-step predictions leave of the
     past, is an error of the model. Outputs whose noise the user declares white are taken at that word.
+
+    Parameters
+    ----------
+    objective : Objective
+    here : Optimum
+        Of the objective.
+    noise : mapping of str to OutputNoise
+        By which the residuals are whitened.
+
+    Returns
+    -------
+    set of str
     """
     units = {v.name: v.unit for v in objective.calibration.model.outputs}
     turning = {s.experiment for s in objective.series if is_rotor_speed(s.measured, units.get(s.output, ""))}

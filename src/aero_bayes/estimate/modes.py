@@ -156,7 +156,19 @@ def _particles(here: Optimum, box: tuple[FloatArray, FloatArray], swarm: SwarmRe
 
 
 def is_another(objective: Objective, known: Sequence[Optimum], end: Optimum) -> bool:
-    """Whether a fit ended in an optimum that is apart from all known ones, within their reach and behind a barrier."""
+    """Whether a fit ended in an optimum that is apart from all known ones, within their reach and behind a barrier.
+
+    Parameters
+    ----------
+    objective : Objective
+    known : sequence of Optimum
+    end : Optimum
+        Where the fit ended.
+
+    Returns
+    -------
+    bool
+    """
     columns = list(end.free)
     for other in known:
         # Along a ridge it is huge, which the covariance, within the width of the priors, is not.

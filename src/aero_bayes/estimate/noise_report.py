@@ -52,6 +52,17 @@ def structure_warnings(
     """Return one sentence for each output whose residual the noise cannot explain.
 
     ``innovations`` are whitened residuals.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    innovations : mapping of str to ndarray, shape (n,)
+        Whitened residuals by output.
+    noise : mapping of str to OutputNoise
+
+    Returns
+    -------
+    tuple of str
     """
     units = {v.name: v.unit for v in calibration.model.outputs}
     lines = []

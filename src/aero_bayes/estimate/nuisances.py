@@ -18,7 +18,19 @@ from aero_bayes.simulation.model import Model
 def largest_delay(
     recordings: Sequence[Recording], model: Model, settings: CalibrationSettings
 ) -> float | Mapping[str, float]:
-    """Return the largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs."""
+    """Return the largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    model : Model
+    settings : CalibrationSettings
+
+    Returns
+    -------
+    float, or mapping of str to float
+        In s, of all inputs or by input.
+    """
     declared = model.declared.recording.max_input_delay
     limit = declared if settings.max_input_delay is None else settings.max_input_delay
     if settings.delay == "free" and not limit:
@@ -40,7 +52,23 @@ def nuisance_parameters(
     limit: float | Mapping[str, float],
     policy: DelayPolicy,
 ) -> list[Parameter]:
-    """List initial values and delay of each recording in turn, or the delays of single inputs at the end."""
+    """List initial values and delay of each recording in turn, or the delays of single inputs at the end.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+    starts : sequence of sequence of Parameter
+        Initial values of each experiment.
+    recordings : sequence of Recording
+    limit : float, or mapping of str to float
+        Largest delay in s, of all inputs or by input.
+    policy : {"auto", "free", "none"}
+        Whether a delay is estimated.
+
+    Returns
+    -------
+    list of Parameter
+    """
     nuisances: list[Parameter] = []
     for index, (experiment, own) in enumerate(zip(experiments, starts, strict=True)):
         nuisances += own

@@ -139,7 +139,20 @@ class Objective:
     def with_calibration(
         self, calibration: Calibration, simulator: Simulator, outputs: Sequence[str] | None = None
     ) -> Objective:
-        """Return the objective of another calibration; simulations count and searches are kept where this one does."""
+        """Return the objective of another calibration; simulations count and searches are kept where this one does.
+
+        Parameters
+        ----------
+        calibration : Calibration
+        simulator : Simulator
+            Of its problem.
+        outputs : sequence of str, optional
+            Those that count; all by default.
+
+        Returns
+        -------
+        Objective
+        """
         return type(self)(
             calibration, simulator, outputs=outputs, outcomes=self.outcomes, result_cache=self.result_cache
         )
@@ -155,6 +168,21 @@ class Objective:
 
         ``work`` must depend on nothing else. Its simulations are counted either way. A result is kept only if it is
         ``complete``.
+
+        Parameters
+        ----------
+        kind : str
+            What is done.
+        arguments : sequence of object
+            All that the result depends on beside the calibration.
+        work : callable
+            Computes the arrays of the result.
+        complete : callable
+            Whether the result may be kept.
+
+        Returns
+        -------
+        mapping of str to ndarray
         """
         if self.result_cache is None:
             return work()
@@ -292,7 +320,21 @@ class Objective:
         return found.log_likelihood
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
-        """Compute likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values."""
+        """Compute likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, p)
+            SI values.
+        noise : ndarray, shape (n, 1, m, 3)
+            Noise triples; see `noise_rows`.
+        active : sequence of int
+            Columns of the derivatives, length a.
+
+        Returns
+        -------
+        GaussNewton
+        """
         found = self.simulator.gauss_newton(self.parameters.away_from_zero(values, active), noise, active=active)
         self._count(found.outcomes)
         return found

@@ -47,7 +47,20 @@ class Predictive:
 
 
 def recording_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
-    """Compute the log-density (k, n) of readings given earlier ones, of residuals (k, n, m), noise (k, m, 3)."""
+    """Compute the log-density (k, n) of readings given earlier ones, of residuals (k, n, m), noise (k, m, 3).
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        In s.
+    residual : ndarray, shape (k, n, m)
+    noise : ndarray, shape (k, m, 3)
+        Noise triples.
+
+    Returns
+    -------
+    ndarray, shape (k, n)
+    """
     out = np.zeros(residual.shape[:2])
     for j in range(residual.shape[2]):
         out += reading_log_density(time, residual[:, :, j], noise[:, j])

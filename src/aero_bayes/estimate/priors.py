@@ -296,6 +296,18 @@ def search_sd(prior: Prior, lower: float, upper: float, scale: Literal["log", "l
     """Compute the standard deviation of a prior in its search coordinate, by quadrature.
 
     Kept, as every local fit asks for it.
+
+    Parameters
+    ----------
+    prior : Prior
+    lower, upper : float
+        Bounds, in SI units.
+    scale : {"log", "linear"}
+        Of the search coordinate.
+
+    Returns
+    -------
+    float
     """
     width = upper - lower
     low, high = (math.log(lower), math.log(upper)) if scale == "log" else (lower / width, upper / width)

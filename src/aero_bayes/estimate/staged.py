@@ -53,6 +53,18 @@ def stages_by_effect(objective: Objective, point: FloatArray, free: Sequence[int
     """Order stages of the free columns by their effects at a point (p,) in search coordinates.
 
     None where one would do.
+
+    Parameters
+    ----------
+    objective : Objective
+    point : ndarray, shape (p,)
+        Search coordinates.
+    free : sequence of int
+        Free columns.
+
+    Returns
+    -------
+    tuple of Stage
     """
     calibration = objective.calibration
     found = objective.evaluate(point, free)

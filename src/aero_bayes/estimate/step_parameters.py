@@ -77,7 +77,19 @@ def with_slope(slopes: Sequence[FloatArray]) -> NDArray[np.bool_]:
 
 
 def acts_in_steps(objective: Objective, point: FloatArray, column: int) -> bool:
-    """Return whether other values of a column (search coordinates ``point``, shape (p,)) change any output."""
+    """Return whether other values of a column (search coordinates ``point``, shape (p,)) change any output.
+
+    Parameters
+    ----------
+    objective : Objective
+    point : ndarray, shape (p,)
+        Search coordinates.
+    column : int
+
+    Returns
+    -------
+    bool
+    """
     return len(_plateaus(objective, point, column)) > 1
 
 

@@ -77,7 +77,19 @@ class StepRule:
         return np.clip(moved, self.low, self.high)
 
     def change_after_rejection(self, point: FloatArray, rejected: FloatArray, newton: FloatArray) -> bool:
-        """Change the rule after a step to ``rejected`` failed; False if there is nothing left to change."""
+        """Change the rule after a step to ``rejected`` failed; False if there is nothing left to change.
+
+        Parameters
+        ----------
+        point, rejected : ndarray, shape (k,)
+            Where the step began, and where it would have ended.
+        newton : ndarray, shape (k,)
+            The whole step of Gauss and Newton.
+
+        Returns
+        -------
+        bool
+        """
         low, high = self._region(point)
         if not self._confined and np.any((rejected < low) | (rejected > high)):
             self._confined = True
@@ -88,7 +100,17 @@ class StepRule:
         return True
 
     def change_after_step(self, point: FloatArray, new: FloatArray, newton: FloatArray, gain_ratio: float) -> None:
-        """Adapt the rule to a step to ``new`` that was taken; ``gain_ratio`` is its actual over predicted decrease."""
+        """Adapt the rule to a step to ``new`` that was taken; ``gain_ratio`` is its actual over predicted decrease.
+
+        Parameters
+        ----------
+        point, new : ndarray, shape (k,)
+            Where the step began, and where it ended.
+        newton : ndarray, shape (k,)
+            The whole step of Gauss and Newton.
+        gain_ratio : float
+            Actual over predicted decrease of the cost.
+        """
         self._switched = False
         self._confined = self._confined and self._stays_at_kink(point, new)
         if gain_ratio < MIN_GAIN_RATIO and self._is_long(newton):

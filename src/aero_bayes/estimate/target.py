@@ -178,7 +178,21 @@ class Target:
     def quadratic_models(
         self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True
     ) -> QuadraticModels:
-        """Compute the negative log-posterior at given noise with gradient and Hessian in search coordinates."""
+        """Compute the negative log-posterior at given noise with gradient and Hessian in search coordinates.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, f)
+            Search coordinates of the free parameters.
+        noise : ndarray, shape (n, 1, m, 3)
+            Noise triples.
+        with_prior : bool
+            Whether the priors count.
+
+        Returns
+        -------
+        QuadraticModels
+        """
         at = coordinates if self.spread is None else self.spread(coordinates)
         result = self.objective.gauss_newton(self.values(at), noise, self.free)
         slope = self.parameters.jacobian(self.parameters.from_search(at))

@@ -152,7 +152,21 @@ class SampleTimes:
 
     @classmethod
     def of(cls, time: FloatArray, values: FloatArray, spread: FloatArray | None = None) -> SampleTimes:
-        """Take times (n,) at which ``values`` (n,) are not NaN, with the relative spread (n,) of their noise."""
+        """Take times (n,) at which ``values`` (n,) are not NaN, with the relative spread (n,) of their noise.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,)
+            In s.
+        values : ndarray, shape (n,)
+            NaN in gaps.
+        spread : ndarray, shape (n,), optional
+            Relative size of the noise at each time.
+
+        Returns
+        -------
+        SampleTimes
+        """
         index = np.flatnonzero(np.isfinite(values))
         seen, own = time[index], None if spread is None else spread[index]
         if seen.size < 2:

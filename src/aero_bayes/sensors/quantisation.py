@@ -112,6 +112,21 @@ def rounding_error(time: FloatArray, fitted: FloatArray, step: float, zero: floa
 
     The error of a signal that crosses many steps between samples is white, with standard deviation ``step / sqrt(12)``.
     That of a slow signal is correlated for as long as the signal takes for a step.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        In s.
+    fitted : ndarray, shape (n,)
+        The signal.
+    step : float
+        Of the encoder, in the unit of the signal.
+    zero : float
+        A value that the encoder can show.
+
+    Returns
+    -------
+    OutputNoise
     """
     error = zero + step * np.round((fitted - zero) / step) - fitted
     return estimate_noise([time], [error], "auto")
@@ -121,6 +136,18 @@ def interval_log_density(reading: FloatArray, predicted: FloatArray, sd: FloatAr
     """Compute the log-density of a quantised reading: log of its probability over ``step``. Arrays of any shape.
 
     It tends to the Gaussian log-density of ``reading - predicted`` if ``step`` is much less than ``sd``. Zero for NaN.
+
+    Parameters
+    ----------
+    reading, predicted : ndarray
+    sd : ndarray or float
+        Standard deviation of the prediction.
+    step : float
+        Of the quantisation.
+
+    Returns
+    -------
+    ndarray
     """
     centre, half = np.abs(np.asarray(reading - predicted)) / sd, 0.5 * step / np.asarray(sd)
     upper, lower = log_ndtr(half - centre), log_ndtr(-half - centre)
@@ -130,7 +157,20 @@ def interval_log_density(reading: FloatArray, predicted: FloatArray, sd: FloatAr
 
 
 def describe_quantisation(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quantisation | None:
-    """Describe the quantisation of readings (n,) of a fitted signal (n,); None if they are continuous."""
+    """Describe the quantisation of readings (n,) of a fitted signal (n,); None if they are continuous.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        In s.
+    readings : ndarray, shape (n,)
+        NaN in gaps.
+    fitted : ndarray, shape (n,)
+
+    Returns
+    -------
+    Quantisation or None
+    """
     step = quantisation_step(readings)
     if step is None:
         return None

@@ -133,7 +133,19 @@ def log_density(time: FloatArray, residual: FloatArray, noise: OutputNoise) -> f
 
 
 def log_density_at(residual: FloatArray, sampling: SampleTimes, noise: OutputNoise) -> float:
-    """Compute the Gaussian log-density of a residual (n,) at the readings of ``sampling``."""
+    """Compute the Gaussian log-density of a residual (n,) at the readings of ``sampling``.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+    sampling : SampleTimes
+        Of its readings.
+    noise : OutputNoise
+
+    Returns
+    -------
+    float
+    """
     white, log_det = whiten(residual[np.newaxis], sampling, noise)
     return -0.5 * (float(white[0] @ white[0]) + log_det + residual.size * LOG_2PI)
 

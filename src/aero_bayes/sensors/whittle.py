@@ -35,6 +35,22 @@ class BinnedPeriodogram:
     ) -> BinnedPeriodogram:
         """Return the periodogram of a residual (n,) at times (n,) in s with median step ``interval``. Gaps are
         interpolated.
+
+        Parameters
+        ----------
+        residual : ndarray, shape (n,)
+        time : ndarray, shape (n,)
+            In s.
+        interval : float
+            Median step of the times in s.
+        even : bool
+            Whether the times have no gaps.
+        bins : int
+            Largest number of bins of frequencies.
+
+        Returns
+        -------
+        BinnedPeriodogram
         """
         values = residual
         if not even:
