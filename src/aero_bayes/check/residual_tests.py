@@ -120,7 +120,7 @@ def reports_by_recording(reports: Sequence[ResidualReport]) -> dict[str, dict[st
 
 
 def portmanteau_test(innovations: FloatArray, lags: int = 20) -> StructureTest:
-    """Test of no autocorrelation up to ``lags`` that holds its size when the variance changes over time."""
+    """Test for autocorrelation up to ``lags``; the test holds its size when the variance changes over time."""
     statistic, freedom = correlation_statistic(innovations, innovations, lags)
     return StructureTest("autocorrelation", statistic, freedom, float(chdtrc(freedom, statistic)))
 
@@ -128,7 +128,7 @@ def portmanteau_test(innovations: FloatArray, lags: int = 20) -> StructureTest:
 def smooth_dependence_test(
     name: str, over: FloatArray, innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray
 ) -> StructureTest:
-    """Test of a smooth dependence of a residual on ``over`` (n,), such as a state or the time.
+    """Test for a smooth dependence of a residual on ``over`` (n,), such as a state or the time.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def smooth_dependence_test(
 def slow_variation_test(
     innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray, waves: int = 12
 ) -> StructureTest:
-    """Test of the ``waves`` slowest cosines over the recording.
+    """Test for the ``waves`` slowest cosines over the recording.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ class Differences:
         return _fit_noise_variances(lags[:stop], variances[:stop], order, windows, calm)
 
     def explained(self, order: int) -> float:
-        """Share of the variance of differences at the first lag that differences of earlier inputs predict.
+        """Compute the share of the variance of differences at the first lag that those of earlier inputs predict.
 
         It is the cross-validated R^2 of a regression on inputs up to ``MAX_INPUT_LAG`` samples ago: fitted on one half
         of the recording, and tested on the other. 1 if inputs move and there are too few readings.

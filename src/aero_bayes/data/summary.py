@@ -187,7 +187,7 @@ def _output(recording: Recording, name: str) -> OutputSummary:
 
 
 def _saturated(values: FloatArray) -> float:
-    """Share of readings in runs of at least ``MIN_SATURATED_RUN`` at an extreme of an otherwise continuous sensor.
+    """Compute the share of readings in runs of at least ``MIN_SATURATED_RUN`` at an extreme of a continuous sensor.
 
     A quantised sensor that stands still looks the same, so one is not judged.
     """

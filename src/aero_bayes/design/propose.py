@@ -225,7 +225,7 @@ def default_limits(fit: GaussianFit) -> Limits:
 
 
 def experiment_times(fit: GaussianFit, duration: float, rate_hz: float | None) -> FloatArray:
-    """Sample times of the new recording, shape (n,)."""
+    """Return sample times of the new recording, shape (n,)."""
     if rate_hz is None:
         rate_hz = 1.0 / fit.calibration.data.intervals[0]
     if not (rate_hz > 0.0 and duration * rate_hz >= 10.0):

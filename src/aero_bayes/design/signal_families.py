@@ -82,7 +82,7 @@ def _between(u: float, low: float, high: float) -> float:
 
 
 def _updates(time: FloatArray) -> FloatArray:
-    """Time since the start, rounded down to the last update."""
+    """Return the time since the start, rounded down to the last update."""
     return np.asarray(np.floor((time - time[0]) * UPDATE_HZ + 1e-9) / UPDATE_HZ)
 
 

@@ -86,7 +86,7 @@ def conformal_quantile(scores: Sequence[FloatArray], share: float) -> float:
 
 
 def _leave_out_changes(calibration: Calibration, series: Sequence[Series], optimum: Optimum) -> list[FloatArray]:
-    """Change of each fitted output (n,) when the recording, or the block of the only one, is left out of the fit.
+    """Compute the change of each fitted output (n,) when the recording, or the only one's block, is left out.
 
     Initial values and delays that belong to one recording stay as fitted to all its readings.
     """

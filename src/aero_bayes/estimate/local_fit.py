@@ -228,7 +228,7 @@ class _NegativeLogPosterior:
         return self._quadratic(here.point, here.evaluation, noise)
 
     def leads_to_known(self, here: _PosteriorModel, newton: FloatArray) -> bool:
-        """Whether a fit from here would converge to a known optimum; costs are compared at the noise of this fit."""
+        """Tell if a fit from here would converge to a known optimum; costs are compared at the noise of this fit."""
         enough = MIN_PREDICTED_SHARE * here.predicted_decrease(newton)
         for optimum in self.known:
             predicted = here.predicted_decrease((optimum.coordinates - here.point)[self.free])

@@ -156,7 +156,7 @@ def _particles(here: Optimum, box: tuple[FloatArray, FloatArray], swarm: SwarmRe
 
 
 def is_another(objective: Objective, known: Sequence[Optimum], end: Optimum) -> bool:
-    """Whether a fit ended in an optimum that is apart from all known ones, within their reach and behind a barrier.
+    """Tell whether an optimum is apart from all known ones, within their reach and behind a barrier.
 
     Parameters
     ----------

@@ -175,7 +175,7 @@ def _residuals(model: FlatModel, scope: Scope, actions: EventActions, discrete: 
 
 
 def _solved_at_start(model: FlatModel) -> FlatModel:
-    """Parameters that the initial equations determine (``fixed = false``) become states that stay as they start.
+    """Make states that stay as they start of parameters that initial equations determine (``fixed = false``).
 
     Parameters that follow from them become variables.
     """

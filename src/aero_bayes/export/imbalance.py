@@ -77,7 +77,7 @@ def _reached(free: Sequence[int], across: Sequence[Sequence[int]], back: Sequenc
 
 
 def _plain(names: Iterable[str]) -> set[str]:
-    """Variables by the names of their elements and derivatives."""
+    """Return variables by the names of their elements and derivatives."""
     return {re.sub(r"^der\(|\)$|\[[\d,]*\]", "", name) for name in names}
 
 

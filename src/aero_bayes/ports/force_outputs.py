@@ -107,5 +107,5 @@ def _one_signal(s: AliasStructure, tree: Expression, wanted: Dimension) -> str:
 
 
 def _sign_of_speed(whole: Expression, speed: str, values: Mapping[str, float]) -> int:
-    """Sign with which a speed or a current enters an output: positive where it is no factor of a term."""
+    """Return the sign with which a speed or current enters an output: positive where it is no factor of a term."""
     return sign_of_factor(whole, _is_name(speed.partition(DIFFERENCE)[0]), values) or 1

@@ -165,7 +165,7 @@ def _terms(tree: Expression) -> tuple[Expression, ...]:
 
 
 def sign_of_factor(tree: Expression, driver: Driver, values: Mapping[str, float]) -> int | None:
-    """Sign of the coefficient of the driver; None if it does not occur, or not as a factor of a term."""
+    """Return the sign of the coefficient of the driver; None if it does not occur, or not as a factor of a term."""
     if driver(tree):
         return 1
     terms = [(1, item) for item in tree.items] if isinstance(tree, Array) else summands(tree)

@@ -39,7 +39,7 @@ def visited_range(signal: str, parts: Sequence[FloatArray]) -> dict[str, float]:
 
 
 def share_visited_twice(parts: Sequence[FloatArray]) -> float:
-    """Share of a signal's range that it passes at least twice, over all recordings (n,) one after the other.
+    """Compute the share of a signal's range that it passes at least twice, over recordings (n,) one after the other.
 
     It counts as turning back where it moves back by :data:`MIN_RETURN_SHARE` of its range. Zero for what never moves.
     """
@@ -86,7 +86,7 @@ def possible_directions(places: Sequence[FloatArray], speed: Mapping[str, float]
 
 
 def relative_change(inputs: Sequence[InputSignal], time: float) -> float:
-    """Change of an input within ``time`` (s), over its nominal value.
+    """Compute the change of an input within ``time`` (s), over its nominal value.
 
     Changes that are at least as large make up half of the sum of all changes.
     """
@@ -99,7 +99,7 @@ def relative_change(inputs: Sequence[InputSignal], time: float) -> float:
 
 
 def fastest_time_scale(data: MeasuredData) -> float:
-    """Time scale of the fastest output in s: its standard deviation over the root mean square of its derivative."""
+    """Estimate the time scale of the fastest output in s: its standard deviation over the RMS of its derivative."""
     times = []
     for experiment in data.experiments:
         for y in np.asarray(_smooth(experiment.measured)).T if experiment.measured is not None else ():

@@ -141,7 +141,7 @@ class _PanelFrame:
 
 
 def _columns_for(width: float) -> int:
-    """Time columns of an envelope: about three for every four pixels."""
+    """Count the time columns of an envelope: about three for every four pixels."""
     return int(0.75 * width)
 
 

@@ -154,7 +154,7 @@ class RunDirectory:
         return tuple(sorted(drawn, key=lambda name: order.get(name, len(order))))
 
     def time(self, recording: str) -> FloatArray:
-        """Sample times of a recording, shape (n,), in s."""
+        """Return sample times of a recording, shape (n,), in s."""
         return self.series[f"time/{recording}"]
 
     def span(self, recording: str) -> tuple[float, float]:

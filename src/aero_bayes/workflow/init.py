@@ -257,7 +257,7 @@ def _reasons(model: Model, ordered: Sequence[Variable], own: OwnClasses, head: s
 
 
 def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> FloatArray | None:
-    """Change of all outputs, over their ranges, by a change of each parameter by its own size: shape (p, N).
+    """Compute the change of outputs, over their ranges, by each parameter's change by its own size: shape (p, N).
 
     None if the recording does not have what the model needs, or the model cannot be simulated as it stands.
     """
