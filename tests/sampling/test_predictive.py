@@ -23,7 +23,7 @@ def test_draws_that_all_fail_are_one_line() -> None:
     target = SimpleNamespace(
         objective=SimpleNamespace(filters=False),
         free=(0,),
-        calibration=SimpleNamespace(experiments=()),
+        calibration=SimpleNamespace(data=SimpleNamespace(experiments=())),
         simulator=SimpleNamespace(simulate=simulate),
         values=lambda coordinates: coordinates,
         spread=None,
