@@ -15,8 +15,15 @@ from aero_bayes.loop.extend import fitted_parameters
 from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.search.explored import SearchControl
+from aero_bayes.search.informative_part import tells_enough
 from aero_bayes.search.models import CandidateModel
-from aero_bayes.search.process_noise import EQUIVALENT, MAX_FILTER_READINGS, ProcessNoiseFit, fit_process_noise
+from aero_bayes.search.process_noise import (
+    EQUIVALENT,
+    MAX_FILTER_READINGS,
+    MAX_FILTERED_CHANGES,
+    ProcessNoiseFit,
+    fit_process_noise,
+)
 from aero_bayes.search.structure import Structure
 from aero_bayes.simulation import Model
 
@@ -45,10 +52,11 @@ def find_process_noise(context: LoopContext, conclusion: Conclusion, states: Seq
     if not edits or not structured_residuals(conclusion.reports) or find_disturbance(conclusion.reports) is not None:
         return None
     made: dict[Structure, CandidateModel] = {}
+    share = _filtered_share(context, conclusion)
 
     def model_of(structure: Structure) -> CandidateModel:
         if structure not in made:
-            made[structure] = _model(context, conclusion, structure.process_noise)
+            made[structure] = _model(context, conclusion, structure.process_noise, share)
         return made[structure]
 
     parameters = conclusion.calibration.parameters
@@ -70,10 +78,31 @@ def find_process_noise(context: LoopContext, conclusion: Conclusion, states: Seq
     return result
 
 
-def _model(context: LoopContext, conclusion: Conclusion, states: Sequence[str]) -> CandidateModel:
+def _filtered_share(context: LoopContext, conclusion: Conclusion) -> float:
+    """Return the share of each recording, from its beginning, that is filtered.
+
+    A filter stops wherever an input changes, however few readings it has. So of long recordings whose inputs move it
+    has a beginning, if that tells as much per reading as the whole.
+    """
+    calibration, fit = conclusion.calibration, conclusion.refit
+    changes = max((s.time.size for e in calibration.experiments for s in e.inputs), default=0)
+    if changes <= 2 * MAX_FILTERED_CHANGES:
+        return 1.0
+    share = MAX_FILTERED_CHANGES / changes
+    with context.open(calibration.problem()) as simulator:
+        objective = context.objective(calibration, simulator)
+        while share < 1.0 and not tells_enough(
+            objective, fit.evaluation, fit.noise, [share] * len(calibration.experiments)
+        ):
+            share *= 2.0
+    return min(share, 1.0)
+
+
+def _model(context: LoopContext, conclusion: Conclusion, states: Sequence[str], share: float) -> CandidateModel:
     """Return the model that came out, on few readings and with process noise of some states."""
     plain, written, last = conclusion.base.plain, conclusion.written, conclusion.calibration
-    plain = replace(plain, data=plain.data.thinned(MAX_FILTER_READINGS))
+    data = plain.data.beginning(share) if share < 1.0 else plain.data
+    plain = replace(plain, data=data.thinned(MAX_FILTER_READINGS))
     if states:
         plain = plain.with_process_noise(plain.noise.with_process(states))
     calibration = plain

@@ -25,7 +25,7 @@ from aero_bayes.search.models import FittedModel, ModelCache
 from aero_bayes.search.parts import Parts
 from aero_bayes.search.refit import fit_anew, refit
 from aero_bayes.search.settings import StructureSettings
-from aero_bayes.search.starts import KnownTerms, Start, starting_points
+from aero_bayes.search.starts import KnownTerms, Start, least_gain_beside_terms, starting_points
 from aero_bayes.search.structure import Structure
 
 #: Log-posterior that a fit may lose when it moves to another model of the same structure: that of the solver's steps.
@@ -280,8 +280,13 @@ class StructureSearch:
     # which structures are worth a fit
 
     def _may_matter(self, base: FittedModel, starts: Sequence[Start], best: float) -> bool:
-        """Tell whether a start predicts enough of the gain up to the log-likelihood of the best of its level."""
+        """Tell whether a start predicts enough of the gain up to the log-likelihood of the best of its level.
+
+        Beside other terms it must be enough for anyone to change a model for, too.
+        """
         predicted = _max_gain(starts)
+        if base.terms and predicted < least_gain_beside_terms(base):
+            return False
         needed = max(best - base.optimum.log_likelihood, 0.0)
         likely = base.response.gain_under_white_noise(predicted) >= self.settings.min_predicted_gain
         return likely and predicted >= self.settings.min_predicted_share * needed

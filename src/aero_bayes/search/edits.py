@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Protocol
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search.models import FittedModel
-from aero_bayes.search.starts import with_nominal_shapes
+from aero_bayes.search.starts import least_gain_beside_terms, with_nominal_shapes
 from aero_bayes.search.structure import Structure
 
 FloatArray = NDArray[np.float64]
@@ -85,14 +85,18 @@ class AddTerm:
     """Each law of the library at each port that it fits.
 
     Refinements are offered only where structure is left. A term whose slope the free parameters imitate is not
-    offered.
+    offered; nor is one that promises hardly anything beside other terms.
     """
 
     def neighbours(self, context: EditContext) -> Iterable[Structure]:
-        confounded = {d.id for d in context.directions if d.confounded}
+        needless = {d.id for d in context.directions if d.confounded}
+        if context.structure.terms:
+            least = least_gain_beside_terms(context.fitted)
+            finer = {f for f, coarse in context.refines.items() if coarse in context.structure.terms}
+            needless |= {d.id for d in context.directions if d.gain < least and d.id not in finer}
         for id_ in context.offered:
             fine = id_ in context.refines and context.adequate
-            if id_ in context.structure.terms or id_ in confounded or id_ in context.curves or fine:
+            if id_ in context.structure.terms or id_ in needless or id_ in context.curves or fine:
                 continue
             yield with_term(context, context.structure, id_)
 
@@ -209,7 +213,8 @@ class Direction:
     """What the magnitude of a term changes to first order, once the free parameters have readjusted.
 
     ``readjusted_sensitivity`` (N,) is the change in units of the noise, ``slope`` its product with the residual,
-    ``step_bounds`` how far the magnitude may go down and up, ``confounded`` whether the free parameters do the same.
+    ``step_bounds`` how far the magnitude may go down and up, ``confounded`` whether the free parameters do the same,
+    ``gain`` the largest gain in log-likelihood that a nominal shape promises; infinite where slopes do not tell.
     """
 
     id: str
@@ -217,17 +222,43 @@ class Direction:
     slope: float
     step_bounds: tuple[float, float]
     confounded: bool
+    gain: float = math.inf
 
 
 def term_directions(fitted: FittedModel) -> list[Direction]:
-    """Directions of the terms at hand that a fit does not have, their shapes at their first nominal values."""
+    """Directions of the terms at hand that a fit does not have, their shapes at their first nominal values.
+
+    Beside other terms the other nominal shapes are tried too, where the first promises hardly anything: simulations
+    with a magnitude of zero are the quickest.
+    """
+    candidates = [c for id_, c in fitted.model.candidates.items() if id_ not in fitted.terms and c.starts]
+    found = {d.id: d for d in _directions(fitted, candidates, 0)}
+    most = max((len(_shapes(c)) for c in candidates), default=0) if fitted.terms else 0
+    least = least_gain_beside_terms(fitted)
+    for k in range(1, most):
+        unsure = [c for c in candidates if c.id in found and found[c.id].gain < least and k < len(_shapes(c))]
+        for other in _directions(fitted, unsure, k):
+            known = found[other.id]
+            # A shape that nothing shows to first order promises nothing, where another one is seen.
+            if math.isfinite(other.gain):
+                found[other.id] = replace(known, gain=max(known.gain, other.gain))
+    return list(found.values())
+
+
+def _shapes(candidate: CandidateTerm) -> list[tuple[float, ...]]:
+    """Return its distinct nominal shapes."""
+    return list(dict.fromkeys(start[1:] for start in candidate.starts))
+
+
+def _directions(fitted: FittedModel, candidates: Sequence[CandidateTerm], shape: int) -> list[Direction]:
+    """Directions of some terms at hand, each at one of its nominal shapes."""
     model, response = fitted.model, fitted.response
-    candidates: list[CandidateTerm] = [c for id_, c in model.candidates.items() if id_ not in fitted.terms and c.starts]
-    origin = with_nominal_shapes(fitted, candidates)
+    origin = with_nominal_shapes(fitted, candidates, [_shapes(c)[shape] for c in candidates])
     sizes = [c.columns[0] for c in candidates]
     slopes = response.readjusted_slopes(origin, sizes) if sizes else None
     if slopes is None:
         return []
+    left = float(response.remaining @ response.remaining)
     low, high = model.objective.parameters.box
     beyond = slopes[1] - _projected(slopes[1], response.base.whitened.slopes)
     found = []
@@ -238,8 +269,18 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
             # A term whose whole range changes less than the noise is invisible to first order, so nothing imitates it.
             seen = math.sqrt(whole) * max(-room[0], room[1]) > 1.0
             confounded = seen and float(beyond[k] @ beyond[k]) < MAX_UNIQUE_SHARE * whole
-            found.append(Direction(candidate.id, across, float(across @ response.remaining), room, confounded))
+            slope = float(across @ response.remaining)
+            # What changes less than is left to explain, over its whole range, acts elsewhere than to first order.
+            told = math.sqrt(whole) * max(-room[0], room[1]) > math.sqrt(left)
+            gain = _gain_within(float(across @ across), slope, room) if told else math.inf
+            found.append(Direction(candidate.id, across, slope, room, confounded, gain))
     return found
+
+
+def _gain_within(curvature: float, slope: float, room: tuple[float, float]) -> float:
+    """Predicted gain of the best step within bounds."""
+    step = min(max(slope / max(curvature, 1e-300), room[0]), room[1])
+    return slope * step - 0.5 * curvature * step**2
 
 
 def _projected(rows: FloatArray, slopes: FloatArray) -> FloatArray:

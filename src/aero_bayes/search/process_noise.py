@@ -27,6 +27,9 @@ from aero_bayes.simulation.interface import DiffusionTarget, ReadingNoiseTarget
 
 #: Readings of an output in a recording that are filtered: a filter stops at each of them.
 MAX_FILTER_READINGS = 2000
+#: Changes of an input in a recording up to twice which all are filtered: it stops at each of these too, and then every
+#: second of them may have a reading. Filters of so many, with derivatives, take a few tenths of a second.
+MAX_FILTERED_CHANGES = 2 * MAX_FILTER_READINGS
 #: Log-likelihood, each reading counted as a share of an independent one, by which a state's process noise may be behind
 #: the best after a fit of the noise alone.
 MAX_BEHIND = 25.0

@@ -98,12 +98,16 @@ class NominalValues:
             behind = fitted.optimum.log_likelihood - declared.optimum.log_likelihood
             begun += _begin(declared, candidate, behind)
         if fitted.terms:
-            residual = fitted.optimum.whitened.residual
-            least = 0.5 * MIN_SHARE_BESIDE_TERMS * float(residual @ residual)
-            begun = [start for start in begun if start.expected_gain >= least]
+            begun = [start for start in begun if start.expected_gain >= least_gain_beside_terms(fitted)]
         ends = _local_fits(fitted, structure, begun, FIRST_STEPS)
         best = [s for s in ends if fitted.response.gain_under_white_noise(s.simulated_gain) >= MIN_LINE_GAIN]
         return [*_local_fits(fitted, structure, best[:BEST_FITS], NEXT_STEPS), *best[BEST_FITS:], *begun[:1]]
+
+
+def least_gain_beside_terms(fitted: FittedModel) -> float:
+    """Return the gain in log-likelihood that a term must promise beside those of a fit."""
+    residual = fitted.optimum.whitened.residual
+    return 0.5 * MIN_SHARE_BESIDE_TERMS * float(residual @ residual)
 
 
 def _begin(origin: FittedModel, candidate: CandidateTerm, behind: float) -> list[Start]:
@@ -128,10 +132,13 @@ def _begin(origin: FittedModel, candidate: CandidateTerm, behind: float) -> list
 
 
 def _local_fits(fitted: FittedModel, structure: Structure, starts: Sequence[Start], steps: int) -> list[Start]:
-    """Where local fits of a structure are after some steps from each start, best first."""
+    """Where local fits of a structure are after some steps from each start, best first.
+
+    Those that lead back to the fit without the new term are left out.
+    """
     settings = LocalFitSettings().at_temperature(fitted.temperature)
     settings = replace(settings, local=replace(settings.local, iterations=steps))
-    ends = own_noise_fits(fitted, structure, [start.point for start in starts], settings)
+    ends = own_noise_fits(fitted, structure, [start.point for start in starts], settings, [fitted.optimum])
     gains = [end.log_likelihood - fitted.optimum.log_likelihood for end in ends]
     found = [Start(end.coordinates, gain, gain) for end, gain in zip(ends, gains, strict=True)]
     return sorted(found, key=lambda s: -s.simulated_gain)
@@ -238,13 +245,24 @@ class Tangent:
         return [Start(p, predicted, gain) for p, gain in zip(points, gains, strict=True) if math.isfinite(gain)]
 
 
-def with_nominal_shapes(fitted: FittedModel, candidates: Sequence[CandidateTerm]) -> FloatArray:
-    """Search coordinates of a fit with the shapes of some candidates at their first nominal values, magnitudes off."""
+def with_nominal_shapes(
+    fitted: FittedModel, candidates: Sequence[CandidateTerm], shapes: Sequence[tuple[float, ...]] | None = None
+) -> FloatArray:
+    """Search coordinates of a fit with the shapes of some candidates at nominal values, magnitudes off.
+
+    Parameters
+    ----------
+    fitted : FittedModel
+    candidates : sequence of CandidateTerm
+    shapes : sequence of tuple of float, optional
+        Values in SI units; the first nominal ones by default.
+    """
     parameters = fitted.model.objective.parameters
     values = parameters.from_search(fitted.optimum.coordinates)
-    for candidate in candidates:
+    first = [c.starts[0][1:] if c.starts else () for c in candidates]
+    for candidate, shape in zip(candidates, shapes or first, strict=True):
         if candidate.starts:
-            values[list(candidate.columns[1:])] = candidate.starts[0][1:]
+            values[list(candidate.columns[1:])] = shape
     return parameters.to_search(values)
 
 
