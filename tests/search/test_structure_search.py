@@ -34,7 +34,7 @@ from aero_bayes.search import (
     starting_points,
     term_directions,
 )
-from aero_bayes.search.edits import AddCurve
+from aero_bayes.search.edits import AddCurve, AddTerm, EditContext
 from aero_bayes.sensors import OutputNoise
 from aero_bayes.sensors.noise_estimation import is_model_error
 from aero_bayes.sensors.whiteness import residual_correlation_time
@@ -203,6 +203,22 @@ def test_a_term_that_the_free_parameters_imitate_is_not_offered():
     cache = OneModel(study([1.0, 2.0, 0.0, 1.0, 0.0], 6, basis=basis))
     assert [d.id for d in term_directions(cache.root()) if d.confounded] == ["sine"]
     assert not any("sine" in s.terms for s in searched(cache).fits)
+
+
+@pytest.mark.parametrize(("size", "scale", "offered"), [(0.0, 1.0, False), (0.6, 1.0, True), (0.0, 1e-4, True)])
+def test_beside_a_term_only_what_slopes_promise_or_cannot_tell_is_offered(size, scale, offered):
+    """What slopes promise is what a fit gains; a term that they hardly show may act elsewhere."""
+    basis = BASIS.copy()
+    basis[2] *= scale
+    model = OneModel(study([1.0, 2.0, size, 0.8, 0.0], 7, basis=basis)).model
+    one, both, noise = Structure(("square",)), Structure(("square", "sine")), FitNoise({"y": NOISE})
+    fitted, larger = (model.fit(s, model.coordinates_of({"d": 0.8}, s.terms), noise, EXACT) for s in (one, both))
+    directions = tuple(term_directions(fitted))
+    (promised,) = [d.gain for d in directions if d.id == "sine"]
+    gained = larger.optimum.log_likelihood - fitted.optimum.log_likelihood
+    assert promised == (pytest.approx(gained, rel=0.02, abs=0.02) if scale == 1.0 else np.inf)
+    context = EditContext(fitted, False, ("sine", "square"), {}, (), (), (), directions, False, True)
+    assert (both in set(AddTerm().neighbours(context))) is offered
 
 
 def test_a_required_term_stays_and_the_missing_one_is_found_beside_it():

@@ -282,7 +282,7 @@ class StructureSearch:
     def _may_matter(self, base: FittedModel, starts: Sequence[Start], best: float) -> bool:
         """Tell whether a start predicts enough of the gain up to the log-likelihood of the best of its level.
 
-        Beside other terms it must be enough for anyone to change a model for, too.
+        Beside other terms it must be a share of what is left, too.
         """
         predicted = _max_gain(starts)
         if base.terms and predicted < least_gain_beside_terms(base):

@@ -129,14 +129,18 @@ def newton_errors(fitted: FittedModel, common: CommonBlocks) -> FloatArray:
 def refitted_errors(fitted: FittedModel, common: CommonBlocks, fold: int, settings: LocalFitSettings) -> FloatArray:
     """Squared errors (blocks, m) of one fold, predicted by a fit to all other readings.
 
-    The fit starts at the optimum of all readings, or after the Newton step where that leaves less. Infinite where the
-    model cannot be simulated.
+    Where a simulation after the Newton step meets what was predicted there, as closely as a fit would end, that is the
+    fit. Else it starts there, or at the optimum of all readings where the step leaves more. Infinite where the model
+    cannot be simulated.
     """
     optimum, readings, moving = fitted.optimum, common.readings(fold), common.moving(fitted)
     own, failed = fitted.model.objective, np.full((len(common.folds[fold]), len(common.outputs)), math.inf)
     columns = [optimum.free[k] for k in moving]
     fit = replace(settings, hold_noise=True).with_limits(MAX_REFIT_STEPS, settings.local.tolerance)
-    start = _start(fitted, common, fold)
+    moved = _after_newton_step(fitted, common, fold)
+    if moved is not None and moved.remaining_decrease <= settings.local.tolerance * moved.unit:
+        return common.squares(fold, moved.residual[readings])
+    start = moved.coordinates if moved is not None and moved.is_better else optimum.coordinates
     try:
         end = local_fit(_without(own, readings), start, columns, noise=optimum.noise, settings=fit)
     except CannotFinishError:
@@ -147,24 +151,56 @@ def refitted_errors(fitted: FittedModel, common: CommonBlocks, fold: int, settin
     return common.squares(fold, own.whiten(found, optimum.noise).residual[readings])
 
 
-def _start(fitted: FittedModel, common: CommonBlocks, fold: int) -> FloatArray:
-    """Choose the optimum of all readings or the point after the Newton step: what leaves less of the others."""
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """A simulation after the Newton step of a fit without a fold.
+
+    Parameters
+    ----------
+    coordinates : ndarray, shape (p,)
+    residual : ndarray, shape (N,)
+        Whitened, of all readings.
+    is_better : bool
+        Whether it leaves less of the other readings than the optimum of all.
+    remaining_decrease : float
+        At most so much lower is the cost at the optimum without the fold, as far as its curvature is the same: half of
+        the squared error of the linearisation, and what the fit to all readings was short of its optimum. Infinite at
+        a bound.
+    unit : float
+        Mean square of what the fit leaves, at most one.
+    """
+
+    coordinates: FloatArray
+    residual: FloatArray
+    is_better: bool
+    remaining_decrease: float
+    unit: float
+
+
+def _after_newton_step(fitted: FittedModel, common: CommonBlocks, fold: int) -> _Moved | None:
+    """Simulate after the Newton step of a fit without a fold; None where that fails."""
     optimum, own, moving = fitted.optimum, fitted.model.objective, common.moving(fitted)
-    columns = [optimum.free[k] for k in moving]
+    columns, linear = [optimum.free[k] for k in moving], common.linearised(fitted)
     out = common.readings(fold)
     others = np.setdiff1d(np.arange(common.owner.size), out)
-    (left,) = common.linearised(fitted).without([out, others], [slice(0, 1)])
+    (left,) = linear.without([out, others], [slice(0, 1)])
     low, high = (bound[columns] for bound in own.parameters.box)
-    moved = optimum.coordinates.copy()
-    moved[columns] = np.clip(moved[columns] + left.step, low, high)
+    at, moved = optimum.coordinates[columns], optimum.coordinates.copy()
+    moved[columns] = np.clip(at + left.step, low, high)
     (there,) = own.residuals(moved[np.newaxis])
     if there is None:
-        return optimum.coordinates
-    after = own.whiten(there, optimum.noise).residual
-    before = optimum.whitened.residual
+        return None
+    after, before = own.whiten(there, optimum.noise).residual, optimum.whitened.residual
+    first = own.parameters.prior_derivatives(optimum.coordinates)[0][columns]
+    gradient = linear.slopes @ before + first
+    curvature = linear.slopes @ linear.slopes.T + linear.prior
     with np.errstate(over="ignore"):  # the step may end where the model grows without bounds
-        better = np.sum(after[others] ** 2) < np.sum(before[others] ** 2)
-    return moved if better else optimum.coordinates
+        better = bool(np.sum(after[others] ** 2) < np.sum(before[others] ** 2))
+        error = float(np.sum((after - before + left.step @ linear.slopes) ** 2))
+    short = float(gradient @ np.linalg.pinv(curvature, hermitian=True) @ gradient)
+    inside = bool(np.all((at > low) & (at < high) & (moved[columns] > low) & (moved[columns] < high)))
+    unit = min(float(before @ before) / max(before.size, 1), 1.0)
+    return _Moved(moved, after, better, 0.5 * (error + short) if inside else math.inf, unit)
 
 
 def _leverage(fitted: FittedModel) -> FloatArray:
