@@ -208,8 +208,9 @@ def finalists(judge: Judge) -> list[Structure]:
     """Structures that are worth a refit without each block.
 
     Those near the best material structure; of each size the best material one and those that it does not materially
-    beat, since refits may turn what the closed form calls material; the best of each size by the closed form and by the
-    fit itself, which the closed form may misjudge; and what they must be better than. Structures of other laws come
+    beat, since refits may turn what the closed form calls material; the best of each size by the closed form, a second
+    one if it is not far behind, and the best by the fit itself, which the closed form may misjudge; and what they must
+    be better than. Structures of other laws come
     first: the same laws at other places often predict the same, and would leave no room for others.
     """
     ranking, explored = judge.comparison, judge.explored
@@ -222,7 +223,9 @@ def finalists(judge: Judge) -> list[Structure]:
         best = next((s for s in own if judge.material(s)), None)
         found += [best, *one_of_each(judge.close_to(best), curves)[: FINALISTS // 4]] if best is not None else []
     for own in sizes:
-        found += one_of_each(own, curves)[:2]
+        found += [
+            s for s in one_of_each(own, curves)[:2] if not ranking.far_better(own[0], s, judge.settings.min_share)
+        ]
         found += sorted(own, key=lambda s: -fits[s].optimum.log_likelihood)[:1]
     found = [*dict.fromkeys(found)][:FINALISTS]
     rests = [judge.rest(s, t) for s in found for t in s.terms if len(s) > 1]

@@ -85,14 +85,14 @@ def _filtered_share(context: LoopContext, conclusion: Conclusion) -> float:
     has a beginning, if that tells as much per reading as the whole.
     """
     calibration, fit = conclusion.calibration, conclusion.refit
-    changes = max((s.time.size for e in calibration.experiments for s in e.inputs), default=0)
+    changes = max((s.time.size for e in calibration.data.experiments for s in e.inputs), default=0)
     if changes <= 2 * MAX_FILTERED_CHANGES:
         return 1.0
     share = MAX_FILTERED_CHANGES / changes
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
         while share < 1.0 and not tells_enough(
-            objective, fit.evaluation, fit.noise, [share] * len(calibration.experiments)
+            objective, fit.evaluation, fit.noise, [share] * len(calibration.data.experiments)
         ):
             share *= 2.0
     return min(share, 1.0)

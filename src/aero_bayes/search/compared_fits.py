@@ -113,12 +113,13 @@ class ComparedFits:
             self._compare_again()
 
     def _compare_again(self) -> None:
-        """Compare all structures under the present noise; fit the best of each size anew."""
+        """Compare all structures under the present noise; fit those anew that are near the best of their size."""
         self.fits = {s: f.with_noise(self.noise.noise) for s, f in self.fits.items()}
         self._left_out = LeftOutOrder(self.fits[self.required])
         again = {self.required, Structure()} | {self.best().structure.minus(t) for t in self.best().terms}
-        for own in by_size(self.order().ranked).values():
-            again |= set(own[: self.settings.beam_width])
+        order, least = self.order(), self.settings.min_share
+        for own in by_size(order.ranked).values():
+            again |= {s for s in own[: self.settings.beam_width] if not order.far_better(own[0], s, least)}
         known = [s for s in self.fits if s in again]
         works = [partial(refit_from_here, self.fits[s], self.noise.noise, self.tempered) for s in known]
         self.fit_all([replace(self.fits[s], temperature=self.noise.noise.temperature) for s in known], works)

@@ -122,6 +122,10 @@ class Comparison:
         much = self.much_better(one, other, min_share)
         return self.likely_better(one, other) if much else self.clearly_better(one, other)
 
+    def far_better(self, one: Structure, other: Structure, min_share: float) -> bool:
+        """Return whether one structure predicts clearly better than another, and much better."""
+        return self.clearly_better(one, other) and self.much_better(one, other, min_share)
+
     def much_better(self, one: Structure, other: Structure, min_share: float) -> bool:
         """Tell whether with one structure the error of an output is at most ``min_share`` of that with another."""
         return float(np.exp(self._log_ratios(one, other).min())) <= min_share
