@@ -42,7 +42,7 @@ from simulated_aero import Parameters, Truth, paper_step, simulate_recording, wh
 
 GROUPS = ("sampling", *bench_pints.GROUPS)
 #: Minutes after which each sampler is stopped; effective samples are counted by the second.
-TIME_LIMIT = 1.5
+TIME_LIMIT = 1.0
 OURS = SampleSettings(max_steps=400, ess=1e9, max_minutes=TIME_LIMIT)
 STRETCH = SampleSettings(
     burn_in=600, max_rounds=1, max_steps=2500, ess=1e9, lengths=100.0, max_minutes=TIME_LIMIT
