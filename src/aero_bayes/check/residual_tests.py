@@ -208,7 +208,7 @@ def check_residuals(
         Noise floors from the readings alone, as far as they are known.
     """
     reports = []
-    units = {v.name: v.unit for v in calibration.model.outputs}
+    units = calibration.model.units
     for k, own in enumerate(series):
         residual, noise, slopes = fit.evaluation.residual[k], fit.noise[own.output], fit.evaluation.slopes
         assert slopes is not None

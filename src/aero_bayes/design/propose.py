@@ -324,7 +324,7 @@ def _design(
         for j, item in enumerate(predictor.shared)
     )  # fmt: skip
     time = predictor.full_time
-    unit = next((v.unit for v in predictor.fit.calibration.model.inputs if v.name == predictor.input), "")
+    unit = predictor.fit.calibration.model.units[predictor.input]
     return Design(
         predictor.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
         predictor.limits, float(1.0 / (time[1] - time[0])), seed, unit,

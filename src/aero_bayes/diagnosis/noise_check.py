@@ -23,7 +23,7 @@ def check_noise(fit: Fit, left: LeftOver) -> DiagnosisRow:
         return DiagnosisRow("noise", False, f"There is no noise at all: what is left ({sizes}) is rounding.")
     rounded = _rounded(fit)
     if rounded:
-        units = {v.name: v.unit for v in fit.calibration.model.outputs}
+        units = fit.calibration.model.units
         where = ", ".join(f"{o}: steps of {with_unit(f'{step:.3g}', units.get(o, ''))}" for o, step in rounded.items())
         return DiagnosisRow("noise", True, f"{join_names(list(rounded))} is rounded to coarse counts.", where)
     correlated = {o: n for o, n in fit.noise.items() if n.kind == "ou"}
@@ -43,7 +43,7 @@ def _rounded(fit: Fit) -> dict[str, float]:
 
 def _unequal_row(fit: Fit) -> DiagnosisRow:
     """Tell which outputs have noise that differs from reading to reading, and by how much."""
-    units = {v.name: v.unit for v in fit.calibration.model.outputs}
+    units = fit.calibration.model.units
     kinds, where = [], []
     for output, spread in fit.calibration.data.spreads.items():
         unit = units.get(output, "")

@@ -84,7 +84,7 @@ def _changes_the_answer(fit: Fit, moved: dict[str, float], left: LeftOver) -> bo
 def _tolerance_row(fit: Fit, moved: dict[str, float], left: LeftOver) -> DiagnosisRow:
     """Tell which outputs move at a ten times tighter tolerance."""
     rms = fit.rms
-    units = {v.name: v.unit for v in fit.calibration.model.outputs}
+    units = fit.calibration.model.units
     sizes = (f"{with_unit(f'{size:.2g}', units.get(output, ''))} rms" for output, size in moved.items())
     shares = (f"{size / rms[output]:.2g} times its residual" for output, size in moved.items())
     where = "; ".join(f"{o} moves by {size}, {share}" for o, size, share in zip(moved, sizes, shares, strict=True))

@@ -31,8 +31,8 @@ def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, 
     -------
     set of str
     """
-    units = {v.name: v.unit for v in objective.calibration.model.outputs}
-    turning = {s.experiment for s in objective.series if is_rotor_speed(s.measured, units.get(s.output, ""))}
+    units = objective.calibration.model.units
+    turning = {s.experiment for s in objective.series if is_rotor_speed(s.measured, units[s.output])}
     innovations = []
     for series, residual in zip(objective.series, here.evaluation.residual, strict=True):
         rows, _ = whiten(residual[None], series.sampling, noise[series.output])

@@ -64,7 +64,7 @@ def structure_warnings(
     -------
     tuple of str
     """
-    units = {v.name: v.unit for v in calibration.model.outputs}
+    units = calibration.model.units
     lines = []
     for name in calibration.data.outputs:
         n, unit = noise[name], units.get(name, "")

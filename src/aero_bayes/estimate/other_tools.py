@@ -168,7 +168,7 @@ class OtherTools(FittedResult):
         name = source.name if source is not None else calibration.model.name
         lines = [f"// {line}" for line in self._about()]
         lines += [f'openModel("{file.as_posix()}");' for file in files] + [f'translateModel("{name}");']
-        units = {v.name: v.unit for v in calibration.model.parameters}
+        units = calibration.model.units
         given = [(held, value, units.get(held, "")) for held, value in calibration.simulated.fixed.items()]
         for p, value in zip(calibration.parameters, self.values.tolist(), strict=True):
             if isinstance(p.target, ParameterTarget | StartTarget) and p.acts_in(0):

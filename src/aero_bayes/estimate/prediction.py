@@ -126,8 +126,7 @@ class RecordingPrediction:
         return f"<RecordingPrediction of {self.recording.name}: {errors or ', '.join(self.outputs)}>"
 
     def _repr_html_(self) -> str:
-        units = {v.name: v.unit for v in self.model.outputs}
-        rows = [(o, f"{r:.4g}", units.get(o, ""), f"{self.coverage[o]:.0%}") for o, r in self.rms.items()]
+        rows = [(o, f"{r:.4g}", self.model.units[o], f"{self.coverage[o]:.0%}") for o, r in self.rms.items()]
         return table_html(("output", "RMS error", "unit", "within the 90 % band"), rows, repr(self).strip("<>"))
 
 

@@ -71,12 +71,11 @@ def process_parameters(
         )
         for name, state in zip(wanted, states, strict=True)
     ]  # fmt: skip
-    units = {v.name: v.unit for v in model.outputs}
     for column, output in enumerate(experiments[0].outputs):
         values = np.concatenate([_measured(e)[:, column] for e in experiments])
         found.append(
             _parameter(
-                f"noise.{output}.sd_white", units.get(output, ""), READING_SHARE * _range(values),
+                f"noise.{output}.sd_white", model.units[output], READING_SHARE * _range(values),
                 f"noise of the readings of {output}", ReadingNoiseTarget(output), floors.get(output, 0.0),
             )
         )  # fmt: skip

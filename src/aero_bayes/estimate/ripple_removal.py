@@ -29,8 +29,7 @@ def without_ripple(
     tuple
         The same data and an empty mapping where nothing was found.
     """
-    units = {v.name: v.unit for v in model.outputs}
-    by_output = [units.get(o, "") for o in data.outputs]
+    by_output = [model.units[o] for o in data.outputs]
     experiments, found = [], {}
     for experiment, name, y, f in zip(data.experiments, data.names, data.measured, fitted, strict=True):
         own = find_ripples(experiment.time, y, f, data.outputs, by_output)

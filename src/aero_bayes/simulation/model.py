@@ -72,8 +72,8 @@ class Model(ModelDescription):
 
     Examples
     --------
-    >>> model.parameter("k").unit, model.input("F").unit, model.output("position").description
-    ('N/m', 'N', 'Position, as measured')
+    >>> model.units["k"], model.parameter("k").unit, model.input("F").unit, model.output("position").description
+    ('N/m', 'N/m', 'N', 'Position, as measured')
     >>> model.state_index("v"), model.copied_state("position"), model.copied_state("F")
     (1, 0, None)
     >>> dict(model.verified_copies()), dict(model.copies_by_name())  # OpenModelica's outputs only

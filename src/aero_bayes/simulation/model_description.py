@@ -72,6 +72,11 @@ class ModelDescription:
     takes_any_step: bool = True
     interpolates_inputs: bool = False
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each parameter, input and output by its name."""
+        return {v.name: v.unit for v in (*self.parameters, *self.inputs, *self.outputs)}
+
     def parameter(self, name: str) -> Variable:
         """Return the parameter of this name; InputError with the names there are otherwise."""
         return self._find("parameter", self.parameters, name)

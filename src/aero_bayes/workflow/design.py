@@ -149,11 +149,10 @@ def _separate(
         workers=job.options.workers, progress=progress,
     )  # fmt: skip
     check = check_separation(apart, first, second, repeats=wanted.repeats, progress=progress, **common)
-    unit = next((v.unit for v in base.calibration.model.inputs if v.name == apart.input), "")
     found = apart.to_dict() | {
         "kind": "separate",
         "file": SIGNAL_FILE,
-        "unit": unit,
+        "unit": base.calibration.model.units[apart.input],
         "effects": [rivals.first, rivals.second],
         "common": list(rivals.common),
         "log_posterior_now": [first.log_posterior, second.log_posterior],
