@@ -59,14 +59,14 @@ def expected_outputs(
     CannotFinishError
         If the experiment cannot be simulated.
     """
-    with ExperimentPredictor(fit, proposal.time, proposal.limits, engine, workers) as predictor:
-        values = predictor.draws(draws, np.random.default_rng(seed))
-        rows = np.column_stack([values, np.full(draws, predictor.delay_value)])
-        experiment = predictor.experiment(proposal.values, proposal.time)
-        with predictor.open(predictor.problem([experiment])) as simulator:
-            result = simulator.simulate(rows)
-        usable = result.outputs[0][result.outcomes[:, 0] == 0]
-        if not len(usable):
-            raise CannotFinishError("the proposed experiment could not be simulated")
-        low, middle, high = np.quantile(usable, (0.05, 0.5, 0.95), axis=0)
-        return ExpectedOutputs(predictor.outputs, middle, low, high)
+    predictor = ExperimentPredictor(fit, proposal.time, proposal.limits, engine, workers)
+    values = predictor.draws(draws, np.random.default_rng(seed))
+    rows = np.column_stack([values, np.full(draws, predictor.delay_value)])
+    experiment = predictor.experiment(proposal.values, proposal.time)
+    with predictor.open(predictor.problem([experiment])) as simulator:
+        result = simulator.simulate(rows)
+    usable = result.outputs[0][result.outcomes[:, 0] == 0]
+    if not len(usable):
+        raise CannotFinishError("the proposed experiment could not be simulated")
+    low, middle, high = np.quantile(usable, (0.05, 0.5, 0.95), axis=0)
+    return ExpectedOutputs(predictor.outputs, middle, low, high)

@@ -84,10 +84,8 @@ def check_gain(
         If every repetition fails.
     """
     rng = np.random.default_rng(seed)
-    with (
-        WorkerPool(workers) as pool,
-        ExperimentPredictor(fit, design.time, design.limits, engine, workers, pool) as predictor,
-    ):
+    with WorkerPool(workers) as pool:
+        predictor = ExperimentPredictor(fit, design.time, design.limits, engine, workers, pool)
         errors = []
         for k, child in enumerate(rng.spawn(repeats)):
             if progress is not None:

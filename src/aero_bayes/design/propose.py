@@ -174,11 +174,8 @@ def propose_experiment(
     """
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
     time = experiment_times(fit, duration, rate_hz)
-    with (
-        WorkerPool(workers) as pool,
-        ExperimentPredictor(fit, time, limits, settings.engine, workers, pool) as predictor,
-        watching(progress) as watched,
-    ):
+    with WorkerPool(workers) as pool, watching(progress) as watched:
+        predictor = ExperimentPredictor(fit, time, limits, settings.engine, workers, pool)
         return _best_design(fit, predictor, time, targets, settings, watched)
 
 

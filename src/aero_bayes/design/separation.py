@@ -93,11 +93,8 @@ def separating_experiment(
     limits, settings = limits or default_limits(first), settings or SearchSettings()
     time = experiment_times(first, duration, rate_hz)
     rng = np.random.default_rng(settings.seed)
-    with (
-        WorkerPool(workers) as pool,
-        ExperimentPredictor(first, time, limits, settings.engine, workers, pool) as a,
-        ExperimentPredictor(second, time, limits, settings.engine, workers, pool) as b,
-    ):
+    with WorkerPool(workers) as pool:
+        a, b = (ExperimentPredictor(fit, time, limits, settings.engine, workers, pool) for fit in (first, second))
         known = (a.precision(), b.precision())
 
         def both(signals: Sequence[FloatArray]) -> list[tuple[float, float]]:

@@ -82,11 +82,9 @@ def check_separation(
     """
     half = max(1, repeats // 2)
     streams = np.random.default_rng(seed).spawn(2 * half)
-    with (
-        WorkerPool(workers) as pool,
-        ExperimentPredictor(first, separation.time, separation.limits, engine, workers, pool) as a,
-        ExperimentPredictor(second, separation.time, separation.limits, engine, workers, pool) as b,
-    ):
+    time, limits = separation.time, separation.limits
+    with WorkerPool(workers) as pool:
+        a, b = (ExperimentPredictor(fit, time, limits, engine, workers, pool) for fit in (first, second))
         found: tuple[list[float], list[float]] = ([], [])
         for k, rng in enumerate(streams):
             if progress is not None:
