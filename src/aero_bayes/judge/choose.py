@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum
 from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.judge import ChoiceSettings, Judge, residual_reports
@@ -18,8 +18,6 @@ from aero_bayes.search.explored import Mapper, SearchResult, one_by_one
 from aero_bayes.search.left_out import CommonBlocks, newton_errors, refitted_errors
 from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.search.structure import Structure, by_size, law_of
-
-FloatArray = NDArray[np.float64]
 
 #: Structures that are fitted again without each block: more than a dozen cost more than the search.
 FINALISTS = 12

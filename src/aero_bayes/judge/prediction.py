@@ -7,15 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.sensors.whiteness import residual_correlation_time
-
-FloatArray = NDArray[np.float64]
 
 #: Standard deviations by which one prediction must be worse than another to count as worse.
 SIGNIFICANT_DEVIATIONS = 2.0

@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, calibrate
@@ -24,8 +24,6 @@ from aero_bayes.judge.prediction import Prediction, RmsError, rms_error
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.simulation.interface import ParameterTarget, Problem, ProblemTarget, Simulator, StartTarget
-
-FloatArray = NDArray[np.float64]
 
 #: Share of a recording that was not fitted from which its initial states are estimated.
 INITIAL_STATE_SHARE = 0.05

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.data import noise_floors
 from aero_bayes.estimate.calibration import Calibration
@@ -32,7 +32,6 @@ from aero_bayes.search.models import FittedModel, with_setting
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import StartTarget
 
-FloatArray = NDArray[np.float64]
 Floors = Mapping[tuple[str, str], float]
 
 #: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.

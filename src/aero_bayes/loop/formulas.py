@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
@@ -29,7 +29,6 @@ from aero_bayes.simulation.input_signals import signal_values
 from aero_bayes.simulation.interface import DiffusionTarget, Experiment, Filter, FilteredStates, ReadingNoiseTarget
 from aero_bayes.simulation.smoothing import updated_means
 
-FloatArray = NDArray[np.float64]
 #: Values (n,) of each signal at the samples, one mapping a recording.
 SignalValues = Sequence[Mapping[str, SampledTerms]]
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from aero_bayes.arrays import FloatArray
 from aero_bayes.design import FAMILIES, SearchSettings, separating_experiment
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import CannotFinishError, InputError
@@ -32,8 +30,6 @@ from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import DelayTarget, ParameterTarget
 from aero_bayes.simulation.model import ModelicaSource
-
-FloatArray = NDArray[np.float64]
 
 #: Search for a separating experiment within the loop: few signals, of few jumps; the command ``design`` tries more.
 EXPERIMENT_SEARCH = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))

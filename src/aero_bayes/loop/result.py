@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.check.residual_tests import ResidualReport, reports_by_recording
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
 #: Height of the page in a notebook, in pixels: one screen.
 FRAME_HEIGHT = 700
 LoopOutcome = Literal["adequate", "extended", "unexplained"]

@@ -10,16 +10,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.choice import Choice
 from aero_bayes.loop.found_effect import NewParameter
 from aero_bayes.search.models import FittedModel
-
-FloatArray = NDArray[np.float64]
 
 #: Points of equal probability that stand for a normal distribution.
 NORMAL_POINTS = ndtri((np.arange(2000) + 0.5) / 2000)

@@ -14,16 +14,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from aero_bayes.arrays import FloatArray
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.local_fit import LocalFitSettings, fit_noise
 from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 from aero_bayes.sensors.whiteness import residual_correlation_time
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,9 @@ from functools import cached_property
 
 import numpy as np
 import scipy  # imports its parts when they are first used
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.search.structure import Structure
-
-FloatArray = NDArray[np.float64]
 
 #: Standard errors by which one structure must predict better than another to count as clearly better.
 MIN_STANDARD_ERRORS = 2.0

@@ -9,14 +9,12 @@ from itertools import combinations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.laws.model_family import CandidateTerm
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.starts import least_gain_beside_terms, with_nominal_shapes
 from aero_bayes.search.structure import Structure
-
-FloatArray = NDArray[np.float64]
 
 #: Share of a term's squared sensitivity outside the span of the free parameters' sensitivities, below which they are
 #: said to imitate the term.

@@ -14,15 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import prior_curvature
 from aero_bayes.simulation.interface import DiffusionTarget, FilteredStates, ReadingNoiseTarget
 from aero_bayes.simulation.smoothing import reading_updates
-
-FloatArray = NDArray[np.float64]
 
 #: Share of a response that no parameter gives, below which a term is one that the model has: responses are taken along
 #: straight lines between samples.

@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.objective import Evaluation, Objective
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.starts import with_nominal_shapes
 from aero_bayes.sensors import OutputNoise
-
-FloatArray = NDArray[np.float64]
 
 #: Shares of the recordings that are looked at, smallest first.
 SHARES = (0.1, 0.15, 0.2, 0.3, 0.4)

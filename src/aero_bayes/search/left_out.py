@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.leave_out import BLOCK_COUNT, MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.search.models import FittedModel
 
-FloatArray = NDArray[np.float64]
 Readings = NDArray[np.int_]
 
 #: Recordings from which on whole recordings are left out: of two, the one that is left says too little alone.

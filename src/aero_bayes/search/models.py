@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.interpolation import with_other_interpolation
@@ -20,9 +20,6 @@ from aero_bayes.laws.model_family import CandidateTerm, ModelFamily
 from aero_bayes.search.response import LinearResponse
 from aero_bayes.search.structure import Structure
 from aero_bayes.sensors.noise import OutputNoise
-
-FloatArray = NDArray[np.float64]
-
 
 #: Distance of a term's magnitude from where the term is off that counts as none, as a share of its largest nominal one.
 MIN_MAGNITUDE = 1e-9

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.search.comparison import Comparison
 from aero_bayes.search.left_out import CommonBlocks, newton_errors
 from aero_bayes.search.models import FittedModel
 from aero_bayes.search.structure import Structure
-
-FloatArray = NDArray[np.float64]
 
 
 class LeftOutOrder:

@@ -6,16 +6,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.search.models import FitNoise, FittedModel
 from aero_bayes.search.structure import Structure
-
-FloatArray = NDArray[np.float64]
 
 #: Share of the common noise's variance that a fit leaves in an output below which that noise is a worse model's: the
 #: fit stays where it is, since under that noise the priors and the other outputs would count too much.

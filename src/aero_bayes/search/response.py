@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Evaluation, Objective
 from aero_bayes.estimate.parameters import prior_curvature
 from aero_bayes.laws.model_family import CandidateTerm
 
-FloatArray = NDArray[np.float64]
 #: Coordinates of a simulated point, and how it compares with the data.
 SimulatedPoint = tuple[FloatArray, Evaluation]
 

@@ -9,8 +9,8 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
 from aero_bayes.laws.model_family import CandidateTerm
@@ -18,8 +18,6 @@ from aero_bayes.search.models import FittedModel
 from aero_bayes.search.refit import own_noise_fits
 from aero_bayes.search.response import LinearResponse, ResponseLine, SimulatedPoint
 from aero_bayes.search.structure import Structure
-
-FloatArray = NDArray[np.float64]
 
 #: Magnitudes in a grid, and halvings of the grid about its best point.
 GRID_POINTS, GRID_HALVINGS = 6, 3
