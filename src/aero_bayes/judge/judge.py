@@ -58,19 +58,20 @@ class Judge:
         """Return the best structure whose terms are among the others of this one."""
         return best_within(self.comparison, structure.minus(term))
 
-    def material(self, structure: Structure) -> bool:
+    def material(self, structure: Structure, *, within_error: bool = False) -> bool:
         """Return whether every term matters.
 
         It lowers the left-out error by a quarter, or clearly and down to the noise.
 
-        A refinement has to do so beside the coarser law, too.
+        A refinement has to do so beside the coarser law, too. With ``within_error`` the fall may miss the quarter by one
+        standard error: whether it does, the data do not tell.
         """
         asked = [t for t in structure.terms if t not in self.settings.require]
         if set(structure.terms) & set(self.explored.formulas) and not self.only_noise(structure):
             # one of thousands of formulas always lowers the error: it has to explain all that is left
             return False
         rests = [*(self.rest(structure, t) for t in asked), *self.coarser(structure)]
-        return bool(structure.terms) and all(self._matters(structure, rest) for rest in rests)
+        return bool(structure.terms) and all(self._matters(structure, rest, within_error) for rest in rests)
 
     def coarser(self, structure: Structure) -> list[Structure]:
         """Return the same with the coarser law in place of a refinement, of what is compared."""
@@ -78,8 +79,12 @@ class Judge:
         found = [structure.minus(t).plus(refines[t]) for t in structure.terms if t in refines]
         return [s for s in found if s in known]
 
-    def _matters(self, structure: Structure, rest: Structure) -> bool:
+    def _matters(self, structure: Structure, rest: Structure, within_error: bool) -> bool:
         least = self.settings.min_share
+        if within_error and self.comparison.likely_better(structure, rest):
+            share = self.comparison.share(structure, rest)
+            if share.value - share.sd <= least:
+                return True
         if not self.comparison.better(structure, rest, least):
             return False
         much = self.comparison.much_better(structure, rest, least)
@@ -137,10 +142,14 @@ class Judge:
         return len(formulas) + 2 * len(curves)
 
     def close_to(self, structure: Structure) -> list[Structure]:
-        """Return other material structures of its size than which it is not materially better, best first."""
+        """Return other structures of its size than which it is not materially better, best first.
+
+        They are material, or may be.
+        """
         squares, least = self.comparison.squares, self.settings.min_share
         same_size = [s for s in squares if s != structure and len(s) == len(structure)]
-        found = [s for s in same_size if not self.comparison.much_better(structure, s, least) and self.material(s)]
+        found = [s for s in same_size if not self.comparison.much_better(structure, s, least)]
+        found = [s for s in found if self.material(s, within_error=True)]
         return sorted(found, key=lambda s: self.comparison.scores[s])
 
     def smaller(self, chosen: Structure) -> tuple[str, ...]:

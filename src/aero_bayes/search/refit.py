@@ -34,17 +34,13 @@ def refit(
 
 
 def own_noise_fits(
-    base: FittedModel,
-    structure: Structure,
-    points: Sequence[FloatArray],
-    fit: LocalFitSettings,
-    known: Sequence[Optimum] = (),
+    base: FittedModel, structure: Structure, points: Sequence[FloatArray], fit: LocalFitSettings
 ) -> list[Optimum]:
     """Return where local fits of a structure from several points end.
 
     The noise of each is the one that it leaves itself, so that the weight of the priors and of the outputs among each
     other does not depend on how bad another model is. The results are given under the noise of ``base``. A fit that
-    converges to a ``known`` optimum, or to one that an earlier point led to, is stopped.
+    converges to an optimum that an earlier point led to is stopped.
 
     Parameters
     ----------
@@ -54,8 +50,6 @@ def own_noise_fits(
     points : sequence of ndarray, shape (p,)
         Search coordinates.
     fit : LocalFitSettings
-    known : sequence of Optimum
-        On the model of ``base``.
 
     Returns
     -------
@@ -67,7 +61,7 @@ def own_noise_fits(
     free = base.model.free(structure.terms)
     for point in points:
         with suppress(CannotFinishError):
-            end = local_fit(objective, point, free, noise=noise, settings=own, known=[*known, *ends])
+            end = local_fit(objective, point, free, noise=noise, settings=own, known=ends)
             if end.reason is not Stop.KNOWN_OPTIMUM:
                 ends.append(end)
     return [end.with_noise(objective, noise) for end in ends]

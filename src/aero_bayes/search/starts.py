@@ -130,13 +130,10 @@ def _begin(origin: FittedModel, candidate: CandidateTerm, behind: float) -> list
 
 
 def _local_fits(fitted: FittedModel, structure: Structure, starts: Sequence[Start], steps: int) -> list[Start]:
-    """Where local fits of a structure are after some steps from each start, best first.
-
-    Those that lead back to the fit without the new term are left out.
-    """
+    """Where local fits of a structure are after some steps from each start, best first."""
     settings = LocalFitSettings().at_temperature(fitted.temperature)
     settings = replace(settings, local=replace(settings.local, iterations=steps))
-    ends = own_noise_fits(fitted, structure, [start.point for start in starts], settings, [fitted.optimum])
+    ends = own_noise_fits(fitted, structure, [start.point for start in starts], settings)
     gains = [end.log_likelihood - fitted.optimum.log_likelihood for end in ends]
     found = [Start(end.coordinates, gain, gain) for end, gain in zip(ends, gains, strict=True)]
     return sorted(found, key=lambda s: -s.simulated_gain)
