@@ -63,8 +63,8 @@ class Judge:
 
         It lowers the left-out error by a quarter, or clearly and down to the noise.
 
-        A refinement has to do so beside the coarser law, too. With ``within_error`` the fall may miss the quarter by one
-        standard error: whether it does, the data do not tell.
+        A refinement has to do so beside the coarser law, too. With ``within_error`` the fall may miss the quarter by
+        one standard error: whether it does, the data do not tell.
         """
         asked = [t for t in structure.terms if t not in self.settings.require]
         if set(structure.terms) & set(self.explored.formulas) and not self.only_noise(structure):
