@@ -310,8 +310,8 @@ def test_what_a_loop_cannot_do_is_one_line(key, value, word, folder):
 def test_a_parameter_that_the_loop_does_not_free_keeps_the_users_value(folder):
     job = opened(folder, document("parameters.*.value", 2.0, {"parameters.gain": {"free": "auto"}}))
     settings = loop_settings(job)
-    assert settings.free == ("k",)
-    assert settings.fixed == {"gain": 2.0}
+    assert settings.parameters.names == ("k",)
+    assert settings.fit.fixed == {"gain": 2.0}
 
 
 @pytest.mark.parametrize(
