@@ -208,8 +208,8 @@ def finalists(judge: Judge) -> list[Structure]:
     Those near the best material structure; of each size the best material one and those that it does not materially
     beat, since refits may turn what the closed form calls material; the best of each size by the closed form, a second
     one if it is not far behind, and the best by the fit itself, which the closed form may misjudge; and what they must
-    be better than. Structures of other laws come
-    first: the same laws at other places often predict the same, and would leave no room for others.
+    be better than. Structures of other laws come first: the same laws at other places often predict the same, and
+    would leave no room for others.
     """
     ranking, explored = judge.comparison, judge.explored
     scores, fits, curves = ranking.scores, explored.fits, explored.curves

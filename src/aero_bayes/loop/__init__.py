@@ -1,6 +1,5 @@
 """From a residual to the effect that the model lacks: residual, search, choice, extension, judgement.
 
->>> from pathlib import Path
 >>> from aero_bayes.loop import LoopSettings, close_loop
 >>> settings = LoopSettings(parameters=("M",), exclude=("backlash",))
 >>> loop = close_loop([recording], model="Rig.mo", settings=settings)  # doctest: +SKIP

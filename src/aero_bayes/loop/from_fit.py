@@ -25,7 +25,8 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     """Return the settings of a loop that begins at a fit: how it was fitted, its free parameters and its fixed values.
 
     Free ones keep their declared values, from which the search fits structures too. What the settings say themselves
-    counts. Inputs are read as the fit read them, unless that is left to the data.
+    counts. Inputs are read as the fit read them, unless that is left to the data. Whatever cost the fit minimised, the
+    loop fits by the posterior.
     """
     calibration, own = fit.calibration, settings.fit or fit.settings
     shared = [p for p in templates(calibration.parameters) if isinstance(p.target, ParameterTarget)]
@@ -34,7 +35,9 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
         tuple(replace(p, free_if_identified=False) for p in shared if p.name in free or p.per_recording)
     )
     if settings.parameters is not None:
-        known = {p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale) for p in chosen}
+        known = {
+            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording) for p in chosen
+        }
         chosen = chosen_parameters(calibration.model, settings.parameters, known)
     fixed = {p.name: float(fit[p.name]) for p in shared if p.name not in chosen}
     between = own.calibration.interpolation
@@ -42,5 +45,5 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
         own.calibration, interpolation=between if between == "auto" else calibration.data.interpolation or "hold"
     )
     fixed = {**calibration.simulated.fixed, **fixed, **own.fixed}
-    first = replace(own, method="local", staged=False, calibration=read, fixed=fixed)
+    first = replace(own, method="local", cost="posterior", staged=False, calibration=read, fixed=fixed)
     return replace(settings, fit=first, parameters=chosen)

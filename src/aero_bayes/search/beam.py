@@ -119,7 +119,7 @@ class StructureSearch:
             root, required, noise or common_noise(root, self.floors), self.settings, self.fit_settings, self.floors,
             self.control,
         )  # fmt: skip
-        self._candidates = CandidateFits(self.cache, self.library, self._known)
+        self._candidates = CandidateFits(self.cache, self._known)
         if self.settings.require:
             self._fit_required(root.structure)
         if noise is None:
@@ -132,7 +132,6 @@ class StructureSearch:
         """
         group, self._proposed_values = tuple(starts), starts
         self.library = replace(self.library, groups=(*self.library.groups, group), proposed=group)
-        self._candidates.library = self.library
         best = next(
             (f for f in self._result().ranked if not set(f.terms) & set(self.library.curves)), self._known.best()
         )
@@ -161,9 +160,8 @@ class StructureSearch:
             laws = [t for t in self.library.terms if t not in {*curves, *self.library.proposed, *structure.terms}]
             there = {c: [t for t in laws if ports.get(t) == ports.get(c)] for c in curves & set(structure.terms)}
             named = {structure.minus(c).plus(t): structure.minus(c) for c in sorted(there) for t in there[c]}
-            if self._fit_larger(
-                {s: o for s, o in named.items() if s not in self._known.fits}, "laws in place of curves"
-            ):
+            new = {s: o for s, o in named.items() if s not in self._known.fits}
+            if self._fit_larger(new, "laws in place of curves"):
                 self._known.update_noise()
         return self._result()
 
@@ -224,9 +222,10 @@ class StructureSearch:
         for k, fitted in enumerate(frontier):
             self._expanded.add(fitted.structure)
             self.control.report(what, 0.2 * k / len(frontier))
+            directions = tuple(self._candidates.directions(fitted, self.library))
             context = EditContext(
                 fitted, adequate and fitted is best, self.library.terms, self.library.refines, self.library.curves,
-                self._known.best_terms(), self.cache.free_later, tuple(self._candidates.directions(fitted)),
+                self._known.best_terms(), self.cache.free_later, directions,
                 self.cache.interpolation_is_free, fitted is best,
             )  # fmt: skip
             for edit in self.parts.edits:
@@ -249,9 +248,8 @@ class StructureSearch:
 
     def _fit_larger(self, targets: Mapping[Structure, Structure], what: str) -> list[Structure]:
         """Fit structures with new terms in the order of their predicted gain; skip those that cannot matter."""
-        bases = {
-            s: found for s, origin in targets.items() if (found := self._candidates.base_of(s, origin)) is not None
-        }
+        found = {s: self._candidates.base_of(s, origin, self.library) for s, origin in targets.items()}
+        bases = {s: base for s, base in found.items() if base is not None}
         rules = (*self.parts.start_rules, *([KnownTerms(self._known.best_values())] if self.parts.known_terms else []))
         rules = (*rules, KnownTerms(self._proposed_values))
         for base in bases.values():
@@ -322,7 +320,7 @@ class StructureSearch:
         """Fit the required terms, one after the other."""
         for id_ in self.settings.require:
             structure = root.plus(id_)
-            base = self._candidates.base_of(structure, root)
+            base = self._candidates.base_of(structure, root, self.library)
             if base is not None:
                 off = base.optimum.coordinates
                 starts = starting_points(self.parts.start_rules, base, structure)

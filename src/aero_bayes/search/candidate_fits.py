@@ -20,7 +20,6 @@ class CandidateFits:
     Parameters
     ----------
     cache : ModelCache
-    library : Library
     known : ComparedFits
         The explored structures.
     skipped : dict of str to None
@@ -28,7 +27,6 @@ class CandidateFits:
     """
 
     cache: ModelCache
-    library: Library
     known: ComparedFits
     skipped: dict[str, None] = field(default_factory=dict)
 
@@ -53,21 +51,21 @@ class CandidateFits:
                 self._fits[key] = None
         return self._fits[key]
 
-    def base_of(self, structure: Structure, origin: Structure) -> FittedModel | None:
+    def base_of(self, structure: Structure, origin: Structure, library: Library) -> FittedModel | None:
         """Return the largest explored structure within this one, on the model of the new terms; None if it cannot be
         simulated."""
         inside = [s for s in self.known.fits if structure.contains(s) and s != structure] or [origin]
         scores = self.known.order().scores
         base = max(inside, key=lambda s: (len(s), -scores.get(s, math.inf), s.terms))
         new = structure.new_terms(base)
-        extra = tuple(dict.fromkeys(id_ for t in new for id_ in self.library.group_of(t)))
+        extra = tuple(dict.fromkeys(id_ for t in new for id_ in library.group_of(t)))
         return self.of(self.known.fits[base], extra)
 
-    def directions(self, fitted: FittedModel) -> list[Direction]:
+    def directions(self, fitted: FittedModel, library: Library) -> list[Direction]:
         """Linearised response to each offered term."""
         found: list[Direction] = []
-        for group in self.library.groups:
-            if set(group) & set(self.library.curves):
+        for group in library.groups:
+            if set(group) & set(library.curves):
                 continue
             moved = self.of(fitted, tuple(group))
             if moved is not None:
