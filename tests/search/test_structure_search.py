@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import closed_form
 import numpy as np
 import pytest
@@ -34,7 +36,7 @@ from aero_bayes.search import (
     starting_points,
     term_directions,
 )
-from aero_bayes.search.edits import AddCurve, AddTerm, EditContext
+from aero_bayes.search.edits import AddCurve, AddTerm, EditContext, InputInterpolation
 from aero_bayes.sensors import OutputNoise
 from aero_bayes.sensors.noise_estimation import is_model_error
 from aero_bayes.sensors.whiteness import residual_correlation_time
@@ -221,6 +223,16 @@ def test_beside_a_term_only_what_slopes_promise_or_cannot_tell_is_offered(size, 
     assert (both in set(AddTerm().neighbours(context))) is offered
 
 
+def test_inputs_are_read_the_other_way_with_the_best_structures_of_a_size():
+    """Else a law would be compared with a coarser one that reads the inputs wrongly."""
+    fitted = OneModel(study([1.0, 2.0, 0.0, 0.8, 0.0], 7)).root()
+    one, other = Structure(("square",)), Structure(("sine",))
+    context = EditContext(replace(fitted, structure=one), False, (), {}, (), (), (), (), True, True, (one, other))
+    found = set(InputInterpolation().neighbours(context))
+    assert {replace(s, other_interpolation=True) for s in (one, other, Structure())} == found
+    assert not list(InputInterpolation().neighbours(replace(context, best=False)))
+
+
 def test_a_required_term_stays_and_the_missing_one_is_found_beside_it():
     settings = StructureSettings(require=("square",))
     alone = found([1.0, 2.0, 0.0, 0.0, 0.0], 100, settings)
@@ -296,6 +308,23 @@ def test_a_limit_is_found_though_other_parameters_readjust_along_no_line():
     explored = searched(cache, floors={}, values={"a": 0.3, "b": 0.7}, noise=noise)
     # One block of readings alone shows it, so that left-out ones need not.
     assert 1.0 / explored.fits[Structure(("limit",))].values["c"] == pytest.approx(limit, abs=0.02)
+
+
+def just_limited(time, p):
+    """A gain, the first parameter, of an input of two values that the third parameter limits."""
+    return (p[0] * np.minimum(np.where(LEVELS < 2.0, 1.2, 4.8), 1.0 / np.maximum(p[2], 1e-12)))[:, None]
+
+
+def test_a_limit_just_below_an_input_of_two_values_is_found_where_it_was_simulated():
+    """Every limit promises the same to first order, but one that is far beyond the input has no effect."""
+    limit, noise = 4.7, OutputNoise(0.01, 0.0, 1.0)
+    exact = just_limited(TIME, np.array([1.0, 0.0, 1.0 / limit]))[:, 0]
+    measured = exact + noise.sd_white * np.random.default_rng(8).normal(size=600)
+    starts = tuple((1.25 * share / 4.8,) for share in (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0))
+    cache = formula_cache(just_limited, measured, CandidateTerm("limit", "in", starts, (2,)))
+    explored = searched(cache, floors={}, values={"a": 1.0}, noise=noise)
+    assert explored.best.terms == ("limit",)
+    assert 1.0 / explored.best.values["c"] == pytest.approx(limit, abs=0.02)
 
 
 def damped(time, p):

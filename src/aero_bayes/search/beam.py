@@ -227,6 +227,7 @@ class StructureSearch:
                 fitted, adequate and fitted is best, self.library.terms, self.library.refines, self.library.curves,
                 self._known.best_terms(), self.cache.free_later, directions,
                 self.cache.interpolation_is_free, fitted is best,
+                tuple(f.structure for f in self._known.near_best(len(fitted.structure))),
             )  # fmt: skip
             for edit in self.parts.edits:
                 self._fit_smaller(fitted, edit.neighbours(context), targets)

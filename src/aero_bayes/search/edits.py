@@ -50,6 +50,8 @@ class EditContext:
         Whether the inputs may be read the other way.
     best : bool
         Whether it is the best structure so far.
+    near : tuple of Structure
+        The best structures of its size.
     states : tuple of str
         States of the first model that process noise may drive.
     """
@@ -64,6 +66,7 @@ class EditContext:
     directions: tuple[Direction, ...]
     interpolation_is_free: bool
     best: bool
+    near: tuple[Structure, ...] = ()
     states: tuple[str, ...] = ()
 
     @property
@@ -166,13 +169,18 @@ class FreeParameter:
 
 
 class InputInterpolation:
-    """The inputs read the other way between their samples: held, or along straight lines."""
+    """The inputs read the other way between their samples: held, or along straight lines.
+
+    The best structures of the same size are tried so, too: else the best one is compared with others that read the
+    inputs wrongly.
+    """
 
     def neighbours(self, context: EditContext) -> Iterable[Structure]:
         if context.best and context.interpolation_is_free:
-            other = replace(context.structure, other_interpolation=not context.structure.other_interpolation)
-            yield other
+            for structure in dict.fromkeys((context.structure, *context.near)):
+                yield replace(structure, other_interpolation=not structure.other_interpolation)
             # The wrong interpolation shifts an input by half a sample, which a lag or a delay imitates.
+            other = replace(context.structure, other_interpolation=not context.structure.other_interpolation)
             for id_ in context.structure.terms:
                 yield other.minus(id_)
 

@@ -115,12 +115,15 @@ def _begin(origin: FittedModel, candidate: CandidateTerm, behind: float) -> list
     if response.gain_under_white_noise(_max_predicted_gain(lines)) < MIN_LINE_GAIN:
         lines += [response.line(*tried) for tried in _scaled_to_residual(response, candidate, lines)]
     acting = [line for line in lines if line.squared_length > 0.0]
+    # Beyond a threshold the response is not proportional to the magnitude: what a line predicts is sure only where it
+    # was simulated.
+    nearest = max(acting, key=lambda a: a.gain(1.0), default=None)
+    likeliest = sorted(acting, key=lambda a: (a is not nearest or a.gain(1.0) <= 0.0, -a.gain(a.bounded_step)))
     found: list[Start] = []
-    for line in acting:
+    for line in likeliest:
         step = line.bounded_step
         point = response.point_on_line(candidate, line, step)
         found.append(Start(point, line.gain(step) - behind))
-    found.sort(key=lambda s: -s.expected_gain)
     if acting and found[0].expected_gain + behind <= 0.0:
         # A magnitude that is just visible: from there a local fit follows the gradient.
         line = max(acting, key=lambda a: a.best_gain)
