@@ -436,6 +436,26 @@ def test_laws_take_the_place_of_each_curve_beside_the_other():
         assert beside[named].log_posterior == pytest.approx(beside[curves].log_posterior, abs=0.1)
 
 
+def test_refinements_at_its_port_are_compared_with_a_law_before_it_is_named():
+    """Where only noise is left they are not offered, so that another law there would be named without a rival."""
+    candidates = {
+        "sine@one": CandidateTerm("sine@one", "one", ((1.0,), (-1.0,)), (2,)),
+        "step@one": CandidateTerm("step@one", "one", ((1.0,), (-1.0,)), (3,)),
+        "twin@one": CandidateTerm("twin@one", "one", ((1.0,), (-1.0,)), (4,)),
+    }
+    cache = OneModel(study([1.0, 2.0, 0.1, 0.0, 0.0], 3), candidates)
+    library = Library([tuple(candidates)], {"twin@one": "step@one"}, ())
+    search = StructureSearch(
+        cache, library, StructureSettings(), LocalFitSettings(), FLOORS, Parts(edits=(AddTerm(),), restarts=())
+    )
+    chosen, twin = Structure(("sine@one",)), Structure(("twin@one",))
+    explored = search.run(cache.root())
+    assert chosen in explored.fits
+    assert twin not in explored.fits
+    beside = search.complete(explored.fits[chosen]).fits
+    assert beside[twin].log_posterior == pytest.approx(beside[chosen].log_posterior, abs=0.1)
+
+
 def test_noise_that_is_correlated_up_to_the_limit_is_model_error():
     """A sensor's noise is correlated for at most a fiftieth of the recording, unless it is small beside the white."""
     assert is_model_error(OutputNoise(0.1, 0.3, 0.6), 30.0)

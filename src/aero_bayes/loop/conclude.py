@@ -101,7 +101,7 @@ def conclude(context: LoopContext, base: BaseFit, choice: Choice) -> Conclusion:
     while offered is not None and sum(not set(terms) < set(choice.terms) for terms in refused) < MAX_REFUSALS:
         told = offered.told()
         # Where what is told is a part only, and refused, another structure may be told as a whole.
-        for one in (told, *(offered.told_whole() if told.terms != offered.terms else ())):
+        for one in (told, *(offered.told_whole() if len(told.terms) < len(offered.terms) else ())):
             if one.terms not in refused:
                 conclusion, accepted = _offer(context, base, one)
                 if accepted:

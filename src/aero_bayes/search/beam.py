@@ -144,9 +144,9 @@ class StructureSearch:
         return self._result()
 
     def complete(self, fitted: FittedModel) -> SearchResult:
-        """Fit the sub-structures with one term left out, too, and the laws at its port in place of each curve.
+        """Fit what the choice of a structure has to be compared with, as far as that was not done.
 
-        A curve alone was compared with the laws at its port when each was tried alone.
+        These are the sub-structures with one term left out, and :meth:`_at_the_same_port`.
         """
         structure = fitted.structure
         if structure in self._completed:
@@ -155,15 +155,26 @@ class StructureSearch:
         for id_ in fitted.terms:
             with suppress(CannotFinishError):
                 self._known.keep_better(self._fit_alone(structure.minus(id_), fitted.values))
-        if len(structure) > 1:
-            curves, ports = set(self.library.curves), self.cache.ports
-            laws = [t for t in self.library.terms if t not in {*curves, *self.library.proposed, *structure.terms}]
-            there = {c: [t for t in laws if ports.get(t) == ports.get(c)] for c in curves & set(structure.terms)}
-            named = {structure.minus(c).plus(t): structure.minus(c) for c in sorted(there) for t in there[c]}
-            new = {s: o for s, o in named.items() if s not in self._known.fits}
-            if self._fit_larger(new, "laws in place of curves"):
-                self._known.update_noise()
+        new = {s: o for s, o in self._at_the_same_port(structure).items() if s not in self._known.fits}
+        if self._fit_larger(new, "other laws at the same ports"):
+            self._known.update_noise()
         return self._result()
+
+    def _at_the_same_port(self, structure: Structure) -> dict[Structure, Structure]:
+        """Return the same with another law at the port of each term, and what is left without it.
+
+        In place of a curve that is each law: one alone was compared with it when each was tried alone. In place of a
+        law it is each refinement of another one, since refinements are not offered where only noise is left.
+        """
+        ports, curves, found = self.cache.ports, set(self.library.curves), dict[Structure, Structure]()
+        laws = [t for t in self.library.terms if t not in {*curves, *self.library.proposed, *structure.terms}]
+        for id_ in structure.terms:
+            fine = id_ not in curves
+            if (fine or len(structure) > 1) and id_ in ports:
+                rest = structure.minus(id_)
+                there = [t for t in laws if ports.get(t) == ports[id_] and (not fine or t in self.library.refines)]
+                found |= {rest.plus(t): rest for t in there}
+        return found
 
     def alone(self, fitted: FittedModel) -> FittedModel:
         """Return the same fit on the model that has its terms and no others; as it is where that cannot be had."""
