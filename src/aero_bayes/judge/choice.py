@@ -233,11 +233,17 @@ class Choice:
         return shared
 
     def _as_good(self) -> list[Structure]:
-        """Its alternatives with no more parameters, or that predict better."""
-        scores, fits = self.comparison.scores, self.explored.fits
+        """Its alternatives with no more parameters, or that predict better by one standard error.
+
+        What needs more parameters to do as well is listed, but does not keep the simpler one from being told.
+        """
+        fits = self.explored.fits
         most = len(fits[self.structure].optimum.free)
-        own = scores[self.structure]
-        return [s for s in self._alternatives if len(fits[s].optimum.free) <= most or scores[s] < own]
+        return [
+            s
+            for s in self._alternatives
+            if len(fits[s].optimum.free) <= most or self.comparison.likely_better(s, self.structure)
+        ]
 
     def _claims_the_same(self, structure: Structure, term: str, other: str, rivals: Sequence[Structure]) -> bool:
         """Tell whether another term has this one's law, if at another place, or may be told beside it at its place.

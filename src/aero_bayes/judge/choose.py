@@ -209,7 +209,7 @@ def finalists(judge: Judge) -> list[Structure]:
     beat, since refits may turn what the closed form calls material; the best of each size by the closed form, a second
     one if it is not far behind, and the best by the fit itself, which the closed form may misjudge; and what they must
     be better than. Structures of other laws come first: the same laws at other places often predict the same, and
-    would leave no room for others.
+    would leave no room for others. They take the room that is left, since what the data do not tell is listed.
     """
     ranking, explored = judge.comparison, judge.explored
     scores, fits, curves = ranking.scores, explored.fits, explored.curves
@@ -225,7 +225,7 @@ def finalists(judge: Judge) -> list[Structure]:
             s for s in one_of_each(own, curves)[:2] if not ranking.far_better(own[0], s, judge.settings.min_share)
         ]
         found += sorted(own, key=lambda s: -fits[s].optimum.log_likelihood)[:1]
-    found = [*dict.fromkeys(found)][:FINALISTS]
+    found = [*dict.fromkeys((*found, *near))][:FINALISTS]
     rests = [judge.rest(s, t) for s in found for t in s.terms if len(s) > 1]
     rests += [c for s in found for c in judge.coarser(s)]
     return [*dict.fromkeys((*found, *rests))]
