@@ -288,6 +288,26 @@ def test_as_long_as_structure_is_left_a_law_is_named_in_place_of_a_curve(error, 
     assert (Structure(law) in near) == named
 
 
+@pytest.mark.parametrize(("more", "named"), [(1, True), (0, False)])
+def test_what_does_as_well_by_more_parameters_is_listed_beside_a_name(more, named):
+    """By chance the one with more parameters may lead a little, which is no reason to say nothing."""
+    one, other = Structure(("gain@u",)), Structure(("pair@v",))
+    judge = judged({(): 1.0, one.terms: 0.3, other.terms: 0.3}, (), ())
+    squares = dict(judge.comparison.squares)
+    squares[other] = squares[other] * np.tile([[0.95], [1.045]], (10, 1))
+    comparison = replace(judge.comparison, squares=squares)
+    assert comparison.scores[other] < comparison.scores[one]
+    fits = dict(judge.explored.fits)
+    free = fits[other].optimum.free
+    fits[other] = replace(fits[other], optimum=replace(fits[other].optimum, free=(*free, 3)[: len(free) + more]))
+    choice = replace(
+        one_missing(), fitted=fits[one], near=(one, other), comparison=comparison,
+        explored=replace(judge.explored, fits=fits),
+    )  # fmt: skip
+    assert choice.told().terms == (one.terms if named else ())
+    assert choice.alike("gain@u") == ("gain@u", "pair@v")
+
+
 def test_a_law_that_all_share_is_told_though_alone_it_lowers_the_error_little():
     pairs = ("curve@v", "over@u"), ("curve@w", "over@u")
     errors = {(): 1.0, ("over@u",): 0.9, ("curve@v",): 0.88, ("curve@w",): 0.88, pairs[0]: 0.4, pairs[1]: 0.41}
