@@ -54,7 +54,7 @@ class FoundProcessNoise:
         sizes = join_names([f"{s} ({with_unit(f'{p.value:.3g}', p.unit)})" for s, p in self.diffusions.items()])
         if self.explains:
             others = [join_names(list(states)) for states in self.equivalent]
-            instead = f" So does process noise of {' or of '.join(others)}." if others else ""
+            instead = f" Process noise of {' or of '.join(others)} explains it as well." if others else ""
             return (
                 f"Process noise of {sizes} explains what is left: the filter's innovations are white. A random "
                 f"disturbance that no law describes acts there.{instead}"
