@@ -117,8 +117,8 @@ def _begin(origin: FittedModel, candidate: CandidateTerm, behind: float) -> list
     acting = [line for line in lines if line.squared_length > 0.0]
     # Beyond a threshold the response is not proportional to the magnitude: what a line predicts is sure only where it
     # was simulated.
-    nearest = max(acting, key=lambda a: a.gain(1.0), default=None)
-    likeliest = sorted(acting, key=lambda a: (a is not nearest or a.gain(1.0) <= 0.0, -a.gain(a.bounded_step)))
+    nearest = max((a for a in acting if a.gain(1.0) > 0.0), key=lambda a: a.gain(1.0), default=None)
+    likeliest = sorted(acting, key=lambda a: (a is not nearest, -a.gain(a.bounded_step)))
     found: list[Start] = []
     for line in likeliest:
         step = line.bounded_step
