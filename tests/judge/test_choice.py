@@ -11,7 +11,7 @@ import pytest
 
 from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
 from aero_bayes.judge import Choice, ChoiceSettings, Chooser, Judge
-from aero_bayes.judge.choose import one_of_each
+from aero_bayes.judge.choose import one_of_each, worth_all_readings
 from aero_bayes.laws import CandidateTerm
 from aero_bayes.search import (
     CandidateModel,
@@ -241,6 +241,16 @@ def test_a_curve_beside_a_law_tells_no_further_place():
 def test_finalists_have_other_laws_before_the_same_laws_elsewhere():
     laws = [Structure(t) for t in (("gain@a", "lag@b"), ("gain@b", "lag@a"), ("curve@a",), ("curve@b",), ("gain@b",))]
     assert one_of_each(laws, ("curve@a", "curve@b")) == [laws[0], *laws[2:]]
+
+
+def test_a_law_at_another_place_that_does_as_well_on_a_part_is_fitted_to_all_readings(monkeypatch):
+    """On the part it is too small to be material, so that nothing is chosen there."""
+    laws = {"line@u": TERMS["line@u"], "gain@v": TERMS["square@v"], "gain@w": TERMS["twin@w"]}
+    monkeypatch.setattr(f"{__name__}.TERMS", {f: replace(t, id=f) for f, t in laws.items()})
+    choice = chosen(0.06 * BASIS[3], 6)
+    assert choice.terms == ()
+    worth = worth_all_readings(choice.explored, ChoiceSettings())
+    assert {Structure(("gain@v",)), Structure(("gain@w",))} <= set(worth)
 
 
 @pytest.mark.parametrize(("refines", "told"), [({"by_side@u": "dry@u", "soft@u": "dry@u"}, ("soft@u",)), ({}, ())])

@@ -160,6 +160,14 @@ def test_an_error_that_falls_by_three_tenths_is_surely_a_quarter_lower_with_many
         assert found.surely_much_better(WAVE, NOTHING, 0.75) == sure
 
 
+@pytest.mark.parametrize(("gap", "ahead"), [(1e-6, False), (1e-2, True)])
+def test_what_fits_do_not_converge_to_is_no_difference(gap, ahead):
+    """Two laws that do the same differ by the same little in every block, so that the spread is less still."""
+    one = np.random.default_rng(8).chisquare(5, (20, 1))
+    other = (1.0 + gap * np.linspace(0.9, 1.1, 20)[:, np.newaxis]) * one
+    assert Comparison({WAVE: one, NOTHING: other}, ("y",), np.zeros(1)).clearly_better(WAVE, NOTHING) is ahead
+
+
 def test_an_output_that_is_predicted_exactly_does_not_decide():
     """Below rounding one error is as good as another; the other output tells the structures apart."""
     exact, worse = np.full((10, 1), 1e-20), np.full((10, 1), 1e-14)

@@ -186,11 +186,15 @@ def worth_all_readings(explored: SearchResult, settings: ChoiceSettings) -> list
     """Structures, explored on a part of the recordings, that are worth a fit to all: the finalists and their likes.
 
     Their likes are the structures that the best one does not clearly beat, the best law in place of each curve, and the
-    best term of each place: which place it is, all readings may tell otherwise.
+    best term of each place: which place it is, all readings may tell otherwise. Where the part is too short to find any
+    term material, they are those that do as well as the best of their size.
     """
     judge = Judge(explored, rank(explored)[1], settings)
     found = [*finalists(judge), *judge.near()[:FINALISTS]]
     scores, ports = judge.comparison.scores, explored.ports
+    for own in by_size(judge.comparison.ranked).values():
+        next_best = own[1 : 1 + FINALISTS // 4]
+        found += [s for s in next_best if s.terms and not judge.comparison.likely_better(own[0], s)]
     for structure in tuple(found):
         for curve in set(structure.terms) & set(explored.curves):
             laws = explored.laws_in_place_of(curve, structure.minus(curve), scores)

@@ -17,6 +17,9 @@ from aero_bayes.search.structure import Structure
 MIN_STANDARD_ERRORS = 2.0
 #: Blocks below which nothing is clear: the spread of fewer is not known.
 MIN_BLOCKS = 5
+#: Difference of two scores that counts as none: a ten-thousandth of the squared error, about what fits converge to. Of
+#: laws that do the same at two places one would else be ahead by many standard errors, which are as small.
+MIN_DIFFERENCE = 1e-4
 #: Draws of as many blocks as there are, with replacement, and their seed: standard errors are known to 4 %.
 DRAWS, SEED = 400, 1
 
@@ -101,6 +104,8 @@ class Comparison:
         error = float(np.std(self._resampled[other] - self._resampled[one]))
         if not math.isfinite(difference):
             return math.inf if self.scores[one] < self.scores[other] else 0.0
+        if abs(difference) < MIN_DIFFERENCE:
+            return 0.0
         return difference / error if error > 0.0 else 0.0
 
     def likely_better(self, one: Structure, other: Structure) -> bool:
