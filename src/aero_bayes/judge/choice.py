@@ -233,17 +233,20 @@ class Choice:
         return shared
 
     def _as_good(self) -> list[Structure]:
-        """Its alternatives with no more parameters, or that predict better by one standard error.
+        """Its alternatives with no more parameters, or that predict better.
 
-        What needs more parameters to do as well is listed, but does not keep the simpler one from being told.
+        Where only noise is left, those with more parameters have to do so by one standard error: else they are listed,
+        but do not keep the simpler one from being told.
         """
-        fits = self.explored.fits
-        most = len(fits[self.structure].optimum.free)
-        return [
-            s
-            for s in self._alternatives
-            if len(fits[s].optimum.free) <= most or self.comparison.likely_better(s, self.structure)
-        ]
+        fits, comparison, own = self.explored.fits, self.comparison, self.structure
+        most = len(fits[own].optimum.free)
+
+        def better(structure: Structure) -> bool:
+            if self._is_incomplete:
+                return comparison.scores[structure] < comparison.scores[own]
+            return comparison.likely_better(structure, own)
+
+        return [s for s in self._alternatives if len(fits[s].optimum.free) <= most or better(s)]
 
     def _claims_the_same(self, structure: Structure, term: str, other: str, rivals: Sequence[Structure]) -> bool:
         """Tell whether another term has this one's law, if at another place, or may be told beside it at its place.
