@@ -321,6 +321,22 @@ def test_what_does_as_well_by_more_parameters_is_listed_beside_a_name(more, left
     assert choice.alike("gain@u") == ("gain@u", "pair@v")
 
 
+@pytest.mark.parametrize(("left", "told"), [(False, ("dead@u",)), (True, ("offset@u",))])
+def test_while_structure_is_left_another_law_at_a_third_place_tells_no_name(left, told):
+    """The offset is told as one law at two places; the dead zone would be told by the offset beside it only."""
+    laws = ("dead@u",), ("offset@u",), ("offset@v",)
+    judge = judged({(): 1.0, laws[0]: 0.60, laws[1]: 0.61, laws[2]: 0.62}, (), ())
+    near, fits = tuple(Structure(law) for law in laws), judge.explored.fits
+    after = one_missing().before if left else one_missing().after
+    given = {"comparison": judge.comparison, "explored": judge.explored, "after": after}
+    choice = replace(one_missing(), fitted=fits[near[0]], near=near, **given)
+    assert choice.told().terms == told
+    small = replace(choice, comparison=replace(judge.comparison, squares={
+        **judge.comparison.squares, near[1]: 0.80**2 * judge.comparison.squares[Structure()],
+    }))  # fmt: skip
+    assert small.told().terms == (() if left else told)
+
+
 def test_a_law_that_all_share_is_told_though_alone_it_lowers_the_error_little():
     pairs = ("curve@v", "over@u"), ("curve@w", "over@u")
     errors = {(): 1.0, ("over@u",): 0.9, ("curve@v",): 0.88, ("curve@w",): 0.88, pairs[0]: 0.4, pairs[1]: 0.41}

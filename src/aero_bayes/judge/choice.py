@@ -182,7 +182,8 @@ class Choice:
         """
         rivals, fits = self._as_good(), self.explored.fits
         most = len(fits[self.structure].optimum.free)
-        for s in sorted(rivals, key=lambda s: (s != self.structure, self.comparison.scores[s])):
+        material = [s for s in rivals if s == self.structure or self._judge.material(s)]
+        for s in sorted(material, key=lambda s: (s != self.structure, self.comparison.scores[s])):
             if len(fits[s].optimum.free) <= most and self._told_terms(s, rivals) == s.terms:
                 return self if s == self.structure else replace(self.at(s), near=(s, *(n for n in self.near if n != s)))
         kept = self._told_terms(self.structure, rivals)
@@ -252,7 +253,8 @@ class Choice:
         """Tell whether another term has this one's law, if at another place, or may be told beside it at its place.
 
         A curve claims its place only. Refinements of one law claim that law. Two other laws at one place are told as
-        alternatives if one can take the place of the other, all else the same.
+        alternatives if one can take the place of the other, all else the same. Where only noise is left, the other law
+        may be at a third place, too.
         """
         explored, law = self.explored, law_of(other)
         if law == law_of(term) and term not in explored.curves:
@@ -262,6 +264,8 @@ class Choice:
         ports, curves = explored.ports, explored.curves
         if term in ports and ports.get(term) == ports.get(other) and (term in curves or other in curves):
             return True
+        if self._is_incomplete and ports.get(term) != ports.get(other):
+            return False
         rest = structure.minus(term)
         here = {t for s in rivals for t in s.new_terms(rest) if t in ports and ports.get(t) == ports.get(term)}
         return any(law_of(t) == law and rest.plus(t) in rivals for t in here - {term, *curves})
