@@ -253,8 +253,7 @@ class Choice:
         """Tell whether another term has this one's law, if at another place, or may be told beside it at its place.
 
         A curve claims its place only. Refinements of one law claim that law. Two other laws at one place are told as
-        alternatives if one can take the place of the other, all else the same. Where only noise is left, the other law
-        may be at a third place, too.
+        alternatives if one can take the place of the other, all else the same, and is material there.
         """
         explored, law = self.explored, law_of(other)
         if law == law_of(term) and term not in explored.curves:
@@ -264,11 +263,10 @@ class Choice:
         ports, curves = explored.ports, explored.curves
         if term in ports and ports.get(term) == ports.get(other) and (term in curves or other in curves):
             return True
-        if self._is_incomplete and ports.get(term) != ports.get(other):
-            return False
         rest = structure.minus(term)
         here = {t for s in rivals for t in s.new_terms(rest) if t in ports and ports.get(t) == ports.get(term)}
-        return any(law_of(t) == law and rest.plus(t) in rivals for t in here - {term, *curves})
+        beside = [rest.plus(t) for t in here - {term, *curves} if law_of(t) == law]
+        return any(s in rivals and self._judge.material(s) for s in beside)
 
     @property
     def rivals(self) -> tuple[Structure, ...]:
