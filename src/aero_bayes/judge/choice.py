@@ -182,9 +182,9 @@ class Choice:
         """
         rivals, fits = self._as_good(), self.explored.fits
         most = len(fits[self.structure].optimum.free)
-        material = [s for s in rivals if s == self.structure or self._judge.material(s)]
-        for s in sorted(material, key=lambda s: (s != self.structure, self.comparison.scores[s])):
-            if len(fits[s].optimum.free) <= most and self._told_terms(s, rivals) == s.terms:
+        for s in sorted(rivals, key=lambda s: (s != self.structure, self.comparison.scores[s])):
+            allowed = s == self.structure or (len(fits[s].optimum.free) <= most and self._judge.material(s))
+            if allowed and self._told_terms(s, rivals) == s.terms:
                 return self if s == self.structure else replace(self.at(s), near=(s, *(n for n in self.near if n != s)))
         kept = self._told_terms(self.structure, rivals)
         open_terms = [t for t in self.terms if t not in kept]

@@ -186,8 +186,8 @@ def worth_all_readings(explored: SearchResult, settings: ChoiceSettings) -> list
     """Structures, explored on a part of the recordings, that are worth a fit to all: the finalists and their likes.
 
     Their likes are the structures that the best one does not clearly beat, the best law in place of each curve, and the
-    best term of each place: which place it is, all readings may tell otherwise. Where the part is too short to find any
-    term material, they are those that do as well as the best of their size.
+    best term of each place: which place it is, all readings may tell otherwise. So are those that do as well as the
+    best of their size, since the part may be too short to find a term material.
     """
     judge = Judge(explored, rank(explored)[1], settings)
     found = [*finalists(judge), *judge.near()[:FINALISTS]]

@@ -166,14 +166,13 @@ class StructureSearch:
         In place of a curve that is each law: one alone was compared with it when each was tried alone. In place of a
         law it is each refinement of another one, since refinements are not offered where only noise is left.
         """
-        ports, curves, found = self.cache.ports, set(self.library.curves), dict[Structure, Structure]()
-        laws = [t for t in self.library.terms if t not in {*curves, *self.library.proposed, *structure.terms}]
+        explored, library, found = self._result(), self.library, dict[Structure, Structure]()
         for id_ in structure.terms:
-            fine = id_ not in curves
-            if (fine or len(structure) > 1) and id_ in ports:
-                rest = structure.minus(id_)
-                there = [t for t in laws if ports.get(t) == ports[id_] and (not fine or t in self.library.refines)]
-                found |= {rest.plus(t): rest for t in there}
+            is_law, rest = id_ not in library.curves, structure.minus(id_)
+            if is_law or len(structure) > 1:
+                others = [t for t in library.terms if t != id_ and (not is_law or t in library.refines)]
+                there = explored.laws_in_place_of(id_, rest, [rest.plus(t) for t in others])
+                found |= dict.fromkeys(there, rest)
         return found
 
     def alone(self, fitted: FittedModel) -> FittedModel:
@@ -230,6 +229,7 @@ class StructureSearch:
         """Fit the neighbours of structures; those that were fitted."""
         self._candidates.clear()
         best, adequate, targets = self._known.best(), self._known.noise.adequate, dict[Structure, Structure]()
+        near = tuple(f.structure for f in self._known.near_best(len(best.structure)))
         for k, fitted in enumerate(frontier):
             self._expanded.add(fitted.structure)
             self.control.report(what, 0.2 * k / len(frontier))
@@ -237,8 +237,7 @@ class StructureSearch:
             context = EditContext(
                 fitted, adequate and fitted is best, self.library.terms, self.library.refines, self.library.curves,
                 self._known.best_terms(), self.cache.free_later, directions,
-                self.cache.interpolation_is_free, fitted is best,
-                tuple(f.structure for f in self._known.near_best(len(fitted.structure))),
+                self.cache.interpolation_is_free, fitted is best, near,
             )  # fmt: skip
             for edit in self.parts.edits:
                 self._fit_smaller(fitted, edit.neighbours(context), targets)

@@ -101,11 +101,11 @@ class Comparison:
     def ahead(self, one: Structure, other: Structure) -> float:
         """Return by how many standard errors one structure predicts better than another."""
         difference = self.scores[other] - self.scores[one]
-        error = float(np.std(self._resampled[other] - self._resampled[one]))
         if not math.isfinite(difference):
             return math.inf if self.scores[one] < self.scores[other] else 0.0
         if abs(difference) < MIN_DIFFERENCE:
             return 0.0
+        error = float(np.std(self._resampled[other] - self._resampled[one]))
         return difference / error if error > 0.0 else 0.0
 
     def likely_better(self, one: Structure, other: Structure) -> bool:

@@ -51,7 +51,7 @@ class EditContext:
     best : bool
         Whether it is the best structure so far.
     near : tuple of Structure
-        The best structures of its size.
+        The best structures of the size of the best one.
     states : tuple of str
         States of the first model that process noise may drive.
     """
@@ -177,12 +177,10 @@ class InputInterpolation:
 
     def neighbours(self, context: EditContext) -> Iterable[Structure]:
         if context.best and context.interpolation_is_free:
-            for structure in dict.fromkeys((context.structure, *context.near)):
-                yield replace(structure, other_interpolation=not structure.other_interpolation)
             # The wrong interpolation shifts an input by half a sample, which a lag or a delay imitates.
-            other = replace(context.structure, other_interpolation=not context.structure.other_interpolation)
-            for id_ in context.structure.terms:
-                yield other.minus(id_)
+            smaller = [context.structure.minus(id_) for id_ in context.structure.terms]
+            for structure in dict.fromkeys((context.structure, *context.near, *smaller)):
+                yield replace(structure, other_interpolation=not structure.other_interpolation)
 
 
 class AddProcessNoise:

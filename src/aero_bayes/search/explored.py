@@ -93,9 +93,9 @@ class SearchResult:
     ended: str = ""
     formulas: tuple[str, ...] = ()
 
-    def laws_in_place_of(self, curve: str, rest: Structure, among: Iterable[Structure]) -> list[Structure]:
-        """Structures that have, beside the terms of another, one listed law at the port of a curve."""
-        unlisted, port = {*self.curves, *self.formulas}, self.ports.get(curve)
+    def laws_in_place_of(self, term: str, rest: Structure, among: Iterable[Structure]) -> list[Structure]:
+        """Structures that have, beside the terms of another, one listed law at the port of a term."""
+        unlisted, port = {*self.curves, *self.formulas}, self.ports.get(term)
 
         def is_law_there(structure: Structure) -> bool:
             new = structure.new_terms(rest) if structure.contains(rest) else ()
