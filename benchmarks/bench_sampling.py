@@ -38,7 +38,9 @@ from aero_bayes.export import export_fmu
 from aero_bayes.sampling import Chain, MakeMoves, Posterior, SampleSettings, run_chain, sample, standard_moves
 from aero_bayes.sampling.moves import StretchMove, WarpedStudentT
 from aero_bayes.simulation import Model, open_simulator
-from simulated_aero import Parameters, Truth, paper_step, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, simulate_recording
+from simulated_rigs.designs import paper_step
+from simulated_rigs.sensors import white
 
 GROUPS = ("sampling", *bench_pints.GROUPS)
 #: Minutes after which each sampler is stopped; effective samples are counted by the second.

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from simulated_aero.sensors import SensorNoise
 from simulated_rigs.kinds import RigKind
+from simulated_rigs.sensors import SensorNoise
 from simulated_rigs.truth import LawTruth, simulate_rig
 
 FloatArray = NDArray[np.float64]

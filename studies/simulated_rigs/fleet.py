@@ -15,9 +15,9 @@ from numpy.random import Generator
 
 from aero_bayes.data import write_csv
 from aero_bayes.errors import InputError
-from simulated_aero.sensors import SensorNoise
 from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.sensors import SensorNoise
 from simulated_rigs.trial import MODELS, CleanRun, RigTrial, law_at_distance, make_trial
 from simulated_rigs.truth import LawTruth, law_places
 

@@ -16,10 +16,10 @@ from numpy.random import Generator
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, write_csv
 from aero_bayes.errors import InputError
-from simulated_aero.inputs import Chirp, InputDesign, prbs, random_levels, random_multi_sine
-from simulated_aero.sensors import SensorNoise
+from simulated_rigs.designs import Chirp, InputDesign, prbs, random_levels, random_multi_sine
 from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.sensors import SensorNoise
 from simulated_rigs.truth import LawPlace, LawTruth, law_kind, law_places, outside_places, scale_at, simulate_rig
 
 CleanRun = tuple[FloatArray, FloatArray]

@@ -9,23 +9,9 @@ import pytest
 from scipy.stats import kstest
 
 from aero_bayes.errors import InputError
-from simulated_aero import (
-    Chirp,
-    SensorNoise,
-    Truth,
-    clean,
-    equal_steps,
-    even_times,
-    measure,
-    prbs,
-    random_levels,
-    random_multi_sine,
-    real,
-    simulate_recording,
-    simulate_truth,
-    white,
-)
-from simulated_aero.sensors import ornstein_uhlenbeck, quantise
+from simulated_rigs.aero import Truth, even_times, measure, simulate_recording, simulate_truth
+from simulated_rigs.designs import Chirp, equal_steps, prbs, random_levels, random_multi_sine
+from simulated_rigs.sensors import SensorNoise, clean, ornstein_uhlenbeck, quantise, real, white
 
 pytestmark = pytest.mark.long
 
@@ -114,7 +100,7 @@ def test_noise_without_a_generator_is_refused() -> None:
 
 
 def test_unknown_effects_are_refused() -> None:
-    from simulated_aero import EffectTruth, effect
+    from simulated_rigs.aero import EffectTruth, effect
 
     with pytest.raises(InputError, match="no effect magic"):
         effect("magic", size=1.0)

@@ -1,0 +1,61 @@
+"""The AERO: a winding, a rotor with its propeller, and the body that one or two of them pitch."""
+
+from __future__ import annotations
+
+from simulated_rigs.assembly import Balance
+from simulated_rigs.kinds.kind import ACTUATOR, FRICTION, Drive, Parameters, RigKind, at_zero
+from simulated_rigs.plant import Plant, Values
+
+
+def _aero(p: Parameters) -> Plant:
+    """Write the driven motor; the second one is its mirror image, of opposite sign on the opposite arm.
+
+    ``motors`` says how many there are; two where it is not given.
+    """
+    r, c, k_d, damping, stiffness = p["R_a"], p["c_m"], p["k_d"], p["D_p"], p["K_sp"]
+    gain = p.get("motors", 2.0) * p["D_t"] * p["k_t"]
+
+    def efforts(x: Values, u: Values) -> list[float]:
+        i, w, theta, q = x[0], x[1], x[2], x[3]
+        square = w * abs(w)
+        return [u[0] - r * i - c * w, c * i - k_d * square, q, gain * square - damping * q - stiffness * theta]
+
+    return Plant((p["L_a"], p["J_r"] + p["J_s"], 1.0, p["J_p"]), efforts, (0, 1, 2))
+
+
+#: The values of the AERO's documents; ``k_t`` is what the documented thrust gain of 0.0011 N m/V asks of two propellers
+#: with a quadratic law at 24 V, ``k_d`` what 0.08 A at 376 rad/s asks of the motor.
+AERO = RigKind(
+    "aero",
+    {
+        "R_a": 8.4, "L_a": 1.16e-3, "c_m": 0.042, "J_r": 4.0e-6, "J_s": 4.0e-6, "k_d": 2.4e-8, "k_t": 2.9e-7,
+        "J_p": 0.0219, "D_p": 0.0071, "K_sp": 0.0375, "D_t": 0.158,
+    },
+    {"V_m": Drive(0.0, 20.0, 1.0)},
+    {
+        "i": Balance("electrical"),
+        "w": Balance("motion"),
+        "theta": Balance("rate"),
+        "q": Balance("motion", position="theta"),
+    },
+    ("i_m", "omega_m", "pitch"),
+    {"V_m": "V", "i_m": "A", "omega_m": "rad/s", "pitch": "rad"},
+    0.01,
+    6001,
+    _aero,
+    at_zero(4),
+    (0.5, 200.0, 0.2, 0.2),
+    (0.0, 0.0, 0.0, 0.0),
+    {
+        "in:V_m": f"{ACTUATOR} offset",
+        "i": "contact_drop heating",
+        "w": f"{FRICTION} viscous_friction offset",
+        "q": f"{FRICTION} quadratic_drag offset cubic_stiffness end_stop",
+        "out:i_m": "offset lag delay",
+        "out:omega_m": "offset lag delay",
+        "out:pitch": "offset lag delay",
+    },
+    known=("L_a", "J_s", "J_p", "D_t"),
+    linear=False,
+    method="LSODA",
+)  # fmt: skip
