@@ -58,4 +58,5 @@ AERO = RigKind(
     known=("L_a", "J_s", "J_p", "D_t"),
     linear=False,
     method="LSODA",
+    hold=50,
 )  # fmt: skip

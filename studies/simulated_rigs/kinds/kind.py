@@ -30,7 +30,8 @@ class RigKind:
     make of parameters the equations, and the states at rest under the drives' centres. ``sizes`` and ``shake`` have
     per state how large it usually gets, and the standard deviation of where a recording starts, about rest. ``laws``
     has per place the laws that may be missing there, in one string; inputs as ``in:NAME``, outputs as ``out:NAME``.
-    ``linear`` says whether the equations without laws are, ``method`` is SciPy's for the others.
+    ``linear`` says whether the equations without laws are, ``method`` is SciPy's for the others. A command holds for
+    ``hold`` samples.
     """
 
     name: str
@@ -50,6 +51,7 @@ class RigKind:
     couplings: Mapping[str, Coupling] = field(default_factory=dict)
     linear: bool = True
     method: str = "DOP853"
+    hold: int = 1
 
     @property
     def free(self) -> tuple[str, ...]:
