@@ -31,7 +31,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-long test-platforms test-arm test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-long test-platforms test-arm test-coverage lint size bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -83,10 +83,10 @@ check-routes: setup ## what this machine has (compilers, omc, libraries, FMI), a
 	$(BIN)/python benchmarks/check_routes.py
 
 test: $(VENV)/.tested ## set up and run the tests
-	$(BIN)/python -m pytest -n 2 -m "not long" --durations 10
+	$(BIN)/python -m pytest -n 2 -m "not long" --durations 10 --junitxml reports/tests.xml
 
 test-long: $(VENV)/.tested ## the studies' tests, and longer tests of what shorter ones test
-	$(BIN)/python -m pytest -n 2 -m long --durations 10
+	$(BIN)/python -m pytest -n 2 -m long --durations 10 --junitxml reports/tests_long.xml
 
 test-fast: $(VENV)/.tested ## the tests that take no longer than a minute together
 	$(BIN)/python -m pytest -n 2 -m "fast and not slow and not long"
@@ -99,7 +99,10 @@ test-coverage: $(VENV)/.tested ## which lines the tests run -> build/coverage/in
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check pytest-cov
 	$(BIN)/python -m pytest -n 2 --cov=aero_bayes --cov-report=term --cov-report=html:build/coverage
 
-lint: $(VENV)/.tested ## ruff, mypy, and the import contract where import-linter can be had
+size: ## lines by room; fails above the limits in pyproject.toml
+	@$(PYTHON) .ci/size.py
+
+lint: size $(VENV)/.tested ## size, ruff, mypy, and the import contract where import-linter can be had
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'import-linter>=2' 2>/dev/null
 	if [ -x $(BIN)/lint-imports ]; then $(BIN)/lint-imports --no-cache; else echo "import-linter is not here: layers were not checked"; fi

@@ -34,8 +34,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 class OneLineErrors(click.Group):
     """Ends with status 2 for bad input and 3 for work that could not finish, each with one clear line.
 
-    The signal by which a batch system or a service manager ends a job (SIGTERM) is taken as Ctrl-C is.
-    """
+    The signal by which a batch system or a service manager ends a job (SIGTERM) is taken as Ctrl-C is."""
 
     def invoke(self, ctx: click.Context) -> Any:
         stopped = INTERRUPTED
@@ -73,8 +72,7 @@ class OneLineErrors(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write each command with the whole of what it does.
 
-        Click cuts it to a line, and at the point of an abbreviation.
-        """
+        Click cuts it to a line, and at the point of an abbreviation."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, " ".join((c.help or "").split())) for name, c in self.commands.items()])
 

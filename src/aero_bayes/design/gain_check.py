@@ -28,9 +28,7 @@ class GainCheck:
     """Errors of the parameters in simulated repetitions of an experiment.
 
     ``expected`` and ``realised`` are, by parameter, the error after over the standard deviation before; a realised
-    value over ``repeats`` repetitions is itself uncertain by ``1 / sqrt(2 repeats)`` of it. ``failures`` counts
-    repetitions whose simulation or fit failed.
-    """
+    value over ``repeats`` repetitions is itself uncertain by ``1 / sqrt(2 repeats)`` of it."""
 
     expected: Mapping[str, float]
     realised: Mapping[str, float]
@@ -66,23 +64,7 @@ def check_gain(
     """Draw true values from the posterior, simulate recordings of the experiment, and fit these.
 
     The prior of each fit is the Gaussian approximation of the posterior. The delay of the new recording is fitted as
-    well.
-
-    Parameters
-    ----------
-    design : Design
-    fit : Fit
-        The fit for which the design was made.
-    repeats : int
-    seed : int
-    engine, workers, progress
-        As for a fit.
-
-    Raises
-    ------
-    CannotFinishError
-        If every repetition fails.
-    """
+    well."""
     rng = np.random.default_rng(seed)
     with WorkerPool(workers) as pool:
         predictor = ExperimentPredictor(fit, design.time, design.limits, engine, workers, pool)
@@ -126,24 +108,7 @@ def simulated_experiment(
     noise: Sequence[OutputNoise],
     rng: np.random.Generator,
 ) -> Experiment | None:
-    """Simulate a recording of a proposed experiment.
-
-    Parameters
-    ----------
-    predictor : ExperimentPredictor
-        Of the model that is taken as true.
-    proposed : Design or Separation
-    values : ndarray, shape (p + 1,)
-        SI values of the shared parameters, then the delay in s.
-    noise : sequence of OutputNoise
-        Of each fitted output.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    Experiment or None
-        None where the simulation failed.
-    """
+    """Simulate a recording of a proposed experiment."""
     outputs = predictor.fit.calibration.data.outputs
     experiment = replace(predictor.experiment(proposed.values, proposed.time), outputs=outputs)
     with predictor.open(predictor.problem([experiment])) as simulator:
@@ -160,8 +125,7 @@ def refit_experiment(
     """Find the posterior mode of the shared parameters in search coordinates, from a Gaussian prior and new readings.
 
     The second value is the negative log-posterior there, without the normalisation of the prior. None if the fit did
-    not converge.
-    """
+    not converge."""
     shared, count = predictor.shared, len(predictor.shared)
     free = ParameterSet((*shared, *((predictor.delay,) if predictor.delay is not None else ())))
     precision = np.zeros((len(free), len(free)))

@@ -22,8 +22,7 @@ MIN_LOG_EVIDENCE_DIFFERENCE = 3.0
 class SeparationCheck:
     """Differences in log-evidence in favour of the true model, one a simulated repetition.
 
-    ``failures`` counts repetitions whose simulation or fits failed.
-    """
+    ``failures`` counts repetitions whose simulation or fits failed."""
 
     first_true: tuple[float, ...]
     second_true: tuple[float, ...]
@@ -62,24 +61,7 @@ def check_separation(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> SeparationCheck:
-    """Simulate recordings of the experiment with each of two fitted models, and fit both models to them.
-
-    Parameters
-    ----------
-    separation : Separation
-    first, second : Fit
-        The fits for which the experiment was made.
-    repeats : int
-        Recordings, half of them from either model.
-    seed : int
-    engine, workers, progress
-        As for a fit.
-
-    Raises
-    ------
-    CannotFinishError
-        If every repetition of one model fails.
-    """
+    """Simulate recordings of the experiment with each of two fitted models, and fit both models to them."""
     half = max(1, repeats // 2)
     streams = np.random.default_rng(seed).spawn(2 * half)
     time, limits = separation.time, separation.limits

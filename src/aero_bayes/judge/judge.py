@@ -15,16 +15,7 @@ from aero_bayes.search.structure import Structure, law_of
 
 @dataclass(frozen=True)
 class ChoiceSettings:
-    """What counts as a cause.
-
-    Parameters
-    ----------
-    min_share : float
-        A term is material if with it the left-out error of an output is at most this share of that without it: a
-        quarter less is what an engineer would change a model for.
-    require : tuple of str
-        Terms that need not be material.
-    """
+    """What counts as a cause."""
 
     min_share: float = 0.75
     require: tuple[str, ...] = ()
@@ -32,15 +23,7 @@ class ChoiceSettings:
 
 @dataclass(eq=False)
 class Judge:
-    """Says which structures are material, and which of them is chosen.
-
-    Parameters
-    ----------
-    explored : SearchResult
-    comparison : Comparison
-        Of some of the structures, among them one without any term.
-    settings : ChoiceSettings
-    """
+    """Says which structures are material, and which of them is chosen."""
 
     explored: SearchResult
     comparison: Comparison
@@ -61,11 +44,7 @@ class Judge:
     def material(self, structure: Structure, *, within_error: bool = False) -> bool:
         """Return whether every term matters.
 
-        It lowers the left-out error by a quarter, or clearly and down to the noise.
-
-        A refinement has to do so beside the coarser law, too. With ``within_error`` the fall may miss the quarter by
-        one standard error: whether it does, the data do not tell.
-        """
+        It lowers the left-out error by a quarter, or clearly and down to the noise."""
         asked = [t for t in structure.terms if t not in self.settings.require]
         if set(structure.terms) & set(self.explored.formulas) and not self.only_noise(structure):
             # one of thousands of formulas always lowers the error: it has to explain all that is left
@@ -94,9 +73,7 @@ class Judge:
         """Structures that the best one does not clearly beat, the chosen one first.
 
         They are material; without any that is, they are those without a term beside the required ones. The chosen one
-        has the fewest terms, listed laws before formulas and these before curves, then the fewest parameters. A formula
-        gives way to listed laws that do as well with no more terms, and a function of a parameter to a term.
-        """
+        has the fewest terms, listed laws before formulas and these before curves, then the fewest parameters."""
         required = set(self.settings.require)
         allowed = [s for s in self.comparison.squares if required <= set(s.terms)]
         among = [s for s in allowed if set(s.terms) > required and self.material(s)]
@@ -116,8 +93,7 @@ class Judge:
     def _names_a_curve_of(self, one: Structure, other: Structure) -> bool:
         """Tell whether another structure has a listed law in place of a curve of one, and is not surely much worse.
 
-        As long as structure is left, a curve also takes up a part of what else is missing.
-        """
+        As long as structure is left, a curve also takes up a part of what else is missing."""
         gone, new = one.new_terms(other), other.new_terms(one)
         if len(gone) != 1 or gone[0] not in self.explored.curves:
             return False
@@ -144,8 +120,7 @@ class Judge:
     def close_to(self, structure: Structure) -> list[Structure]:
         """Return other structures of its size than which it is not materially better, best first.
 
-        They are material, or may be.
-        """
+        They are material, or may be."""
         squares, least = self.comparison.squares, self.settings.min_share
         same_size = [s for s in squares if s != structure and len(s) == len(structure)]
         found = [s for s in same_size if not self.comparison.much_better(structure, s, least)]

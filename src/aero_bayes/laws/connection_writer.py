@@ -14,15 +14,7 @@ from aero_bayes.ports import DIFFERENCE, AliasStructure, Port
 
 
 class ConnectionWriter:
-    """Writes laws at connections.
-
-    Parameters
-    ----------
-    target : ClassWithLaws
-    known : Sources
-    structure : AliasStructure
-        Of the model without the laws.
-    """
+    """Writes laws at connections."""
 
     def __init__(self, target: ClassWithLaws, known: Sources, structure: AliasStructure) -> None:
         self.target, self.known, self.structure = target, known, structure

@@ -23,18 +23,7 @@ from aero_bayes.simulation import Model
 
 @dataclass(frozen=True)
 class FmuPlaces(LawPlaces):
-    """An FMU, its ports, and the laws that may act around it.
-
-    Parameters
-    ----------
-    base : str
-        A name for it.
-    sources : tuple of Path
-        Modelica files with further laws.
-    candidate_filter : CandidateFilter
-        The candidates that the user allows.
-    fmu : Path
-    """
+    """An FMU, its ports, and the laws that may act around it."""
 
     fmu: Path = Path()
 

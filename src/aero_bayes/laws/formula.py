@@ -43,21 +43,7 @@ MIN_AWAY_FROM_ZERO = 0.02
 
 @dataclass(frozen=True)
 class Shape:
-    """A function of one signal.
-
-    Parameters
-    ----------
-    text : str
-        In Modelica, with ``{s}`` for the signal, ``{a}`` for a fitted constant and ``{n}`` for the signal's size.
-    value : callable
-        The same in numbers, of the signal (n,), the constant and the size.
-    power : float
-        Exponent of the signal's unit in that of the function.
-    needs : {"", "both", "positive", "nonzero", "positive nonzero", "number"}
-        What the signal must be: of both signs, never negative, never zero, or without a unit.
-    constants : tuple of float
-        Constants to start from: in sizes of the signal, or as they are where the text has ``{n}``.
-    """
+    """A function of one signal."""
 
     text: str
     value: Callable[[FloatArray, float, float], FloatArray]
@@ -169,8 +155,7 @@ class Formula:
     def complexity(self) -> int:
         """Number of its factors, of its constants, and of what is more than a product of signals.
 
-        A parameter that grows with a function is one more factor.
-        """
+        A parameter that grows with a function is one more factor."""
         return (self.way == "share") + sum(
             1 + bool(shape.constants) + (shape is not SIGNAL) for shape, *_ in self.factors
         )
@@ -230,20 +215,7 @@ def parameter_formulas(signals: Sequence[Signal]) -> Iterator[Formula]:
 
 
 def formula_law(formula: Formula, port: Port, id_: str, largest: float, own: str = "") -> tuple[Law, Port]:
-    """Return a formula as a law, and the port with the signals that it reads.
-
-    Parameters
-    ----------
-    formula : Formula
-    port : Port
-        At a balance, an input or an output, or of a parameter, which counts as an input of the equations.
-    id_ : str
-        Of the law.
-    largest : float
-        Largest magnitude of the product over what was visited.
-    own : str, optional
-        The signal that is the input or output itself.
-    """
+    """Return a formula as a law, and the port with the signals that it reads."""
     signals, at_signal = formula.signals, "u" in port.signals
     local = {s.name: "u" if at_signal and s.name == own else f"s_{k + 1}" for k, s in enumerate(signals)}
     powers = [f"{local[s.name]}_n ^ ({shape.power:g})" for shape, s, _ in formula.factors if shape.power]

@@ -16,21 +16,7 @@ STATE_AND_TERM = {"storage": ("h_n", "q_n"), "motion": ("v_n", "f_n"), "electric
 
 @dataclass(frozen=True)
 class FormulaPlace:
-    """A place at which a formula may act.
-
-    Parameters
-    ----------
-    port : str
-        Id of its port, or name of a parameter.
-    signals : tuple of str
-        Signals that a formula there may read, by nearness.
-    own : str
-        Of these, the state, input or output of the place itself. Empty for a parameter.
-    parameter : str
-        The parameter that may be a function. Empty at a port.
-    order : int
-        What is the same at several places is told at the one with the least order.
-    """
+    """A place at which a formula may act."""
 
     port: str
     signals: tuple[str, ...]
@@ -41,18 +27,7 @@ class FormulaPlace:
 
 @dataclass(frozen=True)
 class FormulaPort:
-    """A port at which a formula may act.
-
-    Parameters
-    ----------
-    port : Port
-    size : float
-        Typical size of what acts there: of the largest term of a balance, of an input or an output.
-    neighbour : Port, optional
-        The other motion, on which the reaction acts.
-    parameter : bool
-        Whether it is a parameter of the model, which counts as an input of the equations.
-    """
+    """A port at which a formula may act."""
 
     port: Port
     size: float
@@ -91,8 +66,7 @@ def formula_ports(placed_laws: Collection[PlacedLaw]) -> list[FormulaPort]:
 def parameter_ports(flat: FlatModel, free: Collection[str]) -> Iterator[FormulaPort]:
     """Yield parameters of the model itself that equations use, and no declaration of anything else.
 
-    A parameter of a component has its equations in a class that others share, and is none of them.
-    """
+    A parameter of a component has its equations in a class that others share, and is none of them."""
     declared = {
         n for v in flat.variables for tree in (v.binding, *v.attributes.values()) if tree is not None
         for n in names_in(tree)

@@ -40,8 +40,7 @@ class PlacedTerms:
     """The candidates of a loop: laws and formulas that were placed, by id. They change while it goes on.
 
     ``starts`` are starting values of their parameters; ``read`` names the output on which a law acts, by the variable
-    that the law reads in its place.
-    """
+    that the law reads in its place."""
 
     placed: dict[str, PlacedLaw] = field(default_factory=dict)
     starts: dict[str, Starts] = field(default_factory=dict)
@@ -64,8 +63,7 @@ class ProposedFormula:
     """A formula at a port.
 
     ``largest`` is the largest magnitude of its product over what was visited, ``coefficient`` what the filter found,
-    and ``values`` are those of the first model's parameters beside it.
-    """
+    and ``values`` are those of the first model's parameters beside it."""
 
     port: str
     formula: Formula
@@ -154,19 +152,7 @@ class ModelicaSignals(FormulaSignals):
 
 @dataclass(frozen=True)
 class FormulaTerms:
-    """Places formulas beside the laws of a model.
-
-    Parameters
-    ----------
-    law_places : LawPlaces
-    terms : PlacedTerms
-        The candidates, to which formulas are added.
-    signals : FormulaSignals
-    base_model : callable
-        Returns the model without any law added.
-    models : dict
-        Flat models of the formulas, by law and port as composing takes them.
-    """
+    """Places formulas beside the laws of a model."""
 
     law_places: LawPlaces
     terms: PlacedTerms
@@ -240,8 +226,7 @@ class FormulaTerms:
     def text(self, id_: str, values: Mapping[str, float]) -> str:
         """Return a formula with its sign and numbers, such as ``+ 0.31*x*y``; empty for a listed law.
 
-        ``values`` go by the names of the model with candidates.
-        """
+        ``values`` go by the names of the model with candidates."""
         if id_ not in self._formulas:
             return ""
         placed = self.terms.placed[id_]

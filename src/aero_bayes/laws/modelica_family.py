@@ -67,15 +67,7 @@ PortNominals = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True)
 class ModelicaFamily:
-    """A Modelica model, the base model, and the same model with laws added.
-
-    Parameters
-    ----------
-    places : LawPlaces
-        The model, with its ports and the laws that may act there.
-    folder : Path
-        Where FMUs are kept.
-    """
+    """A Modelica model, the base model, and the same model with laws added."""
 
     places: LawPlaces
     folder: Path
@@ -231,8 +223,7 @@ class ModelicaFamily:
         """Return placed laws in the order in which they are composed.
 
         Those in replaceable models come first, in their own order. Of the others, laws that need the derivative of a
-        reading are the innermost.
-        """
+        reading are the innermost."""
         places = {id_: k for k, id_ in enumerate(self.terms.placed)}
         inside, others = split_by_replaceable(self._sized(ids))
         inside = sorted(inside, key=lambda u: places[u.id])
@@ -242,8 +233,7 @@ class ModelicaFamily:
         """Return the model with chosen laws, written as Modelica and exported.
 
         The text has all of them, as any tool can run it; what is simulated has no equations of a delay that moves a
-        recorded input.
-        """
+        recorded input."""
         taken = self.places.taken_names()
         placed_laws: list[PlacedLaw] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}

@@ -40,28 +40,7 @@ MAX_REFUSALS = 3
 
 @dataclass(frozen=True, eq=False)
 class Conclusion:
-    """One way to end the loop.
-
-    Parameters
-    ----------
-    base : BaseFit
-        The first model at its best, its inputs read and its parameters freed as in the chosen structure.
-    choice : Choice
-    steps : tuple of Step
-    outcome : {"adequate", "extended", "unexplained"}
-    sentence : str
-    before, after : Prediction
-    written : ExtendedModel, optional
-    effects, smaller : tuple of FoundEffect
-        Those that are named, and smaller ones.
-    calibration : Calibration
-    refit : Optimum
-        The last fit, of ``calibration``.
-    reports : tuple of ResidualReport
-        What it leaves.
-    found : Fit
-        ``refit`` with what is told of a fit.
-    """
+    """One way to end the loop."""
 
     base: BaseFit
     choice: Choice
@@ -158,8 +137,7 @@ def _far_off(context: LoopContext, base: BaseFit, choice: Choice, extended: Exte
 def _without_needless_term(context: LoopContext, base: BaseFit, choice: Choice, extended: ExtendedFit) -> Choice | None:
     """Return the choice without a term that the last fit or unseen readings refuse beside the others.
 
-    None where all hold.
-    """
+    None where all hold."""
     if len(choice.terms) < 2 or extended.smaller:
         return None
     for id_ in reversed(choice.terms):

@@ -28,8 +28,7 @@ from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 class LoopStatistics:
     """Time spent in each stage, the time limit, and counts of simulations; the only part of a loop that changes.
 
-    The search ends early where the progress that is ``watched`` is asked to end.
-    """
+    The search ends early where the progress that is ``watched`` is asked to end."""
 
     def __init__(self, watched: Watched | None = None) -> None:
         self.watched = watched or Watched()
@@ -80,8 +79,7 @@ class LoopStatistics:
 class LoopContext:
     """What all stages of a loop share.
 
-    ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1).
-    """
+    ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1)."""
 
     family: ModelFamily
     recordings: Recordings

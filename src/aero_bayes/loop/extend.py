@@ -28,8 +28,7 @@ from aero_bayes.loop.found_effect import FoundEffect, LearnedCurve, NewParameter
 class ExtendedFit:
     """The model with the chosen terms, fitted: source, parameters, what it leaves and what it predicts.
 
-    ``found`` is ``fit`` with what is told of a fit.
-    """
+    ``found`` is ``fit`` with what is told of a fit."""
 
     written: ExtendedModel
     effects: tuple[FoundEffect, ...]
@@ -42,13 +41,8 @@ class ExtendedFit:
 
 
 def extend(context: LoopContext, base: BaseFit, choice: Choice) -> ExtendedFit:
-    """Write the chosen structure into the model, with smaller effects where these are wanted, and fit it at its best.
-
-    Raises
-    ------
-    CannotFinishError
-        If it cannot be simulated over all recordings.
-    """
+    """Write the chosen structure into the model, with smaller effects where these are wanted, and
+    fit it at its best."""
     context.progress("writing the extended model", 0.75)
     smaller = choice.smaller if context.settings.include_smaller else ()
     terms, chosen = (*choice.terms, *smaller), choice.explored.fits[choice.structure.plus(*smaller)]

@@ -50,8 +50,7 @@ def find_alternatives(
 ) -> tuple[FixedValueAlternative, ...]:
     """Find, for each chosen term, fixed parameters that could replace it without a loss of evidence.
 
-    The sensitivity to each fixed parameter predicts its gain to first order; the likeliest are fitted.
-    """
+    The sensitivity to each fixed parameter predicts its gain to first order; the likeliest are fitted."""
     plain = cache.source.plain
     fixed = fixed_parameters_of(cache.source.family.base_model(), plain.parameters)
     if not fixed or not chosen.terms:

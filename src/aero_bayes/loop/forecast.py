@@ -23,23 +23,7 @@ def announce_duration(context: LoopContext, first: FittedModel, terms: int) -> N
 
 
 def forecast_duration(run: float, terms: int, workers: int, max_minutes: float) -> str:
-    """Say how long a search may take; nothing where it takes less than :data:`MIN_ANNOUNCED_SECONDS`.
-
-    Parameters
-    ----------
-    run : float
-        Time of a simulation with its derivatives, in s.
-    terms : int
-        Candidates.
-    workers : int
-        Processes that simulate.
-    max_minutes : float
-        The search's time limit, in minutes.
-
-    Returns
-    -------
-    str
-    """
+    """Say how long a search may take; nothing where it takes less than :data:`MIN_ANNOUNCED_SECONDS`."""
     minutes = min(RUNS_PER_CANDIDATE * terms * run / max(workers, 1) / 60.0, max_minutes)
     if 60.0 * minutes < MIN_ANNOUNCED_SECONDS:
         return ""

@@ -85,23 +85,7 @@ def wants_formulas(explored: SearchResult) -> bool:
 def propose_formulas(
     context: LoopContext, plain: Calibration, base: BaseFit, values: Mapping[str, float]
 ) -> tuple[ProposedFormula, ...]:
-    """Propose formulas at balances, inputs, outputs and parameters, by their gain beside the first fit; best first.
-
-    Parameters
-    ----------
-    context : LoopContext
-    plain : Calibration
-        Of the first model.
-    base : BaseFit
-        Its fit.
-    values : mapping of str to float
-        SI values of its parameters.
-
-    Returns
-    -------
-    tuple of ProposedFormula
-        None where the model cannot be filtered.
-    """
+    """Propose formulas at balances, inputs, outputs and parameters, by their gain beside the first fit; best first."""
     free = {plain.parameters.names[j] for j in base.fit.free}
     places, sizes = context.family.formulas.places(free), context.family.formulas.state_sizes()
     if not places or not sizes:
@@ -170,8 +154,7 @@ def _filter_fit(objective: Objective, starts: Sequence[Mapping[str, float]], fre
     """Return the filter's optimum over noise and the first model's parameters, from the best of some starts.
 
     Each start is tried with little and with much process noise: what the first model lacks may be as large as the rest
-    of a balance, and its fit may have ended anywhere.
-    """
+    of a balance, and its fit may have ended anywhere."""
     parameters = objective.parameters
     diffusions = [j for j, p in enumerate(parameters) if isinstance(p.target, DiffusionTarget)]
     points = []
@@ -195,8 +178,7 @@ def _signals(
 ) -> tuple[Mapping[str, Signal], SignalValues]:
     """Signals by name with their ranges, and their values along the filter's states in each recording.
 
-    ``there`` are the names of states of the first model.
-    """
+    ``there`` are the names of states of the first model."""
     known = family.formulas.signals.variables()
     states = {known[base][0]: calibration.model.state_index(own) for base, own in there.items() if base in known}
     series = []
@@ -236,8 +218,7 @@ def _at(
 ) -> list[_Scored]:
     """Return all formulas at one place, with their gains: the largest with as much process noise as fitted, or less.
 
-    With the right term less process noise is left, and the less there is the more a wrong term loses.
-    """
+    With the right term less process noise is left, and the less there is the more a wrong term loses."""
     signals, series = seen
     near = [s for n in place.signals if (s := signals.get(n)) is not None and s.high > s.low]
     every = parameter_formulas if place.parameter else formulas
@@ -322,8 +303,7 @@ def _with_less_diffusion(objective: Objective, fit: Optimum) -> Iterator[_Filter
 def _best(found: Sequence[_Scored]) -> tuple[ProposedFormula, ...]:
     """The best proposals, some of the simplest among them; of many that are alike only a few.
 
-    Of those that are the same at several places one is taken.
-    """
+    Of those that are the same at several places one is taken."""
     added = [one for one in found if one.proposal.formula.way == "added"]
     least = MIN_SHARE_OF_ADDED * max((one.score for one in added), default=0.0)
     functions = [one for one in found if one.proposal.formula.way != "added" and one.score > least]

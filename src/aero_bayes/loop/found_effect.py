@@ -13,8 +13,7 @@ from aero_bayes.arrays import FloatArray
 class NewParameter:
     """A parameter of the model that came out: value, standard deviation and central 90 % interval in SI units.
 
-    ``q50`` is the median where it is not the value.
-    """
+    ``q50`` is the median where it is not the value."""
 
     name: str
     value: float
@@ -59,12 +58,7 @@ class FoundEffect:
     """An effect that earned its place.
 
     ``share`` is the error on left-out readings with it over that without it, in the output ``share_of`` where it falls
-    most, and ``share_sd`` its standard error. ``wins`` is the share of resampled blocks in which its structure is the
-    best of its size. ``widths`` are its smoothing constants, ``width_influence`` by how many standard deviations its
-    parameters move when they are doubled. ``curve`` is what was learned, where it is no law, and ``looks_like`` the law
-    that comes near. ``text`` is a formula with its numbers, ``visited`` the range over which each of its signals was
-    seen, and ``alternatives`` other formulas that the data do not tell from it.
-    """
+    most, and ``share_sd`` its standard error."""
 
     id: str
     port: str

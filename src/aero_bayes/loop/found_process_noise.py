@@ -14,25 +14,7 @@ from aero_bayes.simulation.smoothing import SmoothedStates
 
 @dataclass(frozen=True, eq=False)
 class FoundProcessNoise:
-    """The process noise that explains most of what the laws leave.
-
-    Parameters
-    ----------
-    states : tuple of str
-        States that a random force drives.
-    explains : bool
-        Whether the innovations of the filter are white, so that nothing else is left.
-    gain, needed : float
-        Log-evidence gained over the same model without process noise, and the least that counts.
-    equivalent : tuple of tuples of str
-        Other states whose process noise gains as much.
-    parameters : mapping of str to NewParameter
-        Of the model with process noise: those of the model, the diffusions and the noise of the readings.
-    innovations : tuple of ResidualReport
-    smoothed : mapping of str to SmoothedStates
-        The model's states given all readings, by recording, at its samples.
-    state_names : tuple of str
-    """
+    """The process noise that explains most of what the laws leave."""
 
     states: tuple[str, ...]
     explains: bool

@@ -29,13 +29,7 @@ from aero_bayes.simulation import Model
 
 
 def states_of(model: Model, settings: LoopSettings) -> tuple[str, ...]:
-    """States that process noise may drive: those of the settings, else all of the first model.
-
-    Raises
-    ------
-    InputError
-        For a state that the model does not have.
-    """
+    """States that process noise may drive: those of the settings, else all of the first model."""
     noise = settings.fitting.noise
     for name in noise.initial_sd:
         model.state_index(name)
@@ -46,8 +40,7 @@ def states_of(model: Model, settings: LoopSettings) -> tuple[str, ...]:
 def find_process_noise(context: LoopContext, conclusion: Conclusion, states: Sequence[str]) -> FoundProcessNoise | None:
     """Process noise of some states of the model that came out; None where there is none to find.
 
-    That is where the model leaves no structure or a single disturbance, and where process noise gains nothing.
-    """
+    That is where the model leaves no structure or a single disturbance, and where process noise gains nothing."""
     edits = context.settings.search_parts.last_edits
     if not edits or not structured_residuals(conclusion.reports) or find_disturbance(conclusion.reports) is not None:
         return None
@@ -82,8 +75,7 @@ def _filtered_share(context: LoopContext, conclusion: Conclusion) -> float:
     """Return the share of each recording, from its beginning, that is filtered.
 
     A filter stops wherever an input changes, however few readings it has. So of long recordings whose inputs move it
-    has a beginning, if that tells as much per reading as the whole.
-    """
+    has a beginning, if that tells as much per reading as the whole."""
     calibration, fit = conclusion.calibration, conclusion.refit
     changes = max((s.time.size for e in calibration.data.experiments for s in e.inputs), default=0)
     if changes <= 2 * MAX_FILTERED_CHANGES:

@@ -39,23 +39,7 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class StructureAverage:
-    """Parameters of the first model under several structures, with how often each predicts best.
-
-    Parameters
-    ----------
-    structures : tuple of tuples of str
-        Terms of each, the chosen structure first.
-    wins : tuple of float
-        Share of resampled blocks in which each structure is the best of them: they sum to one.
-    parameters : ParameterSet
-        Those of the first model that all structures have.
-    draws : mapping of str to ndarray, shape (n,)
-        Search coordinates of each parameter under the chosen structure.
-    mean : mapping of str to float
-        Of ``draws``.
-    shift, scale : mapping of str to ndarray, shape (structures,)
-        How far the mean of each structure lies from that of the chosen one, and how wide it is beside it.
-    """
+    """Parameters of the first model under several structures, with how often each predicts best."""
 
     structures: tuple[tuple[str, ...], ...]
     wins: tuple[float, ...]
@@ -114,17 +98,7 @@ class StructureAverage:
 
 
 def structure_average(choice: Choice, parameters: ParameterSet, refit: Optimum) -> StructureAverage | None:
-    """Return the chosen structure and those with an equivalent term in place of one of its own; None without any.
-
-    Parameters
-    ----------
-    choice : Choice
-    parameters : ParameterSet
-        Of the model that came out.
-    refit : Optimum
-        Its last fit. The chosen structure's distribution is its Gaussian. How the other structures differ from it is
-        taken from the fits of the search, which all saw the same readings under one noise.
-    """
+    """Return the chosen structure and those with an equivalent term in place of one of its own; None without any."""
     chosen = choice.fitted
     fits = [choice.explored.fits[s] for s in choice.rivals]
     names = [n for n in _shared(chosen) if n in parameters and parameters.index(n) in refit.free]

@@ -25,8 +25,7 @@ def structures_words(loop: LoopJson) -> str:
 def averaged_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
     """Return how far intervals over all structures differ from those of the chosen one.
 
-    None where there is one structure.
-    """
+    None where there is one structure."""
     if loop.averaged is None:
         return None
     rows = []

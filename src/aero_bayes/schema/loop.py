@@ -22,8 +22,7 @@ class EffectJson(JsonTable):
     """An effect; ``id`` is ``law@port`` or an id of a library.
 
     ``share`` is the error on left-out readings with it over that without it, in the output ``share_of``; ``wins`` the
-    share of resampled blocks in which its structure is the best; ``looks_like`` the law that comes near a curve.
-    """
+    share of resampled blocks in which its structure is the best; ``looks_like`` the law that comes near a curve."""
 
     id: str
     port: str
@@ -100,8 +99,7 @@ class AveragedStructuresJson(JsonTable):
 class LoopProcessNoiseJson(JsonTable):
     """Process noise of what the laws leave: the states that it drives, and the parameters of the model with it.
 
-    ``explains`` is whether the filter's innovations are white; ``equivalent`` are other states that gain as much.
-    """
+    ``explains`` is whether the filter's innovations are white; ``equivalent`` are other states that gain as much."""
 
     states: list[str]
     explains: bool
@@ -119,8 +117,7 @@ RmsByRole = dict[str, dict[str, JsonNumber]]
 class LoopJson(JsonTable):
     """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
 
-    ``smaller`` are effects that help and are not material; ``blocks`` of readings were left out in turn.
-    """
+    ``smaller`` are effects that help and are not material; ``blocks`` of readings were left out in turn."""
 
     outcome: Literal["adequate", "extended", "unexplained"]
     sentence: str = ""

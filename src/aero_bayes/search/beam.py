@@ -34,21 +34,7 @@ MAX_LOSS = 0.5
 
 @dataclass(eq=False)
 class StructureSearch:
-    """Beam search.
-
-    Parameters
-    ----------
-    cache : ModelCache
-    library : Library
-    settings : StructureSettings
-    fit_settings : LocalFitSettings
-        Of each local fit.
-    floors : mapping of (recording, output) to float
-        Noise floors where they are known.
-    parts : Parts
-        Edits, start rules and restarts.
-    control : SearchControl
-    """
+    """Beam search."""
 
     cache: ModelCache
     library: Library
@@ -68,13 +54,7 @@ class StructureSearch:
         self._completed: set[Structure] = set()
 
     def run(self, root: FittedModel) -> SearchResult:
-        """Search from the fit of the first model.
-
-        Raises
-        ------
-        CannotFinishError
-            If the model cannot be simulated with what is required.
-        """
+        """Search from the fit of the first model."""
         self._begin(root)
         if not self._known.noise.exact:
             self._restart([], "the first model")
@@ -85,17 +65,7 @@ class StructureSearch:
         """Fit the structures that are worth it of those that were explored on a part of the recordings to all of them.
 
         They are fitted under the noise that the best one leaves on the part. Where that is only noise, but more is left
-        on the whole, the search goes on there.
-
-        Parameters
-        ----------
-        root : FittedModel
-            The first model, fitted to all readings.
-        explored : SearchResult
-            Of a search on a part of the recordings.
-        worth : iterable of Structure
-            Some of these.
-        """
+        on the whole, the search goes on there."""
         self._begin(root, explored.noise)
         self._candidates.skipped |= dict.fromkeys(explored.skipped)
         self._ended = explored.ended
@@ -128,8 +98,7 @@ class StructureSearch:
     def offer(self, starts: Mapping[str, Mapping[str, float]]) -> SearchResult:
         """Try further terms, built into one model, beside the first model and the best structure of listed laws.
 
-        Each comes with SI values by name from which a fit begins, its own and those of the first model.
-        """
+        Each comes with SI values by name from which a fit begins, its own and those of the first model."""
         group, self._proposed_values = tuple(starts), starts
         self.library = replace(self.library, groups=(*self.library.groups, group), proposed=group)
         best = next(
@@ -146,8 +115,7 @@ class StructureSearch:
     def complete(self, fitted: FittedModel) -> SearchResult:
         """Fit what the choice of a structure has to be compared with, as far as that was not done.
 
-        These are the sub-structures with one term left out, and :meth:`_at_the_same_port`.
-        """
+        These are the sub-structures with one term left out, and :meth:`_at_the_same_port`."""
         structure = fitted.structure
         if structure in self._completed:
             return self._result()
@@ -164,8 +132,7 @@ class StructureSearch:
         """Return the same with another law at the port of each term, and what is left without it.
 
         In place of a curve that is each law: one alone was compared with it when each was tried alone. In place of a
-        law it is each refinement of another one, since refinements are not offered where only noise is left.
-        """
+        law it is each refinement of another one, since refinements are not offered where only noise is left."""
         explored, library, found = self._result(), self.library, dict[Structure, Structure]()
         for id_ in structure.terms:
             is_law, rest = id_ not in library.curves, structure.minus(id_)
@@ -291,8 +258,7 @@ class StructureSearch:
     def _may_matter(self, base: FittedModel, starts: Sequence[Start], best: float) -> bool:
         """Tell whether a start predicts enough of the gain up to the log-likelihood of the best of its level.
 
-        Beside other terms it must be a share of what is left, too.
-        """
+        Beside other terms it must be a share of what is left, too."""
         predicted = _max_gain(starts)
         if base.terms and predicted < least_gain_beside_terms(base):
             return False

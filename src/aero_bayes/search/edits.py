@@ -86,8 +86,7 @@ class AddTerm:
     """Each law of the library at each port that it fits.
 
     Refinements are offered only where structure is left. A term whose slope the free parameters imitate is not
-    offered; nor is one that promises hardly anything beside other terms.
-    """
+    offered; nor is one that promises hardly anything beside other terms."""
 
     def neighbours(self, context: EditContext) -> Iterable[Structure]:
         needless = {d.id for d in context.directions if d.confounded}
@@ -172,8 +171,7 @@ class InputInterpolation:
     """The inputs read the other way between their samples: held, or along straight lines.
 
     The best structures of the same size are tried so, too: else the best one is compared with others that read the
-    inputs wrongly.
-    """
+    inputs wrongly."""
 
     def neighbours(self, context: EditContext) -> Iterable[Structure]:
         if context.best and context.interpolation_is_free:
@@ -214,12 +212,7 @@ def with_term(context: EditContext, structure: Structure, id_: str) -> Structure
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """What the magnitude of a term changes to first order, once the free parameters have readjusted.
-
-    ``readjusted_sensitivity`` (N,) is the change in units of the noise, ``slope`` its product with the residual,
-    ``step_bounds`` how far the magnitude may go down and up, ``confounded`` whether the free parameters do the same,
-    ``gain`` the largest gain in log-likelihood that a nominal shape promises; infinite where slopes do not tell.
-    """
+    """What the magnitude of a term changes to first order, once the free parameters have readjusted."""
 
     id: str
     readjusted_sensitivity: FloatArray
@@ -233,8 +226,7 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
     """Directions of the terms at hand that a fit does not have, their shapes at their first nominal values.
 
     Beside other terms the other nominal shapes are tried too, where the first promises hardly anything: simulations
-    with a magnitude of zero are the quickest.
-    """
+    with a magnitude of zero are the quickest."""
     candidates = [c for id_, c in fitted.model.candidates.items() if id_ not in fitted.terms and c.starts]
     found = {d.id: d for d in _directions(fitted, candidates, 0)}
     most = max((len(_shapes(c)) for c in candidates), default=0) if fitted.terms else 0

@@ -32,19 +32,7 @@ def one_by_one(tasks: Sequence[Task[R]], told: Callable[[float], object]) -> lis
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """What may be added to a model.
-
-    Parameters
-    ----------
-    groups : sequence of sequences of str
-        Terms that are best simulated on one model.
-    refines : mapping of str to str
-        For each term that refines another, that one.
-    curves : tuple of str
-        Terms that learn a curve.
-    proposed : tuple of str
-        Formulas, which were proposed from what the listed laws leave.
-    """
+    """What may be added to a model."""
 
     groups: Sequence[Sequence[str]]
     refines: Mapping[str, str]
@@ -64,8 +52,7 @@ class SearchControl:
     """How a search is run: its time limit, the map over independent fits, and the report of its progress.
 
     ``time_is_up`` says whether the time limit has passed. ``map`` does independent tasks, perhaps in parallel, with the
-    same results. ``report`` is called with what is being done and its share.
-    """
+    same results. ``report`` is called with what is being done and its share."""
 
     time_is_up: Callable[[], bool] = lambda: False
     map: Mapper = one_by_one
@@ -77,9 +64,7 @@ class SearchResult:
     """All that a search found: every structure fitted under one noise, and the best of them.
 
     ``order`` holds the left-out errors of all by one Newton step. ``ports`` is the port of each term, ``curves`` those
-    that are learned. ``skipped`` are terms with which the model cannot be simulated; ``ended`` is what was being done
-    when the time limit passed, empty where the search was completed. ``formulas`` are terms that no library lists.
-    """
+    that are learned."""
 
     fits: Mapping[Structure, FittedModel]
     best: FittedModel

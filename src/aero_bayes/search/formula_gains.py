@@ -32,8 +32,7 @@ class SampledTerms:
     """Values (n, k) of terms at the samples of a recording.
 
     ``before`` ends the step to a sample, ``at`` is what a reading has, and ``after`` begins the next step: held inputs
-    jump in between, and the filter's states are known better once it has read.
-    """
+    jump in between, and the filter's states are known better once it has read."""
 
     before: FloatArray
     at: FloatArray
@@ -44,22 +43,7 @@ class SampledTerms:
 
 
 def prediction_slopes(filtered: FilteredStates, measured: FloatArray, signal: int, terms: SampledTerms) -> FloatArray:
-    """Slopes of a filter's predictions by the coefficients of terms that an unknown signal is a sum of.
-
-    Parameters
-    ----------
-    filtered : FilteredStates
-    measured : ndarray, shape (n, m)
-        NaN where there is no reading.
-    signal : int
-        Index of the state that is the unknown signal.
-    terms : SampledTerms
-        Between two samples the mean of their ends acts.
-
-    Returns
-    -------
-    ndarray, shape (n, m, k)
-    """
+    """Slopes of a filter's predictions by the coefficients of terms that an unknown signal is a sum of."""
     n, m = measured.shape
     change = np.zeros((filtered.mean.shape[1], terms.at.shape[1]))
     found = np.zeros((n, m, terms.at.shape[1]))
@@ -83,20 +67,7 @@ def whitened_slopes(
     signal: int,
     terms: Sequence[SampledTerms],
 ) -> FloatArray:
-    """Slopes (k, N) of the whitened predictions of all series, by the coefficients of terms of an unknown signal.
-
-    Parameters
-    ----------
-    objective : Objective
-        With process noise.
-    fit : Optimum
-    filtered : sequence of FilteredStates
-        One a recording, at the fit.
-    signal : int
-        Index of the state that is the unknown signal.
-    terms : sequence of SampledTerms
-        Of each recording.
-    """
+    """Slopes (k, N) of the whitened predictions of all series, by the coefficients of terms of an unknown signal."""
     calibration = objective.calibration
     slopes = [
         prediction_slopes(f, measured, signal, values)
@@ -114,19 +85,7 @@ def whitened_slopes(
 
 @dataclass(frozen=True, eq=False)
 class CoefficientGains:
-    """What each of k coefficients gains once all parameters have readjusted to it.
-
-    Parameters
-    ----------
-    gain : ndarray, shape (k,)
-        In log-likelihood, with what the parameters gain by themselves.
-    direction : ndarray, shape (k, N)
-        Of the predictions after that, of length one; zero where the parameters do the same as a term.
-    value : ndarray, shape (k,)
-        Of the coefficients.
-    readjusted : ndarray, shape (k, p)
-        SI values of all parameters beside each coefficient.
-    """
+    """What each of k coefficients gains once all parameters have readjusted to it."""
 
     gain: FloatArray
     direction: FloatArray
@@ -135,13 +94,7 @@ class CoefficientGains:
 
 
 def coefficient_gains(objective: Objective, fit: Optimum, slopes: FloatArray) -> CoefficientGains:
-    """Return what coefficients gain, to first order.
-
-    Parameters
-    ----------
-    slopes : ndarray, shape (k, N)
-        From :func:`whitened_slopes`.
-    """
+    """Return what coefficients gain, to first order."""
     # the noise is held: with less process noise than fitted it would go back at once
     noise = (DiffusionTarget, ReadingNoiseTarget)
     kept = [k for k, j in enumerate(fit.free) if not isinstance(objective.parameters.items[j].target, noise)]

@@ -41,18 +41,7 @@ EQUIVALENT = 4.6
 
 @dataclass(frozen=True, eq=False)
 class ProcessNoiseFit:
-    """A structure fitted with process noise.
-
-    Parameters
-    ----------
-    fitted : FittedModel
-    gain : float
-        Log-evidence gained over the structure without process noise, both tempered by what that one leaves.
-    needed : float
-        Least gain that counts.
-    reports : tuple of ResidualReport
-        Of the innovations.
-    """
+    """A structure fitted with process noise."""
 
     fitted: FittedModel
     gain: float
@@ -83,26 +72,7 @@ def fit_process_noise(
 ) -> tuple[ProcessNoiseFit, ...]:
     """Fit a model with the process noise that edits offer; best first.
 
-    First only the noise is fitted. All parameters are fitted where that comes close to the best.
-
-    Parameters
-    ----------
-    model_of : callable
-        The model that was chosen, with the process noise of a structure, held against few enough readings for a filter.
-    values : mapping of str to float
-        SI values of its parameters.
-    floors : mapping of (recording, output) to float
-        Noise floors of the readings where they are known.
-    states : sequence of str
-        Those that process noise may drive.
-    edits : sequence of Edit
-    control : SearchControl
-
-    Raises
-    ------
-    CannotFinishError
-        If the model cannot be simulated.
-    """
+    First only the noise is fitted. All parameters are fitted where that comes close to the best."""
     fit = LocalFitSettings(hold_noise=True)
     base = _base_fit(model_of(Structure()), values, floors, fit)
     context = EditContext(

@@ -60,9 +60,7 @@ class DesignOptions:
     """What the experiment is for and what the rig allows.
 
     ``aim`` names parameters, by default the weak ones; ``separate`` two effects, or ``loop`` a finished run of the
-    closed loop whose first pair of equivalent effects is meant. ``amplifier`` is the largest input, ``travel`` goes by
-    output.
-    """
+    closed loop whose first pair of equivalent effects is meant."""
 
     aim: tuple[str, ...] = ()
     separate: tuple[str, str] | None = None
@@ -176,8 +174,7 @@ def _with_effect(
 ) -> tuple[Fit, list[str]]:
     """Return the base model with an effect (and those that both rivals have), written, built and fitted.
 
-    Its parameters.
-    """
+    Its parameters."""
     ids = (*common, name)
     names = {id_: [p.name for p in family.parameters(id_)] for id_ in ids}
     rows = product(*(family.starts(id_) or (tuple(p.start for p in family.parameters(id_)),) for id_ in ids))
@@ -220,13 +217,7 @@ def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) ->
 
 
 def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
-    """Return which effects to tell apart, if any.
-
-    Raises
-    ------
-    InputError
-        For effects that do not exist, or a run without equivalent ones.
-    """
+    """Return which effects to tell apart, if any."""
     if sum((bool(wanted.aim), wanted.separate is not None, wanted.loop is not None)) > 1:
         raise InputError("--aim, --separate and --loop exclude each other: give one of them")
     if wanted.separate is None and wanted.loop is None:

@@ -30,13 +30,7 @@ Json = dict[str, Any]
 
 
 def run_loop(job: Job, progress: ProgressBar, base: Fit | None = None) -> LoopResult:
-    """Close the loop on a job; from the fit of its model where there is one.
-
-    Raises
-    ------
-    InputError
-        See :func:`loop_settings`.
-    """
+    """Close the loop on a job; from the fit of its model where there is one."""
     return close_loop(
         job.recordings if base is None else base,
         job.tests,
@@ -57,8 +51,7 @@ def _model_of(job: Job) -> ModelicaSource | Path:
 def with_chosen_values(job: Job, found: Fit) -> Job:
     """Hold the likeliest of the listed values of a job, as a fit of it found them; the same job if none are listed.
 
-    Values that are not Real are modifiers of a class that is written beside the results.
-    """
+    Values that are not Real are modifiers of a class that is written beside the results."""
     if not found.trials:
         return job
     best, source = found.trials[0], job.model.source
@@ -75,14 +68,7 @@ def with_chosen_values(job: Job, found: Fit) -> Job:
 
 
 def loop_settings(job: Job) -> LoopSettings:
-    """Return the settings of the loop that the job wants.
-
-    Raises
-    ------
-    InputError
-        If the job asks for what a loop cannot do: another engine than the native one, or a fit that leaves no evidence
-        to compare.
-    """
+    """Return the settings of the loop that the job wants."""
     _check(job)
     section, fit_section, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
     given = fit_section.model_fields_set
@@ -131,8 +117,7 @@ def _check(job: Job) -> None:
 def extended_job(job: Job, loop: LoopResult) -> Job:
     """Return the job of the model that came out of the loop: its FMU, and the new parameters among the free ones.
 
-    The same job if nothing of the catalogue was added.
-    """
+    The same job if nothing of the catalogue was added."""
     added = [effect for effect in loop.effects if effect.kind == "catalogue"]
     if not added:
         return job
