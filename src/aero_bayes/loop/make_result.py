@@ -214,6 +214,6 @@ def _separating_experiments(
         else:
             lines.append(
                 f"An experiment to tell {pair}: {apart.in_words} (expected difference in log-evidence "
-                f"{apart.log_evidence:.0f}); `aero-bayes design --loop` writes the signal."
+                f"{apart.log_evidence:.0f}); `aero-bayes design --separate {first} {other}` writes the signal."
             )
     return tuple(lines)
