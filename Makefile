@@ -21,7 +21,6 @@ CONFIG  ?=
 RESUME  ?=
 AIM     ?=
 SEPARATE ?=
-LOOP    ?=
 DURATION ?=
 AMPLIFIER ?=
 TRAVEL  ?=
@@ -31,7 +30,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-long test-platforms test-arm test-coverage lint bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -65,9 +64,9 @@ loop: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## close the loop on DATA
 	$(RUN) close-loop $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--train $(f)) \
 	  $(foreach f,$(or $(TEST),$(if $(DATA),,$(SIMULATED)/test_1.csv)),--test $(f)) --out $(or $(OUT),reports/loop) $(OPTIONS)
 
-design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment: for AIM="D_p K_sp", SEPARATE="effect effect" or LOOP=dir
+design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment: for AIM="D_p K_sp" or SEPARATE="effect effect"
 	$(RUN) design $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv),--data $(f)) --out $(or $(OUT),reports/design) $(OPTIONS) \
-	  $(foreach p,$(AIM),--aim $(p)) $(if $(SEPARATE),--separate $(SEPARATE)) $(if $(LOOP),--loop $(LOOP)) \
+	  $(foreach p,$(AIM),--aim $(p)) $(if $(SEPARATE),--separate $(SEPARATE)) \
 	  $(if $(DURATION),--duration $(DURATION)) $(if $(AMPLIFIER),--amplifier $(AMPLIFIER)) $(foreach t,$(TRAVEL),--travel $(t))
 
 replay: setup ## the paper's Table 1 and Fig. 6
@@ -83,10 +82,12 @@ check-routes: setup ## what this machine has (compilers, omc, libraries, FMI), a
 	$(BIN)/python benchmarks/check_routes.py
 
 test: $(VENV)/.tested ## set up and run the tests
-	$(BIN)/python -m pytest -n 2 -m "not long" --durations 10
+	$(BIN)/python -m pytest -n 2 -m "not long" --durations 10 --junitxml reports/tests.xml
 
 test-long: $(VENV)/.tested ## the studies' tests, and longer tests of what shorter ones test
-	$(BIN)/python -m pytest -n 2 -m long --durations 10
+	$(BIN)/python -m pytest -n 2 -m long --durations 10 --junitxml reports/tests_long.xml
+
+test-all: test test-long ## all tests
 
 test-fast: $(VENV)/.tested ## the tests that take no longer than a minute together
 	$(BIN)/python -m pytest -n 2 -m "fast and not slow and not long"
@@ -99,7 +100,10 @@ test-coverage: $(VENV)/.tested ## which lines the tests run -> build/coverage/in
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check pytest-cov
 	$(BIN)/python -m pytest -n 2 --cov=aero_bayes --cov-report=term --cov-report=html:build/coverage
 
-lint: $(VENV)/.tested ## ruff, mypy, and the import contract where import-linter can be had
+size: ## lines by room; fails above the limits in pyproject.toml
+	@$(PYTHON) .ci/size.py
+
+lint: size $(VENV)/.tested ## size, ruff, mypy, and the import contract where import-linter can be had
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'import-linter>=2' 2>/dev/null
 	if [ -x $(BIN)/lint-imports ]; then $(BIN)/lint-imports --no-cache; else echo "import-linter is not here: layers were not checked"; fi

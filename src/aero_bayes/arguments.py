@@ -20,24 +20,7 @@ Paths = str | Path | Sequence[str | Path]
 
 
 def require_all(given: Item | Sequence[Item], kind: type[Item], what: str) -> tuple[Item, ...]:
-    """Check the type of one object or of each of a sequence.
-
-    Parameters
-    ----------
-    given : object or sequence of objects
-    kind : type
-    what : str
-        Name of the argument.
-
-    Returns
-    -------
-    tuple of objects
-
-    Raises
-    ------
-    InputError
-        For another type. The message says what was expected and what was given.
-    """
+    """Check the type of one object or of each of a sequence."""
     items = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     return tuple(require_type(item, kind, what) for item in items)
 

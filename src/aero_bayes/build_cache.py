@@ -21,17 +21,7 @@ def user_cache() -> Path:
 
 
 def make_once(name: str, ingredients: Iterable[bytes], make: Callable[[], bytes]) -> bytes:
-    """Read a product that was made from the same ingredients before, or make it and keep it.
-
-    Parameters
-    ----------
-    name : str
-        File name of the product; the key stands before its suffix.
-    ingredients : iterable of bytes
-        All that the product depends on, the version of the tool among it.
-    make : callable
-        Makes the product. What it raises is passed on, and nothing is kept.
-    """
+    """Read a product that was made from the same ingredients before, or make it and keep it."""
     key = hashlib.sha256()
     for part in ingredients:
         key.update(len(part).to_bytes(8, "little"))

@@ -52,20 +52,7 @@ class ResultCache:
 
 
 class Checkpoint(ResultCache):
-    """A result cache in a file, written by the process that opened it.
-
-    Parameters
-    ----------
-    path : Path
-        Of the file; results in it are read.
-    identity : str
-        Hash of everything that the run depends on.
-
-    Raises
-    ------
-    InputError
-        If the file is of another run.
-    """
+    """A result cache in a file, written by the process that opened it."""
 
     def __init__(self, path: Path, identity: str = "") -> None:
         super().__init__()

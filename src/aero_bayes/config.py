@@ -39,8 +39,7 @@ class PriorSection(Section):
 class ParameterSection(Section):
     """``[parameters.R_a]``: whether it is fitted, from where, and within which bounds (SI units).
 
-    ``values`` are each fitted and compared, in place of a search.
-    """
+    ``values`` are each fitted and compared, in place of a search."""
 
     free: bool | Literal["auto", "later"] | None = None
     value: float | None = None
@@ -63,8 +62,7 @@ class ModelSection(Section):
 class ColumnSection(Section):
     """``[data.columns.theta]``: where a signal stands in the file (else under its own name), and its unit there.
 
-    ``unwrap`` takes the jumps of a turn out of an angle that is recorded modulo one turn.
-    """
+    ``unwrap`` takes the jumps of a turn out of an angle that is recorded modulo one turn."""
 
     source: str | None = None
     unit: str | None = None
@@ -77,8 +75,7 @@ class ColumnSection(Section):
 class DataSection(Section):
     """``[data]``: names of inputs and outputs (default: as declared, else the model's), and their columns.
 
-    ``constants`` are inputs without a column.
-    """
+    ``constants`` are inputs without a column."""
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
@@ -133,10 +130,7 @@ class OutputNoiseSection(Section):
 class NoiseSection(Section):
     """``[noise]``: the noise of outputs, and process noise of states.
 
-    ``[noise.T] kind = "relative"`` declares the noise of the output ``T``; by default the data choose.
-    ``[noise.process]`` gives each of them its diffusion, in the state's unit over the square root of a second, or has
-    it estimated; ``[noise.initial_sd]`` says how far its initial value may be off.
-    """
+    ``[noise.T] kind = "relative"`` declares the noise of the output ``T``; by default the data choose."""
 
     process: dict[str, NotNegative | Literal["estimated"]] = Field(default_factory=dict)
     initial_sd: dict[str, NotNegative] = Field(default_factory=dict)
@@ -164,8 +158,7 @@ class PosteriorSection(Section):
 class PredictionSection(Section):
     """``[prediction]``: how well several recordings predict each other; ``max_seconds = 0`` leaves it out.
 
-    ``refits`` computes posteriors anew where re-weighting is unreliable: by default for short recordings only.
-    """
+    ``refits`` computes posteriors anew where re-weighting is unreliable: by default for short recordings only."""
 
     stretches: Annotated[int, Field(ge=4)] = 8
     refits: bool | None = None
@@ -186,7 +179,6 @@ class LoopSection(Section):
     leave_out: tuple[str, ...] = ()
     min_share: Annotated[float, Field(gt=0, lt=1)] = 0.75
     include_smaller: bool = False
-    formulas: bool = False
 
 
 class SolverSection(Section):
@@ -223,19 +215,7 @@ class Config(Section):
 
 
 def load_config(path: Path | Config | None) -> Config:
-    """Read a configuration.
-
-    Parameters
-    ----------
-    path : Path, Config or None
-        A TOML file; None gives the defaults, what was read already is given back. Relative paths in it are taken from
-        the file's folder.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not TOML, or has an unknown key or a wrong value. The message names the key.
-    """
+    """Read a configuration."""
     if path is None or isinstance(path, Config):
         return path or Config()
     config = resolve_paths(validated(Config, read_toml(path), path), path.parent)

@@ -32,8 +32,7 @@ class ColumnSpec:
     """One column of a recording: its SI unit and its plausible values.
 
     ``largest`` bounds its absolute value. ``per_input`` bounds the ratio of its largest absolute value to that of the
-    first input, if that input reaches 1 in its unit. ``hints`` are likely mistakes behind a value beyond the bounds.
-    """
+    first input, if that input reaches 1 in its unit. ``hints`` are likely mistakes behind a value beyond the bounds."""
 
     name: str = ""
     unit: str = ""
@@ -44,22 +43,7 @@ class ColumnSpec:
 
 @dataclass(frozen=True, config=_STRICT)
 class DeclaredRecording:
-    """The columns of a recording of the rig, and how they are interpreted.
-
-    Parameters
-    ----------
-    inputs, outputs : mapping of str to ColumnSpec
-    rates : (float, float)
-        Plausible sample rates in Hz.
-    zero_at_rest : tuple of str
-        Outputs that are zero when the rig is at rest. The first recorded one shows whether the rig was driven before.
-    resting : tuple of str, optional
-        Outputs whose state may have any initial value at rest; by default all that are states.
-    max_input_delay : float
-        Upper bound of the input delay in s; zero for none.
-    interpolation : {"auto", "hold", "linear"}
-        What inputs do between samples.
-    """
+    """The columns of a recording of the rig, and how they are interpreted."""
 
     inputs: Mapping[str, ColumnSpec] = field(default_factory=dict)
     outputs: Mapping[str, ColumnSpec] = field(default_factory=dict)
@@ -83,8 +67,7 @@ class DeclaredParameter:
     """A fitted parameter with a log-normal prior. Its ``median`` is by default the value in the model.
 
     The standard deviation is ``relative_sd`` of the median, or given by a ``factor``. Bounds are a factor ``reach``
-    beyond the starting value and the median. With ``auto``, the parameter is fitted only if the data identify it.
-    """
+    beyond the starting value and the median. With ``auto``, the parameter is fitted only if the data identify it."""
 
     median: Positive | None = None
     relative_sd: Positive | None = None
@@ -95,17 +78,7 @@ class DeclaredParameter:
 
 @dataclass(frozen=True, config=_STRICT)
 class DeclaredEffect:
-    """An effect under a declared name.
-
-    Parameters
-    ----------
-    law : str
-        The law and its port, as ``law@port``.
-    starts : mapping of str to tuple of float
-        Starting values of its parameters.
-    inverse_shares : mapping of str to tuple of float
-        Instead of starting values: shares of the largest input, whose inverses are the starting values.
-    """
+    """An effect under a declared name."""
 
     law: str
     starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -114,22 +87,7 @@ class DeclaredEffect:
 
 @dataclass(frozen=True, config=_STRICT)
 class PackageDeclaration:
-    """All that a package declares; empty for a model without a declaration.
-
-    Parameters
-    ----------
-    package : str
-        Its name; empty in an FMU.
-    systems : tuple of str
-        Models to which it applies.
-    parameters : mapping of str to DeclaredParameter
-    fixed : mapping of str to str
-        Parameters that are not fitted, with the reason.
-    ports : mapping of str to str
-        Names of replaceable models, by the model's name in snake case.
-    effects : mapping of str to DeclaredEffect
-        By name. If there are any, only these and learned curves are candidates.
-    """
+    """All that a package declares; empty for a model without a declaration."""
 
     package: str = ""
     systems: tuple[str, ...] = ()
@@ -147,13 +105,7 @@ class PackageDeclaration:
 
 
 def parse_declaration(text: str, where: str, package: str = "") -> PackageDeclaration:
-    """Read a declaration.
-
-    Raises
-    ------
-    InputError
-        If it is no TOML, or has an unknown key or a wrong value. The message names ``where`` and the key.
-    """
+    """Read a declaration."""
     try:
         return _read(text, package)
     except ValidationError as error:

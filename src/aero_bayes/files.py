@@ -48,13 +48,7 @@ def _to_disk(path: Path) -> None:
 
 @contextmanager
 def one_run_at_a_time(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder, which is made, until the block ends; the system ends it for a run that dies.
-
-    Raises
-    ------
-    InputError
-        If another run is at work there.
-    """
+    """Keep other runs out of a folder, which is made, until the block ends; the system ends it for a run that dies."""
     folder.mkdir(parents=True, exist_ok=True)
     windows = sys.platform == "win32"  # opens no folders: a file inside is locked there
     handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT) if windows else os.open(folder, os.O_RDONLY)

@@ -29,15 +29,7 @@ EXIT_TIMEOUT = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Task(Generic[R]):
-    """A piece of work that depends on no other one.
-
-    Parameters
-    ----------
-    work : callable
-        Gives a result that can be pickled.
-    counts : Counter
-        What the work adds to, such as numbers of simulations; nothing else that it changes is kept.
-    """
+    """A piece of work that depends on no other one."""
 
     work: Callable[[], R]
     counts: Counter[Any] = field(default_factory=Counter)
@@ -56,15 +48,7 @@ class ParallelMap:
     """Do tasks in worker processes that are copies of this one; here, one after the other, where these do not pay.
 
     That is where there is one core, no safe fork, or a single task. A task whose process dies or raises is done again
-    here.
-
-    Parameters
-    ----------
-    pool : WorkerPool
-        As many processes as it has workers; each simulates in a worker of its own.
-    late : callable
-        Whether no further task is to be begun.
-    """
+    here."""
 
     pool: WorkerPool
     late: Callable[[], bool] = lambda: False

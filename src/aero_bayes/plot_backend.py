@@ -21,8 +21,7 @@ class PlotBackend(Protocol):
     """One function for each figure, as ``aero_bayes.plots`` has them.
 
     ``figure`` is what is drawn into: a figure, or the axes whose place is taken; a new figure by default. ``dark``
-    chooses colours for a dark background.
-    """
+    chooses colours for a dark background."""
 
     def recording_figure(
         self, recording: Any, *, figure: Figure | Axes | None = None, dark: bool = False

@@ -32,13 +32,7 @@ def _in_notebook() -> bool:
 
 
 class Watched:
-    """Progress of work that may be asked to end with what it has.
-
-    Parameters
-    ----------
-    progress : callable, optional
-        Told what is done, how far it is (0 to 1) and perhaps a value. It asks the work to end by returning True.
-    """
+    """Progress of work that may be asked to end with what it has."""
 
     def __init__(self, progress: Progress | None = None) -> None:
         self._progress = progress
@@ -93,9 +87,7 @@ class ProgressBar:
     """One bar a piece of work; called with its phase, how far it is (0 to 1), and what to show beside it.
 
     Phases with a common beginning before a colon (``loop: round 1``) are one piece of work. Where standard error is no
-    terminal that can draw, a line a phase, and one now and then; where it is to be quiet, nothing but the phases.
-    A sentence, with its full stop, gets a line that stays.
-    """
+    terminal that can draw, a line a phase, and one now and then; where it is to be quiet, nothing but the phases."""
 
     def __init__(self, quiet: bool) -> None:
         self._quiet = quiet

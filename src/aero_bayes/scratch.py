@@ -36,19 +36,7 @@ def _remove(path: Path, lock: int, owner: int) -> None:
 
 
 def sweep(parent: Path) -> int:
-    """Remove the scratch folders in ``parent`` whose process is gone.
-
-    Parameters
-    ----------
-    parent : Path
-        Where temporary folders are made.
-
-    Returns
-    -------
-    int
-        How many were removed. Folders of other users, without a lock file or still locked stay; all where a system has
-        no locks.
-    """
+    """Remove the scratch folders in ``parent`` whose process is gone."""
     removed = 0
     if not AVAILABLE:
         return removed
@@ -78,8 +66,7 @@ def _sweep_once(parent: Path) -> None:
 class ScratchFolder:
     """A private temporary folder, removed when it is closed, collected or its process ends.
 
-    Where the process is killed, the next process that makes one removes it. As a context manager it gives its path.
-    """
+    Where the process is killed, the next process that makes one removes it. As a context manager it gives its path."""
 
     def __init__(self) -> None:
         _sweep_once(Path(tempfile.gettempdir()))

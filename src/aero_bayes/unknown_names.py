@@ -10,19 +10,7 @@ MAX_LISTED_NAMES = 20
 
 
 def closest_name(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str | None:
-    """Find the known name that is most similar to another one (Ratcliff and Obershelp, as ``difflib`` has it).
-
-    Parameters
-    ----------
-    name : str
-    known : iterable of str
-    cutoff : float
-        Least similarity, from 0 to 1. With 0 there is an answer wherever any name is known.
-
-    Returns
-    -------
-    str or None
-    """
+    """Find the known name that is most similar to another one (Ratcliff and Obershelp, as ``difflib`` has it)."""
     names = list(known)
     alike = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     return next(iter(alike or (n for n in names if n.casefold() == name.casefold())), None)

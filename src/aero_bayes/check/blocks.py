@@ -25,21 +25,7 @@ def block_edges(joint: JointTarget, blocks: int) -> tuple[FloatArray, ...]:
 
 
 def block_log_likelihood(joint: JointTarget, points: FloatArray, edges: Sequence[FloatArray]) -> list[FloatArray]:
-    """Compute the log-density of every block of every recording given the readings before it.
-
-    Parameters
-    ----------
-    joint : JointTarget
-    points : ndarray, shape (s, d)
-        Draws: search coordinates of the free parameters, then logarithms of the noise parameters.
-    edges : sequence of ndarray, one a recording, shape (b + 1,)
-        Increasing times in s. Readings before the first edge belong to the first block, after the last to the last.
-
-    Returns
-    -------
-    list of ndarray, one a recording, shape (s, b)
-        Minus infinity where a simulation failed.
-    """
+    """Compute the log-density of every block of every recording given the readings before it."""
     experiments = joint.target.calibration.data.experiments
     size = sum(e.time.size * len(e.outputs) for e in experiments)
     batch = max(1, _MAX_TRAJECTORY_NUMBERS // size)

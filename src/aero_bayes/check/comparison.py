@@ -24,12 +24,7 @@ Refit = Callable[[int], FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class ElpdEstimate:
-    """Expected log-density of unseen blocks.
-
-    ``elpd`` is the sum over blocks (larger is better), ``pointwise`` (b,) its parts, ``parameters`` the effective
-    number of parameters (not defined for leave-future-out), ``pareto_k`` (b,) how far each part can be trusted (below
-    0.7), ``refits`` how many posteriors had to be computed anew.
-    """
+    """Expected log-density of unseen blocks."""
 
     method: str
     elpd: float
@@ -74,8 +69,7 @@ def waic(densities: FloatArray) -> ElpdEstimate:
 def leave_one_out(densities: FloatArray) -> ElpdEstimate:
     """Return each block predicted from all others, by importance sampling from the posterior draws (s, b).
 
-    What is left out is the factor of the block given what came before it.
-    """
+    What is left out is the factor of the block given what came before it."""
     smoothed, shape = _weights(-densities)
     part = logsumexp(smoothed + densities, axis=0)
     lppd = logsumexp(densities, axis=0) - math.log(len(densities))
@@ -86,22 +80,7 @@ def leave_future_out(densities: FloatArray, first: int, refit: Refit | None = No
     """Return each block from the ``first``-th on predicted from those before it only.
 
     From the last block backwards the draws are re-weighted so that they forget it; where the weights become
-    unreliable, ``refit`` gives draws of the posterior that has seen only the blocks before.
-
-    Parameters
-    ----------
-    densities : ndarray, shape (s, b)
-        Over draws of the posterior that has seen everything.
-    first : int
-        Blocks that are never predicted (at least 1).
-    refit : callable, optional
-        Without it unreliable blocks stay so, and say so.
-
-    Raises
-    ------
-    InputError
-        If ``first`` leaves nothing to predict or nothing to learn from.
-    """
+    unreliable, ``refit`` gives draws of the posterior that has seen only the blocks before."""
     count = densities.shape[1]
     if not 0 < first < count:
         raise InputError(f"{first} of {count} blocks to learn from leave nothing to predict")

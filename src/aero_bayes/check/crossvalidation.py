@@ -77,28 +77,7 @@ def time_ordered_scores(
     refits: bool = True,
     progress: Progress | None = None,
 ) -> TimeOrderedScores:
-    """Return WAIC, leave-one-out and leave-future-out of a fit over blocks of its recordings.
-
-    Parameters
-    ----------
-    fit : Fit
-    open_simulator : callable
-        Makes a simulator of a problem.
-    rng : Generator
-    blocks : int
-        Blocks each recording is split into; each should be long against the noise's correlation time.
-    first : int
-        Blocks of each recording that leave-future-out learns from before it predicts.
-    draws : int
-        Posterior draws.
-    refits : bool
-        Compute a new posterior where importance sampling is unreliable. Without, such blocks are only marked.
-
-    Notes
-    -----
-    With several recordings leave-future-out goes block by block through all of them at once: the k-th blocks of
-    all recordings are predicted from the blocks before in all of them.
-    """
+    """Return WAIC, leave-one-out and leave-future-out of a fit over blocks of its recordings."""
     densities = _densities(fit, fit.calibration, open_simulator, rng, blocks, draws)
 
     def refit(known: int) -> FloatArray:
@@ -129,31 +108,7 @@ def leave_one_recording_out(
     """Predict each recording from a fit to the others.
 
     The other recordings do not predict the nuisance parameters of a recording (its delay, its initial state). For every
-    draw, these are fitted within their priors and integrated out by Laplace's approximation.
-
-    Parameters
-    ----------
-    fit : Fit
-        To all recordings.
-    open_simulator : callable
-        Makes a simulator of a problem.
-    rng : numpy.random.Generator
-    draws : int
-        Draws of the parameters that predict a recording.
-    time_limit : float
-        The next recording is not started if it is expected to end after so many s.
-    progress : callable, optional
-
-    Returns
-    -------
-    tuple of LeftOutPrediction
-        One a recording.
-
-    Raises
-    ------
-    InputError
-        If there is only one recording.
-    """
+    draw, these are fitted within their priors and integrated out by Laplace's approximation."""
     began = time.perf_counter()
     calibration = fit.calibration
     if len(calibration.data.experiments) < 2:

@@ -23,8 +23,7 @@ class LikelihoodProfile:
     """Profile of the log-posterior over one parameter, at the fitted noise.
 
     ``values`` (k,) are in SI units. ``drop`` (k,) is the largest log-posterior of all less the one at each value: zero
-    at the best value, and infinite where every simulation failed.
-    """
+    at the best value, and infinite where every simulation failed."""
 
     name: str
     unit: str
@@ -63,24 +62,7 @@ def profile_likelihood(
     width: float = 4.0,
     settings: LocalSettings | None = None,
 ) -> LikelihoodProfile:
-    """Compute the profile of one free parameter of a fit.
-
-    Parameters
-    ----------
-    fit : Fit
-    name : str
-    simulator : Simulator
-        Of the fit's problem.
-    points : int
-    width : float
-        Half-width of the range in Laplace standard deviations; the range ends at the bounds.
-    settings : LocalSettings, optional
-
-    Raises
-    ------
-    InputError
-        If the parameter was not fitted.
-    """
+    """Compute the profile of one free parameter of a fit."""
     column = fit.calibration.parameters.index(name)
     if column not in fit.free:
         raise InputError(f"{name} was not fitted, so it has no profile")

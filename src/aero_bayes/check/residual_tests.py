@@ -51,11 +51,7 @@ class StructureTest:
 class ResidualReport:
     """The residual of one output of one recording.
 
-    ``autocorrelation`` is that of the residual at ``lags`` (s); ``correlations`` are with inputs and fitted states.
-    ``worst_time`` (start and end in s) is the tenth of the recording with the largest squared innovations,
-    ``worst_share`` its share of them. ``noise_floor`` is None if unknown; ``noise`` is the standard deviation of the
-    fitted noise.
-    """
+    ``autocorrelation`` is that of the residual at ``lags`` (s); ``correlations`` are with inputs and fitted states."""
 
     recording: str
     output: str
@@ -128,13 +124,7 @@ def portmanteau_test(innovations: FloatArray, lags: int = 20) -> StructureTest:
 def smooth_dependence_test(
     name: str, over: FloatArray, innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray
 ) -> StructureTest:
-    """Test for a smooth dependence of a residual on ``over`` (n,), such as a state or the time.
-
-    Parameters
-    ----------
-    slopes : ndarray, shape (k, n)
-        Whitened sensitivities to the fitted parameters. What they can explain is not structure.
-    """
+    """Test for a smooth dependence of a residual on ``over`` (n,), such as a state or the time."""
     low, high = float(over.min()), float(over.max())
     if not high > low:
         return StructureTest(name, 0.0, 0, 1.0)
@@ -149,24 +139,7 @@ def smooth_dependence_test(
 def slow_variation_test(
     innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray, waves: int = 12
 ) -> StructureTest:
-    """Test for the ``waves`` slowest cosines over the recording.
-
-    Parameters
-    ----------
-    innovations : ndarray, shape (n,)
-        Whitened residual.
-    series : Series
-    noise : OutputNoise
-        By which it was whitened.
-    slopes : ndarray, shape (k, n)
-        Whitened sensitivities.
-    waves : int
-        Number of cosines.
-
-    Returns
-    -------
-    StructureTest
-    """
+    """Test for the ``waves`` slowest cosines over the recording."""
     n = innovations.size
     phase = np.pi * (np.arange(n) + 0.5) / n
     rows, _ = whiten(np.cos(np.outer(np.arange(1, waves + 1), phase)), series.sampling, noise)
@@ -196,17 +169,7 @@ def check_residuals(
     fit: Optimum,
     floors: Mapping[tuple[str, str], float],
 ) -> tuple[ResidualReport, ...]:
-    """Test the residual of every output of every recording.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    series : sequence of Series
-        Of the objective that was fitted.
-    fit : Optimum
-    floors : mapping of (recording, output) to float
-        Noise floors from the readings alone, as far as they are known.
-    """
+    """Test the residual of every output of every recording."""
     reports = []
     units = calibration.model.units
     for k, own in enumerate(series):
@@ -255,8 +218,7 @@ def _states(
     """Compute fitted outputs, derivatives of outputs that are positions, and inputs, at the samples of one output.
 
     An input has its value just before the sample: a controller computes the next value from the reading and its noise.
-    So have the outputs of a filter, whose predictions follow the readings.
-    """
+    So have the outputs of a filter, whose predictions follow the readings."""
     states: dict[str, FloatArray] = {}
     time, filtered = own.sampling.time, fit.evaluation.sd is not None
     for k, other in enumerate(series):

@@ -45,22 +45,7 @@ def is_number(cell: str) -> bool:
 
 
 def numbers_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
-    """Convert cells of a column to numbers, NaN where one is empty.
-
-    Parameters
-    ----------
-    column : pandas.Series
-        Numbers, or objects such as text.
-    place : callable
-        Where the cell of a row stands, for messages.
-    name : str
-        What messages call the column.
-
-    Raises
-    ------
-    InputError
-        For the first cell that is no number.
-    """
+    """Convert cells of a column to numbers, NaN where one is empty."""
     if column.dtype.kind in "biuf":
         return np.asarray(column.to_numpy(), dtype=np.float64)
     if column.dtype.kind in "mM":
@@ -71,21 +56,7 @@ def numbers_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
 def times_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
     """Convert cells to times in s: numbers as they are, times of day over midnight, dates from the first one on.
 
-    A date without a zone is taken for universal time, which knows no hour twice.
-
-    Parameters
-    ----------
-    column : pandas.Series
-    place : callable
-        Where the cell of a row stands, for messages.
-    name : str
-        What messages call the column.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In s.
-    """
+    A date without a zone is taken for universal time, which knows no hour twice."""
     if column.dtype.kind in "biuf":
         return np.asarray(column.to_numpy(), dtype=np.float64)
     if column.dtype.kind in "mM":
@@ -174,8 +145,7 @@ def numbers(column: Any, where: str) -> FloatArray:
 def plain_seconds(time: FloatArray) -> FloatArray:
     """Count times in s from the first one, where they are ms or less since 1970, or days of a spreadsheet.
 
-    A step of a spreadsheet is a whole number of seconds, but as a share of a day no short number.
-    """
+    A step of a spreadsheet is a whole number of seconds, but as a share of a day no short number."""
     if time.size < 2 or not np.isfinite(time).all():
         return time
     for least, unit in EPOCH_UNITS:

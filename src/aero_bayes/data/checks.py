@@ -49,16 +49,7 @@ class Recorded(Protocol):
 
 
 def check_recording(recording: Recorded, layout: Layout | None = None, where: RowName | None = None) -> None:
-    """Raise InputError for the first error in a recording.
-
-    Parameters
-    ----------
-    recording : Recorded
-    layout : Layout, optional
-        Plausible magnitudes and sample rates; any by default.
-    where : callable, optional
-        The name of a row in messages; "sample 3" by default.
-    """
+    """Raise InputError for the first error in a recording."""
     place = where or (lambda row: f"sample {row + 1}")
     name = str(recording.path or recording.name)
     if recording.rows < MIN_SAMPLES:

@@ -16,8 +16,7 @@ def with_steady_clock(recording: Recording) -> Recording:
     """Return the recording with the time after each step back of its clock moved behind the time before it.
 
     How long the step took is not known, so that what follows it is marked as a part that begins anew. A clock that
-    steps back so often that its parts are short is left to be refused.
-    """
+    steps back so often that its parts are short is left to be refused."""
     rows = _steps_back(recording)
     if rows.size == 0:
         return recording

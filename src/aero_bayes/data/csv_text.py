@@ -162,13 +162,7 @@ def free_memory() -> int:
 
 
 def read_header(path: Path) -> Header:
-    """Return names and layout of a file's columns.
-
-    Raises
-    ------
-    InputError
-        If the file is empty, no text in UTF-8, or begins with numbers.
-    """
+    """Return names and layout of a file's columns."""
     raw, last, line, size = b"", b"", 0, 0
     with path.open("rb") as file:
         raw = file.readline(1 << 20)

@@ -52,21 +52,7 @@ MAX_INPUT_LAG = 12
 
 @dataclass(frozen=True)
 class NoiseVariances:
-    """Variances of noise, from differences of one order.
-
-    Parameters
-    ----------
-    white, slow : float
-        Of white and of correlated noise.
-    memory : float
-        Correlation time of the correlated noise in samples; 0 if there is none.
-    near : float
-        Variance of the noise in differences at the first lag.
-    whole : float
-        Variance of differences at the first lag, noise and signal.
-    windows : int
-        Number of differences at the first lag.
-    """
+    """Variances of noise, from differences of one order."""
 
     white: float
     slow: float
@@ -78,17 +64,7 @@ class NoiseVariances:
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Differences of readings.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        NaN in gaps.
-    time : ndarray, shape (n,)
-        Increasing; the steps need not be even.
-    inputs : sequence of ndarray, shape (n,)
-        Inputs.
-    """
+    """Differences of readings."""
 
     values: FloatArray
     time: FloatArray
@@ -110,8 +86,7 @@ class Differences:
         """Compute the share of the variance of differences at the first lag that those of earlier inputs predict.
 
         It is the cross-validated R^2 of a regression on inputs up to ``MAX_INPUT_LAG`` samples ago: fitted on one half
-        of the recording, and tested on the other. 1 if inputs move and there are too few readings.
-        """
+        of the recording, and tested on the other. 1 if inputs move and there are too few readings."""
         weights, rows = _weights(self.time, order, 1)
         found = (weights * self.values[rows]).sum(axis=1)
         use, _ = self._undisturbed(rows, np.isfinite(found) & (rows[:, 0] >= MAX_INPUT_LAG))

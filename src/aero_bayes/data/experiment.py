@@ -23,32 +23,7 @@ def to_experiment(
     zero_at_rest: Sequence[str] | None = None,
     interpolation: Mapping[str, Interpolation] | Interpolation = "hold",
 ) -> Experiment:
-    """Return the experiment that a simulator runs. Held inputs are reduced to the samples at which they change.
-
-    Parameters
-    ----------
-    recording : Recording
-    outputs : sequence of str, optional
-        Outputs to return and compare, in this order; all that were recorded by default.
-    start : mapping of str to float, optional
-        Initial values of the model's states, by name.
-    before : mapping of str to float, optional
-        Value of each input before the first sample, which acts until the input's delay has passed.
-    zero_at_rest : sequence of str, optional
-        Tells the others, see :func:`input_before`.
-    interpolation : {"hold", "linear"} or mapping
-        What inputs do between their samples: all of them, or by name; one that is not named holds.
-
-    Returns
-    -------
-    Experiment
-        ``measured`` has shape (n, m), NaN in gaps.
-
-    Raises
-    ------
-    InputError
-        For an output that was not recorded.
-    """
+    """Return the experiment that a simulator runs. Held inputs are reduced to the samples at which they change."""
     names = tuple(outputs) if outputs is not None else tuple(recording.outputs)
     known = _input_before_start(recording, zero_at_rest) | dict(before or {})
     linear = set(recording.inputs) if interpolation == "linear" else set()
@@ -72,8 +47,7 @@ def to_experiment(
 def _hold_signal(name: str, time: FloatArray, values: FloatArray, before: float | None = None) -> InputSignal:
     """Return a piecewise constant input with a point at every change.
 
-    ``before`` is its value until the first sample.
-    """
+    ``before`` is its value until the first sample."""
     keep = np.concatenate(([True], values[1:] != values[:-1]))
     grid, levels = time[keep], values[keep]
     if before is not None and before != levels[0]:
@@ -87,9 +61,7 @@ def _input_before_start(
     """Return the value of each input before the first sample: zero if the rig was at rest, else its first value.
 
     The first recorded output among ``zero_at_rest`` decides. If it begins at nearly zero (``share`` of its largest
-    value), the rig was at rest. If none of them was recorded, the rig counts as at rest. Without ``zero_at_rest``,
-    inputs have their first values.
-    """
+    value), the rig was at rest. If none of them was recorded, the rig counts as at rest."""
     moving = not zero_at_rest
     for name in zero_at_rest or ():
         if name in recording.outputs:

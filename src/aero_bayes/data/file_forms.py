@@ -28,18 +28,7 @@ SIGNAL_FILES: tuple[SignalFiles, ...] = (matlab, logs, modelica_table)
 
 
 def read_columns(path: Path, request: Request) -> Columns:
-    """Return the columns that a recording asks for, whatever the form of the file.
-
-    Parameters
-    ----------
-    path : Path
-    request : Request
-
-    Raises
-    ------
-    InputError
-        One line that says what is wrong with the file, or what to install.
-    """
+    """Return the columns that a recording asks for, whatever the form of the file."""
     try:
         for form in SIGNAL_FILES:
             if form.is_one(path):

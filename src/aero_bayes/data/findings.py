@@ -16,26 +16,7 @@ MOST_TOLD = 6
 
 @dataclass(frozen=True)
 class DataFinding:
-    """A fault of the readings.
-
-    Parameters
-    ----------
-    kind : str
-        ``sentinel``: a constant that stands for "no reading"; ``outliers``; ``stuck``: a sensor that repeats its
-        reading; ``clipped``: readings at the end of a sensor's range; ``gap``: a time without samples; ``clock``: a
-        step of the clock; ``wrapped``: an angle that jumps by a turn; ``rounded``: readings in coarse steps;
-        ``quality``: readings that the logger marked as bad; ``unit``: values in another unit.
-    recording, signal : str
-        Where; no signal for a fault of all columns.
-    what : str
-        A sentence.
-    where : str
-        Times and rows.
-    done : str
-        What was done about it, or what the user can do.
-    mended : bool
-        Whether the fault no longer affects a fit.
-    """
+    """A fault of the readings."""
 
     kind: FindingKind
     recording: str

@@ -37,8 +37,7 @@ MOST_TITLES = 60
 def is_table(path: Path) -> bool:
     """Return whether a file is a table that pandas reads, by its suffix.
 
-    InputError for one that is known and not read.
-    """
+    InputError for one that is known and not read."""
     suffix = path.suffix.lower()
     if suffix in REFUSED:
         raise InputError(f"{path}: {suffix} is not read: {REFUSED[suffix]}")

@@ -21,8 +21,7 @@ def gap_rows(time: FloatArray, inputs: Mapping[str, FloatArray]) -> Rows:
     """Find the first rows after a gap, of the longest gaps if there are many.
 
     A logger that writes changes only has long intervals by right, and inputs that were constant for as long before and
-    after a gap were most likely constant in it: neither counts.
-    """
+    after a gap were most likely constant in it: neither counts."""
     steps = np.diff(time)
     usual = float(np.median(steps)) if steps.size else 0.0
     if usual <= 0.0 or np.mean((steps > 0.5 * usual) & (steps < 2.0 * usual)) < EVEN_SHARE:

@@ -26,23 +26,7 @@ class InitialLevel(NamedTuple):
 
 
 def initial_level(values: FloatArray, time: FloatArray, floor: float) -> InitialLevel | None:
-    """Estimate the value at ``time[0]`` by the constant, line or parabola with the least mean squared error.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Readings, NaN in gaps.
-    time : ndarray, shape (n,)
-        In s.
-    floor : float
-        Standard deviation of their noise. A polynomial with a larger residual is not used. Without noise, the result is
-        the first reading.
-
-    Returns
-    -------
-    Beginning or None
-        None where there is no reading.
-    """
+    """Estimate the value at ``time[0]`` by the constant, line or parabola with the least mean squared error."""
     seen = np.flatnonzero(np.isfinite(values))[: WINDOW_LENGTHS[-1]]
     if not seen.size:
         return None

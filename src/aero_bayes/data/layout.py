@@ -17,23 +17,7 @@ from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_m
 class ColumnMap:
     """Where a signal is found in a file, and how it is converted to SI units.
 
-    The value in ``unit`` is ``(raw + offset) * scale``. It is then converted to the unit of the model.
-
-    Parameters
-    ----------
-    source : str
-        Name of the file's column or variable. In a MATLAB file ``log(2)`` is the second row (or column) of the matrix
-        ``log``, ``run.signals(1)`` the first signal of a structure with time.
-    unit : str, optional
-        Unit in the file, any that can become the model's: ``ms``, ``rpm``, ``cm``, ``degC``, ``l/min``; or ``count``
-        (with ``counts_per_revolution``). Left out, the file is in the model's unit.
-    scale, offset : float
-        For any other conversion.
-    counts_per_revolution : float, optional
-        Of the encoder, for ``count`` and ``count/s``.
-    unwrap : bool
-        Whether it is an angle that is recorded modulo one turn, whose jumps of a turn are taken out.
-    """
+    The value in ``unit`` is ``(raw + offset) * scale``. It is then converted to the unit of the model."""
 
     source: str
     unit: str | None = None
@@ -43,21 +27,7 @@ class ColumnMap:
     unwrap: bool = False
 
     def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
-        """Convert raw values to the unit ``expected``, or to SI if empty. InputError for another dimension.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n,)
-            As in the file.
-        column : str
-            What messages call it.
-        expected : str
-            Unit of the model; empty for SI.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Convert raw values to the unit ``expected``, or to SI if empty. InputError for another dimension."""
         converted = self._converted(values, column, expected)
         return unwrapped(converted, expected) if self.unwrap else converted
 

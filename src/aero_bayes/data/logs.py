@@ -45,8 +45,7 @@ def read(path: Path, request: Request) -> Columns:
 def _signals(path: Path) -> Signals:
     """Return all signals with their times.
 
-    InputError for a file that cannot be read, or whose reader is not installed.
-    """
+    InputError for a file that cannot be read, or whose reader is not installed."""
     with path.open("rb") as file:
         head = file.read(8)
     kind, extra = (_mdf, "mdf") if head in MDF else (_tdms, "tdms") if head.startswith(TDMS) else (_lvm, "")

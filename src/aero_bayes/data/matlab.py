@@ -66,13 +66,7 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def read(path: Path, request: Request) -> Columns:
-    """Read the vectors of the file under the recording's names.
-
-    Raises
-    ------
-    InputError
-        Too large for the memory, damaged, needs a package, a column missing or of another length.
-    """
+    """Read the vectors of the file under the recording's names."""
     size, free = path.stat().st_size, request.memory if request.memory is not None else free_memory()
     # Read, flattened and converted: three copies; compressed files are seldom more than twice their size.
     if 6 * size > free:

@@ -113,8 +113,7 @@ def _trajectories(variables: Mapping[str, Any]) -> dict[str, FloatArray]:
     """Read variables over time of a result of Dymola or OpenModelica; of a time that is there twice (event), the last.
 
     ``dataInfo`` has a column for each name: the matrix with its values (0: the time, 1: constants, 2: over time), the
-    row in it, negative for one that enters with the other sign. ``Aclass`` says in which order matrices are stored.
-    """
+    row in it, negative for one that enters with the other sign. ``Aclass`` says in which order matrices are stored."""
     transposed = len(variables["Aclass"]) > 3 and str(variables["Aclass"][3]).startswith("binTrans")
     info, data = np.asarray(variables["dataInfo"]), np.atleast_2d(np.asarray(variables["data_2"], dtype=float))
     names = [str(name) for name in variables["name"]]

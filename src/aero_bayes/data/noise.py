@@ -44,25 +44,7 @@ MIN_DIFFERENCES = 36
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """Noise of one output.
-
-    Parameters
-    ----------
-    sd : float or None
-        Standard deviation of the noise, at least ``quantum / sqrt(12)``; None if noise and signal cannot be separated.
-    at_most : float
-        ``sd`` if it is known, else an upper bound.
-    white, slow : float
-        Standard deviations of the white and of the correlated part; 0 if unknown.
-    slow_time : float
-        Correlation time of the correlated part in s; 0 if there is none.
-    correlation : float
-        Correlation of the noise of neighbouring readings.
-    quantum : float or None
-        Step of quantised readings, else None.
-    readings : int
-        Number of readings.
-    """
+    """Noise of one output."""
 
     sd: float | None
     at_most: float
@@ -79,22 +61,7 @@ class NoiseFloor:
 
 
 def noise_floor(values: FloatArray, time: FloatArray, inputs: Sequence[FloatArray] = ()) -> NoiseFloor:
-    """Estimate the noise of readings.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Readings (or residuals), NaN in gaps.
-    time : ndarray, shape (n,)
-        Increasing times in s; they need not be even.
-    inputs : sequence of ndarray, shape (n,)
-        Inputs. Readings after a jump of an input are not used, if enough others are left, because transients are no
-        noise. Differences that inputs predict are no noise either.
-
-    Returns
-    -------
-    NoiseFloor
-    """
+    """Estimate the noise of readings."""
     quantum, readings = quantisation_step(values), int(np.isfinite(values).sum())
     least = 0.0 if quantum is None else quantum / math.sqrt(12.0)
     found = _noise(Differences(values, time, inputs))
@@ -157,9 +124,7 @@ def quantisation_step(values: FloatArray) -> float | None:
     """Step of quantised readings, None where they are continuous.
 
     A step q is accepted if the distinct values are within q / 10 of its multiples, so that a rounding print format does
-    not matter. There must be at least two distinct values, and five readings for each value, or one in five readings
-    that equals the one before.
-    """
+    not matter."""
     seen = values[np.isfinite(values)]
     if seen.size < 10:
         return None

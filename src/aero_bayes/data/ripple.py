@@ -33,20 +33,7 @@ def ripple_amplitudes(recording: Recording, output: str, orders: tuple[int, ...]
     """Compute the amplitude of the ripple of an output by order (periods a turn), in the unit of the output.
 
     It is averaged over segments in which the rotor turns and no input jumped shortly before. Orders that are not above
-    the noise are left out, and so are orders that alias to a very low frequency.
-
-    Parameters
-    ----------
-    recording : Recording
-    output : str
-    orders : tuple of int
-        Periods a turn.
-
-    Returns
-    -------
-    dict of int to float
-        By order, in the unit of the output.
-    """
+    the noise are left out, and so are orders that alias to a very low frequency."""
     speed = _rotor_speed(recording)
     if speed is None or recording.rate_hz <= 0.0:
         return {}

@@ -22,24 +22,7 @@ def screen(recording: Recording) -> tuple[Recording, ...]:
     """Mend what is wrong with the readings of a recording.
 
     Readings that are no readings (constants that stand for none, a stuck or clipped sensor) become gaps. A recording
-    whose logger lost a stretch is cut there, since what its inputs did is not known. Nothing is changed in a recording
-    without a fault, nor in one that was screened.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    tuple of Recording
-        Its parts, one for a recording without a gap. Their ``findings`` say what was wrong.
-
-    Examples
-    --------
-    >>> from aero_bayes.data import screen
-    >>> screen(recording)[0] is recording
-    True
-    """
+    whose logger lost a stretch is cut there, since what its inputs did is not known."""
     return _parts(_without_wrong_readings(_with_possible_inputs(recording)))
 
 
@@ -49,19 +32,7 @@ def screen_all(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
 
 
 def hide(recording: Recording, output: str, rows: Mask, kind: FindingKind, what: str, done: str = "") -> Recording:
-    """Return the recording without some readings of an output, and with a finding that says so.
-
-    Parameters
-    ----------
-    recording : Recording
-    output : str
-    rows : ndarray of bool, shape (n,)
-        Readings that become gaps.
-    kind : str
-        Of the finding.
-    what, done : str
-        Its sentences; by default the readings are not fitted.
-    """
+    """Return the recording without some readings of an output, and with a finding that says so."""
     values = np.where(rows, np.nan, recording.outputs[output])
     finding = DataFinding(
         kind, recording.name, output, what, where(recording, rows), done or "They are not fitted.", True
@@ -122,8 +93,7 @@ def _without_wrong_readings(recording: Recording) -> Recording:
 def _with_told(recording: Recording, name: str, unit: str) -> Recording:
     """Return the recording with findings for what only the user can mend.
 
-    An angle that wraps, a channel that never moves.
-    """
+    An angle that wraps, a channel that never moves."""
     values = recording.outputs[name]
     told = {(f.kind, f.signal) for f in recording.findings}
     rows = np.zeros(recording.rows, dtype=bool)

@@ -31,18 +31,7 @@ MIN_SENTINEL_READINGS = 12
 
 
 def sentinels(values: FloatArray, inputs: Mapping[str, FloatArray]) -> dict[float, Mask]:
-    """Mark rows of an output at constants that are no readings, by constant.
-
-    A constant outside of the range of all other readings by more than that range counts if it is a known one or occurs
-    twice; one within the range if it occurs three times, each time far off the readings before and after it, which
-    agree. What follows a change of an input is a response.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Readings, NaN in gaps.
-    inputs : mapping of str to ndarray, shape (n,)
-    """
+    """Mark rows of an output at constants that are no readings, by constant."""
     found: dict[float, Mask] = {}
     left = np.isfinite(values)
     near = after_changes(inputs) if inputs else np.zeros(values.size, dtype=bool)

@@ -25,19 +25,7 @@ def _sample(row: int) -> str:
 
 @dataclass(frozen=True)
 class Request:
-    """What a recording asks of a file.
-
-    Parameters
-    ----------
-    sources : mapping of str to str
-        What the file calls each column of the recording, ``time`` included.
-    wanted, optional : sequence of str
-        Columns that must be there, and that are read where they are.
-    held : collection of str
-        Inputs: they keep their value until their next reading.
-    memory : int, optional
-        Bytes that may be used; what the machine has free by default.
-    """
+    """What a recording asks of a file."""
 
     sources: Mapping[str, str]
     wanted: Sequence[str]
@@ -51,8 +39,7 @@ class Columns:
     """What a file gave: columns of equal length by the recording's names, and where they come from.
 
     ``named`` has what the file calls them, which may end in a unit; ``line`` names a row in messages, ``first_row`` is
-    the number of the first; ``bad`` has rows of outputs that the file calls bad.
-    """
+    the number of the first; ``bad`` has rows of outputs that the file calls bad."""
 
     columns: dict[str, FloatArray]
     sha256: str
@@ -78,8 +65,7 @@ class Signals:
 def column_called(source: str, names: Iterable[str]) -> str | None:
     """Return the name in a file that a signal's name means: itself, or the only one that adds a unit or a place to it.
 
-    ``F`` is ``F [N]``, and ``run.F`` or ``group/F`` where there is one such signal.
-    """
+    ``F`` is ``F [N]``, and ``run.F`` or ``group/F`` where there is one such signal."""
     there = list(names)
     if source in there:
         return source
@@ -93,22 +79,7 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
 
 
 def pick_signals(path: Path, signals: Signals, request: Request, hint: str = MAP_COLUMNS) -> Columns:
-    """Return the signals that a recording asks for, at one time.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for its hash and for messages.
-    signals : Signals
-    request : Request
-    hint : str
-        What to do about a signal that is not there.
-
-    Raises
-    ------
-    InputError
-        For a signal that is not there, or of another length than the times.
-    """
+    """Return the signals that a recording asks for, at one time."""
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     named = {}
@@ -142,20 +113,7 @@ def _check_length(path: Path, name: str, values: FloatArray, length: int) -> Non
 
 
 def joined(pairs: Mapping[str, tuple[FloatArray, FloatArray]], held: Collection[str]) -> dict[str, FloatArray]:
-    """Join signals with clocks of their own at all of their times, from the first at which every input is known.
-
-    Parameters
-    ----------
-    pairs : mapping of str to (ndarray, ndarray)
-        Times (s, in order) and values of each signal, shapes (n,).
-    held : collection of str
-        Signals that keep their value until their next reading; the others are missing (NaN) between their readings.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``time`` and the signals, all of one length.
-    """
+    """Join signals with clocks of their own at all of their times, from the first at which every input is known."""
     known = {name: (np.round(t[np.isfinite(t)], SAME_INSTANT), v[np.isfinite(t)]) for name, (t, v) in pairs.items()}
     known = {name: (t[np.isfinite(v)], v[np.isfinite(v)]) for name, (t, v) in known.items()}
     time = np.unique(np.concatenate([t for t, _ in known.values()]))
@@ -176,8 +134,7 @@ def joined(pairs: Mapping[str, tuple[FloatArray, FloatArray]], held: Collection[
 def without_repeats(columns: dict[str, FloatArray], held: Collection[str]) -> NDArray[np.bool_]:
     """Mark the rows to keep where a time is there twice at an event, as simulators write it: the last, after the event.
 
-    It is an event where an input jumps between the two rows, or where they are equal.
-    """
+    It is an event where an input jumps between the two rows, or where they are equal."""
     time = columns["time"]
     repeated = np.flatnonzero(np.diff(time) == 0.0)
     keep = np.ones(time.size, dtype=bool)

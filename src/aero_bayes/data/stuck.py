@@ -25,14 +25,7 @@ SAME = 1e-9
 
 
 def stuck_rows(values: FloatArray, inputs: Mapping[str, FloatArray]) -> tuple[Mask, Mask]:
-    """Mark rows where an output is stuck, and rows where it is clipped.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Readings, NaN in gaps.
-    inputs : mapping of str to ndarray, shape (n,)
-    """
+    """Mark rows where an output is stuck, and rows where it is clipped."""
     stuck, clipped = np.zeros(values.size, dtype=bool), np.zeros(values.size, dtype=bool)
     at = np.flatnonzero(np.isfinite(values))
     seen = values[at]

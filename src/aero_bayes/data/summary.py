@@ -78,8 +78,7 @@ class RecordingSummary:
     """A recording at a glance.
 
     ``jitter`` is the standard deviation of the sample interval over its median; ``dropped`` counts intervals of more
-    than 1.5 medians (samples that were not written).
-    """
+    than 1.5 medians (samples that were not written)."""
 
     name: str
     sha256: str
@@ -189,8 +188,7 @@ def _output(recording: Recording, name: str) -> OutputSummary:
 def _saturated(values: FloatArray) -> float:
     """Compute the share of readings in runs of at least ``MIN_SATURATED_RUN`` at an extreme of a continuous sensor.
 
-    A quantised sensor that stands still looks the same, so one is not judged.
-    """
+    A quantised sensor that stands still looks the same, so one is not judged."""
     if np.ptp(values) == 0.0 or quantisation_step(values) is not None or np.unique(values).size < 0.2 * values.size:
         return 0.0
     share = 0.0

@@ -72,18 +72,7 @@ class _Rows:
 
 
 def read_table(file: TableFile, request: Request) -> Columns:
-    """Read the columns that a recording asks for.
-
-    Parameters
-    ----------
-    file : TableFile
-    request : Request
-
-    Raises
-    ------
-    InputError
-        One line with file, row and column.
-    """
+    """Read the columns that a recording asks for."""
     rows = _in_rows(file, request)
     if rows is not None:
         return _read_rows(file, request, rows)
@@ -142,8 +131,7 @@ def _clocks(where: str, names: Sequence[str], named: Mapping[str, str]) -> dict[
 def _in_rows(file: TableFile, request: Request) -> _Rows | None:
     """Find the columns of a table with one reading a row.
 
-    One of text has the names of signals that no column is called by.
-    """
+    One of text has the names of signals that no column is called by."""
     missing = {request.sources[n] for n in (*request.wanted, *request.optional) if n != "time"} - set(file.names)
     if not missing or len(file.names) < 3:
         return None
@@ -203,8 +191,7 @@ def _read_rows(file: TableFile, request: Request, rows: _Rows) -> Columns:
 def row_names(file: TableFile) -> list[str]:
     """Return names of signals in a table with one reading a row, for those who ask what a file holds.
 
-    Else its columns.
-    """
+    Else its columns."""
     timed = [n for n in file.names if is_time_name(n.partition("[")[0])]
     called = [n for n in file.names if VALUE_NAME.fullmatch(n)]
     text = [n for n in file.names if n.casefold() in SIGNAL_NAMES]
@@ -216,8 +203,7 @@ def row_names(file: TableFile) -> list[str]:
 def _quality_columns(names: Sequence[str], signals: Mapping[str, str]) -> dict[str, list[str]]:
     """Return the signals that each column of quality words is about, by the column's name.
 
-    ``signals`` has the column of each signal. A column that names no signal is about all of them.
-    """
+    ``signals`` has the column of each signal. A column that names no signal is about all of them."""
 
     def plain(text: str) -> str:
         return re.sub(r"\[.*\]|[\W_]", "", text.casefold())

@@ -18,8 +18,7 @@ from aero_bayes.estimate import Fit
 class ExpectedOutputs:
     """Expected outputs at the times of a proposal, without sensor noise.
 
-    ``middle``, ``lower`` and ``upper`` (n, m) are the median and the 90 % band over the posterior of the parameters.
-    """
+    ``middle``, ``lower`` and ``upper`` (n, m) are the median and the 90 % band over the posterior of the parameters."""
 
     outputs: tuple[str, ...]
     middle: FloatArray
@@ -36,29 +35,7 @@ def expected_outputs(
     engine: Engine = "native",
     workers: int | None = None,
 ) -> ExpectedOutputs:
-    """Return the outputs that a fitted model expects of a proposed experiment.
-
-    Parameters
-    ----------
-    proposal : Design or Separation
-    fit : Fit
-    draws : int
-        Draws of the parameters that are simulated.
-    seed : int
-        Of the draws.
-    engine : {"native", "fmpy"}
-    workers : int, optional
-        Worker processes; all cores by default.
-
-    Returns
-    -------
-    ExpectedOutputs
-
-    Raises
-    ------
-    CannotFinishError
-        If the experiment cannot be simulated.
-    """
+    """Return the outputs that a fitted model expects of a proposed experiment."""
     predictor = ExperimentPredictor(fit, proposal.time, proposal.limits, engine, workers)
     values = predictor.draws(draws, np.random.default_rng(seed))
     rows = np.column_stack([values, np.full(draws, predictor.delay_value)])

@@ -74,9 +74,7 @@ class PredictedExperiment:
     """Prediction of a candidate experiment.
 
     ``information`` (p, p) is the Fisher information on the search coordinates of the shared parameters, with the delay
-    of the new recording integrated out. ``travel`` is the largest absolute value by limited output. ``outputs`` is (n,
-    m), ``sensitivities`` (n, m, p + 1), with respect to search coordinates, the delay last.
-    """
+    of the new recording integrated out. ``travel`` is the largest absolute value by limited output."""
 
     information: FloatArray
     travel: Mapping[str, float]
@@ -85,17 +83,7 @@ class PredictedExperiment:
 
 
 class ExperimentPredictor:
-    """Predicts experiments with a fitted model.
-
-    Parameters
-    ----------
-    fit : Fitted
-    time : ndarray, shape (n,)
-        Sample times of the experiments.
-    limits : Limits
-    engine, workers
-        As for a fit.
-    """
+    """Predicts experiments with a fitted model."""
 
     def __init__(
         self,
@@ -181,8 +169,7 @@ class ExperimentPredictor:
     ) -> list[PredictedExperiment | None]:
         """Predict experiments, one an input signal (n,) on the full times; None where the simulation failed.
 
-        ``values`` are the shared parameters' SI values, the fitted ones by default.
-        """
+        ``values`` are the shared parameters' SI values, the fitted ones by default."""
         at = self.values if values is None else values
         with self.open(self.problem([self.experiment(s) for s in signals])) as simulator:
             row = np.append(at, self.delay_value)[None]

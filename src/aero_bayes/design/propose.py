@@ -33,8 +33,7 @@ TRAVEL_SHARE = 0.9
 class ExpectedParameter:
     """What a parameter's standard deviation is, and would be: SI units, and as a share of the value.
 
-    ``repeated`` is what as long a recording of the present input would leave.
-    """
+    ``repeated`` is what as long a recording of the present input would leave."""
 
     name: str
     unit: str
@@ -52,18 +51,7 @@ class ExpectedParameter:
 
 @dataclass(frozen=True, eq=False)
 class Design(ProposedInput):
-    """A proposed experiment.
-
-    Parameters
-    ----------
-    family : str
-        Kind of signal; ``families`` has the best score of each kind (mean logarithm of the targets' sd ratios).
-    expected : tuple of Expected
-    travel : mapping of str to float
-        Largest absolute value of each limited output over draws of what is known; never above its limit.
-    limits : Limits
-    rate_hz : float
-    """
+    """A proposed experiment."""
 
     families: Mapping[str, float]
     expected: tuple[ExpectedParameter, ...]
@@ -233,13 +221,7 @@ def experiment_times(fit: GaussianFit, duration: float, rate_hz: float | None) -
 def within_travel(
     predictor: ExperimentPredictor, values: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, dict[str, float]]:
-    """Make the signal smaller until draws of what is known keep to the travel; return each output's largest, too.
-
-    Raises
-    ------
-    CannotFinishError
-        If even a hundredth of it does not.
-    """
+    """Make the signal smaller until draws of what is known keep to the travel; return each output's largest, too."""
     draws = np.vstack([predictor.values, predictor.draws(TRAVEL_DRAWS, rng)])
     rows = np.column_stack([draws, np.full(len(draws), predictor.delay_value)])
     for _ in range(30):

@@ -27,8 +27,7 @@ class Separation(ProposedInput):
     """A proposed experiment, and the expected difference in log-evidence of two models.
 
     ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
-    three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal.
-    """
+    three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal."""
 
     families: Mapping[str, float]
     first_true: float
@@ -71,22 +70,7 @@ def separating_experiment(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Separation:
-    """Return the input signal within given limits that separates two models of one rig best.
-
-    Parameters
-    ----------
-    first, second : Fitted
-        Fits of both models to the same recordings.
-    duration, rate_hz, limits, settings, workers, progress
-        As for :func:`aero_bayes.design.propose_experiment`.
-
-    Raises
-    ------
-    InputError
-        If the fits are of different outputs.
-    CannotFinishError
-        If every candidate leaves the travel.
-    """
+    """Return the input signal within given limits that separates two models of one rig best."""
     outputs = first.calibration.data.outputs, second.calibration.data.outputs
     if outputs[0] != outputs[1]:
         raise InputError(f"the two fits are of different outputs: {outputs[0]} and {outputs[1]}")

@@ -19,8 +19,7 @@ UPDATE_HZ = 20.0
 class SignalFamily:
     """Signals of one kind: ``signal`` maps a point (``size``,) of the unit cube and times (n,) in s to values (n,).
 
-    ``jumps`` says that they are made of jumps, which a simulation takes in fewer steps.
-    """
+    ``jumps`` says that they are made of jumps, which a simulation takes in fewer steps."""
 
     name: str
     size: int

@@ -30,8 +30,7 @@ class BestSignal:
 class SearchSettings:
     """Effort: candidates a family at the start, rounds of refinement, candidates a round, how many families go on.
 
-    ``among`` are the families that are tried, ``engine`` is what simulates them.
-    """
+    ``among`` are the families that are tried, ``engine`` is what simulates them."""
 
     start: int = 16
     rounds: int = 6
@@ -53,8 +52,7 @@ def best_signals(
     """Return the best signal of each family, best first; the best families are refined.
 
     A step's spread shrinks by half every other round; a family's best only ever improves. The search ends with what it
-    has where ``progress`` returns True.
-    """
+    has where ``progress`` returns True."""
     tell = Watched(progress)
     steps = len(settings.among) + settings.rounds * settings.families
     found = []

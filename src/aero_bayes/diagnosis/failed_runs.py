@@ -70,10 +70,7 @@ def _leaves(tree: Expression, constants: set[str]) -> str:
 def failing_run(fit: Fit) -> str:
     """Return values, recording and time at which a run fails.
 
-    The start of the search if it fails, else a point near the fit.
-
-    Empty where no such run fails.
-    """
+    The start of the search if it fails, else a point near the fit."""
     calibration = fit.calibration
     parameters = calibration.parameters
     rows = [parameters.start, fit.values]

@@ -35,28 +35,7 @@ def band_factors(
     covariance: FloatArray,
     residuals: Sequence[FloatArray],
 ) -> FloatArray:
-    """Compute the half-width of the 90 % band of each output, in standard deviations of a predicted reading.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    series : sequence of Series
-        What was fitted.
-    optimum : Optimum
-        With the slopes of its free columns.
-    covariance : ndarray, shape (f, f)
-        Of the free columns.
-    residuals : sequence of ndarray, shape (n, m)
-        Readings minus fitted outputs of each recording. They include what sensors add and the fit left out (ripple).
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        At least 1.645, at least what holds 90 % of the fitted readings, and at least the quantile of the errors of
-        leave-out predictions at the level ``0.9 (1 + 1 / K)``, the finite-sample correction for ``K`` independent
-        errors. ``K`` is their number over the autocorrelation time of their absolute values. The largest error serves
-        where this level is above 1.
-    """
+    """Compute the half-width of the 90 % band of each output, in standard deviations of a predicted reading."""
     if calibration.simulated.process is not None:  # the filter says how much each reading differs from its prediction
         return np.full(len(calibration.data.outputs), NORMAL_HALF_WIDTH)
     assert optimum.evaluation.slopes is not None
@@ -88,8 +67,7 @@ def conformal_quantile(scores: Sequence[FloatArray], share: float) -> float:
 def _leave_out_changes(calibration: Calibration, series: Sequence[Series], optimum: Optimum) -> list[FloatArray]:
     """Compute the change of each fitted output (n,) when the recording, or the only one's block, is left out.
 
-    Initial values and delays that belong to one recording stay as fitted to all its readings.
-    """
+    Initial values and delays that belong to one recording stay as fitted to all its readings."""
     assert optimum.evaluation.slopes is not None
     parameters = calibration.parameters
     shared = [k for k, j in enumerate(optimum.free) if parameters.items[j].recording is None]
@@ -104,8 +82,7 @@ def _leave_out_changes(calibration: Calibration, series: Sequence[Series], optim
 def _parts(series: Sequence[Series], leverage: FloatArray, optimum: Optimum) -> list[Readings]:
     """Return what is left out in turn: each recording.
 
-    Of a single one, blocks that are long beside the residual's memory.
-    """
+    Of a single one, blocks that are long beside the residual's memory."""
     lengths = [residual_correlation_time([r]) for r in optimum.evaluation.residual]
     least = math.ceil(BLOCK_LENGTH * sum(lengths))
     by_recording = blocks_of_time(series, leverage, BLOCK_COUNT, max(least, MIN_BLOCK_READINGS))

@@ -29,22 +29,7 @@ def jackknife_covariance(series: Sequence[Series], slopes: FloatArray, residual:
     """Compute the covariance of least-squares estimates by leaving out moving blocks of time, all outputs together.
 
     Without a block the estimates move, to first order, by ``(I - S_b S_b')^-1 S_b r_b``. Blocks are whole recordings
-    where there are ten or more.
-
-    Parameters
-    ----------
-    series : sequence of Series
-    slopes : ndarray, shape (k, N)
-        All series end to end, on axes where ``S S'`` is the unit matrix.
-    residual : ndarray, shape (N,)
-        In the units of ``slopes``.
-
-    Returns
-    -------
-    ndarray, shape (k, k)
-        On the same axes: the unit matrix if readings were independent. It is scaled so that a central 90 % interval of
-        a Gaussian is that of Student's t.
-    """
+    where there are ten or more."""
     recordings = sorted({s.experiment for s in series})
     count = max(round(STEPS * JACKKNIFE_BLOCKS / len(recordings)), STEPS)
     linear = LinearisedFit(slopes, residual, np.zeros((len(slopes), len(slopes))))

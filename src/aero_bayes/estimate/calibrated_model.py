@@ -41,33 +41,7 @@ class Interval(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CalibratedModel:
-    """A Modelica class that gives a model its fitted values.
-
-    Parameters
-    ----------
-    base : ModelicaSource
-        The class that it extends.
-    parameters : mapping of str to float or str
-        Every parameter that has another value than the model's own, in SI units; all elements of an array. A text is
-        a value that is not Real, as Modelica writes it.
-    remarks : mapping of str to str
-        What stands beside a value.
-    header : tuple of str
-        What stands above all of them.
-    added : mapping of str to str
-        Modelica files that were written for it and are needed too: name and text.
-    suffix : str
-        What the name of the class has behind that of its base.
-    stop : float, optional
-        End of the default experiment in s.
-
-    Examples
-    --------
-    >>> fit.calibrated.name, round(fit.calibrated.parameters["k"])
-    ('Rig_fitted', 55)
-    >>> print(fit.calibrated.text.splitlines()[0])
-    within ;
-    """
+    """A Modelica class that gives a model its fitted values."""
 
     base: ModelicaSource
     parameters: Mapping[str, float | str]
@@ -133,29 +107,7 @@ def calibrated_model(
     chosen: Mapping[str, str] | None = None,
     delays: Collection[str] = (),
 ) -> CalibratedModel:
-    """Return the class with the values (p,) of a calibration's parameters, and those that it holds.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    values : ndarray, shape (p,)
-        In SI units.
-    intervals : mapping
-        Of parameters by name.
-    source : ModelicaSource, optional
-        Of the model; by default what the model was built from.
-    added : mapping of str to str, optional
-        Modelica files that were written for it: name and text.
-    chosen : mapping of str to str, optional
-        Values of parameters that are not Real, as Modelica writes them.
-    delays : collection of str
-        Delays of inputs for which the class has parameters of their names.
-
-    Raises
-    ------
-    InputError
-        For an FMU whose Modelica source is not known.
-    """
+    """Return the class with the values (p,) of a calibration's parameters, and those that it holds."""
     model = calibration.model
     base = source or _source_of(model)
     own = list(zip(calibration.parameters, values.tolist(), strict=True))

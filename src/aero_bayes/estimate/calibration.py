@@ -37,17 +37,7 @@ MAX_STEPS_PER_CHANGE = 60
 
 @dataclass(frozen=True)
 class SimulatedModel:
-    """A model and how it is simulated.
-
-    Parameters
-    ----------
-    model : Model
-    fixed : mapping of str to float
-        Model parameters held at other values than the model's own, in SI units.
-    solver : SolverSettings
-    process : ProcessNoise, optional
-        Process noise of the states; what is estimated of it is among the parameters of the calibration.
-    """
+    """A model and how it is simulated."""
 
     model: Model
     fixed: Mapping[str, float] = field(default_factory=dict)
@@ -57,16 +47,7 @@ class SimulatedModel:
 
 @dataclass(frozen=True)
 class Calibration:
-    """One fitting problem.
-
-    Parameters
-    ----------
-    data : MeasuredData
-    simulated : SimulatedModel
-    parameters : ParameterSet
-        What is searched, nuisances included.
-    noise : NoiseModel
-    """
+    """One fitting problem."""
 
     data: MeasuredData
     simulated: SimulatedModel
@@ -105,13 +86,7 @@ class Calibration:
     def with_process_noise(self, noise: NoiseModel) -> Calibration:
         """Return the same problem with process noise.
 
-        Initial values of recordings are integrated out in place of estimated.
-
-        Raises
-        ------
-        InputError
-            For a state that the model does not have.
-        """
+        Initial values of recordings are integrated out in place of estimated."""
         starts = [p for p in self.parameters if p.recording is not None and isinstance(p.target, StartTarget)]
         experiments = []
         for index, e in enumerate(self.data.experiments):
@@ -134,28 +109,7 @@ def calibrate(
     noise: NoiseModel | None = None,
     settings: CalibrationSettings | None = None,
 ) -> Calibration:
-    """Combine recordings and a model, with a nuisance delay and initial values for each recording that needs them.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-    model : Model
-    parameters : ParameterSet
-        What is searched.
-    fixed : mapping of str to float, optional
-        Model parameters held at other values than the model's own, in SI units.
-    noise : NoiseModel, optional
-    settings : CalibrationSettings, optional
-
-    Returns
-    -------
-    Calibration
-
-    Raises
-    ------
-    InputError
-        If nothing was recorded that the model can predict, or the inputs recorded are not those of the model.
-    """
+    """Combine recordings and a model, with a nuisance delay and initial values for each recording that needs them."""
     settings, noise = settings or CalibrationSettings(), noise or NoiseModel()
     if not recordings:
         raise InputError("no recording was given")
@@ -233,8 +187,7 @@ def _experiment(
 ) -> Experiment:
     """Make an experiment of all ``outputs``, NaN where it has none.
 
-    Of a count that stands still, few readings count.
-    """
+    Of a count that stands still, few readings count."""
     measured = np.full((recording.rows, len(outputs)), np.nan)
     for column, name in enumerate(outputs):
         if name in recording.outputs:

@@ -24,21 +24,7 @@ def rms(residual: FloatArray) -> FloatArray:
 def rms_table(
     residual: Sequence[FloatArray], names: Sequence[str], outputs: Sequence[str]
 ) -> Mapping[str, Mapping[str, float]]:
-    """Compute errors by recording, then output; outputs without readings are left out.
-
-    Parameters
-    ----------
-    residual : sequence of ndarray, shape (n, m)
-        Of each recording; NaN where nothing was read.
-    names : sequence of str
-        Names of the recordings.
-    outputs : sequence of str, length m
-
-    Returns
-    -------
-    mapping of str to mapping of str to float
-        Root mean square error in the output's unit.
-    """
+    """Compute errors by recording, then output; outputs without readings are left out."""
     return {
         name: {out: float(v) for out, v in zip(outputs, rms(r), strict=True) if np.isfinite(v)}
         for name, r in zip(names, residual, strict=True)

@@ -22,16 +22,7 @@ KINK_MARGIN = 1e-6
 def cost_shape(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> CostShape:
     """Tell which of the free coordinates are logarithms, and where a delay among them has kinks.
 
-    ``intervals`` are the sample intervals of the recordings in s.
-
-    Parameters
-    ----------
-    parameters : ParameterSet
-    free : sequence of int
-        Columns of the free parameters.
-    intervals : sequence of float
-        Sample interval of each recording in s.
-    """
+    ``intervals`` are the sample intervals of the recordings in s."""
     own = type(parameters)(tuple(parameters.items[j] for j in free))
     steps = {
         k: intervals[item.recording] if item.recording is not None else min(intervals)

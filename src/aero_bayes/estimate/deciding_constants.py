@@ -24,21 +24,7 @@ MAX_REMAINING_INFORMATION = 0.01
 def name_deciding_constants(
     found: Identifiability, calibration: Calibration, optimum: Optimum, open_simulator: OpenSimulator
 ) -> Identifiability:
-    """Add the fixed parameters that decide the flat directions of an identifiability.
-
-    Parameters
-    ----------
-    found : Identifiability
-    calibration : Calibration
-    optimum : Optimum
-    open_simulator : callable
-        Makes a simulator of a problem.
-
-    Returns
-    -------
-    Identifiability
-        Unchanged if there are none.
-    """
+    """Add the fixed parameters that decide the flat directions of an identifiability."""
     if not found.flat:
         return found
     fixed = _fixed_parameters(calibration)

@@ -10,13 +10,7 @@ from aero_bayes.simulation.model import Model
 
 
 def declared_overrides(model: Model) -> dict[str, Override]:
-    """Return priors, starts and bounds of the declared parameters that a model has; nothing for a model without any.
-
-    Raises
-    ------
-    InputError
-        For a parameter that is not positive.
-    """
+    """Return priors, starts and bounds of the declared parameters that a model has; nothing for a model without any."""
     own = {v.name: v.start for v in model.parameters}
     declared = model.declared.parameters
     return {name: _override(name, start, declared[name]) for name in declared if (start := own.get(name)) is not None}

@@ -18,20 +18,7 @@ def model_bound(bound: float | None, start: float) -> float | None:
 def default_bounds(
     start: float, lower: float | None, upper: float | None, nominal: float | None
 ) -> tuple[float, float]:
-    """Return bounds as given; where there is none, far from the start, without a change of sign.
-
-    Parameters
-    ----------
-    start : float
-    lower, upper : float, optional
-        Bounds as given.
-    nominal : float, optional
-        Size of the parameter, where its start is zero.
-
-    Returns
-    -------
-    (float, float)
-    """
+    """Return bounds as given; where there is none, far from the start, without a change of sign."""
     low = lower if lower is not None and math.isfinite(lower) else None
     high = upper if upper is not None and math.isfinite(upper) else None
     if start > 0.0 and (low is None or low == 0.0):

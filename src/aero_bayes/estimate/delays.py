@@ -38,22 +38,7 @@ def delay_columns(objective: Objective, free: Sequence[int]) -> list[int]:
 
 
 def better_delays(objective: Objective, here: Optimum, free: Sequence[int], *, prior: bool) -> FloatArray | None:
-    """Search for a better local optimum of the delays than that of a fit.
-
-    Parameters
-    ----------
-    objective : Objective
-    here : Optimum
-    free : sequence of int
-        Columns that are fitted.
-    prior : bool
-        Whether the priors count.
-
-    Returns
-    -------
-    ndarray, shape (p,), or None
-        Search coordinates to fit from; None where there is none, or no delay is free.
-    """
+    """Search for a better local optimum of the delays than that of a fit."""
     if not delay_columns(objective, free):
         return None
     values = objective.parameters.from_search(here.coordinates)
@@ -71,21 +56,7 @@ def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> Floa
     """Set each recording's delay to the best point of a grid; returns the coordinates (p,).
 
     A jump at the wrong time makes a few outliers. So differences of successive residuals are scored, with a
-    heavy-tailed (Cauchy) loss, and not the slow misfit of a first fit.
-
-    Parameters
-    ----------
-    objective : Objective
-    fit : Optimum
-        Of the same objective.
-    free : sequence of int
-        Free columns, some of which are delays.
-
-    Returns
-    -------
-    ndarray, shape (p,)
-        Search coordinates.
-    """
+    heavy-tailed (Cauchy) loss, and not the slow misfit of a first fit."""
     parameters = objective.parameters
     columns = delay_columns(objective, free)
     if not columns:
@@ -122,24 +93,7 @@ class DelaySearchSettings:
 def search_delays(
     target: Target, point: FloatArray, noise: FloatArray, search_settings: DelaySearchSettings | None = None
 ) -> tuple[FloatArray, bool]:
-    """Search the likeliest local optima of each delay in turn, with all parameters free.
-
-    Parameters
-    ----------
-    target : Target
-    point : ndarray, shape (f,)
-        Search coordinates of the target's free parameters, at a local optimum.
-    noise : ndarray
-        Noise triples as a simulator takes them.
-    search_settings : DelaySearchSettings, optional
-
-    Returns
-    -------
-    ndarray, shape (f,)
-        The best point found.
-    bool
-        Whether it differs from the given point.
-    """
+    """Search the likeliest local optima of each delay in turn, with all parameters free."""
     search_settings = search_settings or DelaySearchSettings()
     cost_function, (low, high) = target.cost_function(noise), target.box
     intervals = target.calibration.data.intervals
@@ -179,8 +133,7 @@ def _starts(
 def laplace_log_evidence(found: LocalResult[QuadraticModel]) -> float:
     """Compute the log-evidence of an optimum up to a constant, by Laplace's approximation.
 
-    Minus infinity if it failed.
-    """
+    Minus infinity if it failed."""
     if found.quadratic is None:
         return -np.inf
     sign, determinant = np.linalg.slogdet(found.quadratic.hessian)

@@ -15,25 +15,7 @@ CAUSES: tuple[Cause, ...] = ("data", "solver", "search", "noise", "model")
 
 @dataclass(frozen=True)
 class DiagnosisRow:
-    """What was looked at and found of one cause.
-
-    Parameters
-    ----------
-    cause : {"data", "solver", "search", "noise", "model"}
-    found : bool
-        Whether the cause was found.
-    what : str
-        What was found, a sentence; what was looked at if nothing was found.
-    where : str
-        Recordings, outputs, times, rows or parameters.
-    done : str
-        What the program did about it, a sentence; or what the user can do.
-    explains : bool
-        Whether it may explain a structured residual that is left, so that no missing effect is looked for in there. A
-        fault that was mended does not.
-    more : tuple of str
-        Further findings, a sentence each.
-    """
+    """What was looked at and found of one cause."""
 
     cause: Cause
     found: bool
@@ -64,15 +46,7 @@ def more_words(more: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The five causes in order, with what was found of each.
-
-    Examples
-    --------
-    >>> [row.cause for row in fit.diagnosis]
-    ['data', 'solver', 'search', 'noise', 'model']
-    >>> fit.diagnosis.first.cause, fit.diagnosis["data"].found
-    ('model', False)
-    """
+    """The five causes in order, with what was found of each."""
 
     rows: tuple[DiagnosisRow, ...] = field(default=())
 

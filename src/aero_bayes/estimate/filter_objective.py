@@ -20,16 +20,7 @@ from aero_bayes.simulation.smoothing import SmoothedStates, smooth
 def objective_of(
     calibration: Calibration, simulator: Simulator, *, result_cache: ResultCache | None = None
 ) -> Objective:
-    """Compare a calibration with its recordings, by a filter where it has process noise.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    simulator : Simulator
-        Of the calibration's problem.
-    result_cache : ResultCache, optional
-        Keeps the results of searches.
-    """
+    """Compare a calibration with its recordings, by a filter where it has process noise."""
     kind = Objective if calibration.simulated.process is None else FilterObjective
     return kind(calibration, simulator, result_cache=result_cache)
 

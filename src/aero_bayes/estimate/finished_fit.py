@@ -25,22 +25,7 @@ from aero_bayes.simulation.interface import Outcome
 
 
 def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
-    """Assess which of some columns the data determine at an optimum.
-
-    Parameters
-    ----------
-    objective : Objective
-    here : Optimum
-    columns : tuple of int
-        Free or fixed columns of the objective's parameters.
-
-    Returns
-    -------
-    Identifiability
-        Of the columns.
-    Optimum
-        With the slopes by all of them.
-    """
+    """Assess which of some columns the data determine at an optimum."""
     part = ParameterSet(tuple(objective.parameters.items[j] for j in columns))
     found = _evaluated(objective, here, columns)
     white = objective.whiten(found, here.noise)
@@ -124,20 +109,7 @@ def at_optimum(fit: Fit, objective: Objective, end: Optimum) -> Fit:
 
 
 def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
-    """Make the fit of an optimum, with identifiability and covariance under the data's noise for any cost minimised.
-
-    Parameters
-    ----------
-    search : GlobalSearch
-    result : GlobalSearchResult
-    settings : FitSettings
-    seconds : float
-        That the search took.
-
-    Returns
-    -------
-    Fit
-    """
+    """Make the fit of an optimum, with identifiability and covariance under the data's noise for any cost minimised."""
     objective, here = search.objective, result.optimum
     calibration = objective.calibration
     if settings.cost != "posterior":

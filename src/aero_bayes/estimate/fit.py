@@ -179,19 +179,7 @@ class _Request:
 def _likeliest(candidates: Sequence[ValueCombination], fitted: Callable[[ValueCombination], Fit]) -> Fit:
     """Return the fit with the likeliest values, with how much worse the others are.
 
-    The fit itself where nothing is listed.
-
-    Parameters
-    ----------
-    candidates : sequence of ValueCombination
-    fitted : callable
-        The fit of a combination, to the same readings as that of the others.
-
-    Raises
-    ------
-    CannotFinishError
-        If the model cannot be fitted with any of the values.
-    """
+    The fit itself where nothing is listed."""
     if len(candidates) == 1 and not candidates[0].values:
         return fitted(candidates[0])
     fits: list[tuple[ValueCombination, Fit]] = []
@@ -307,27 +295,7 @@ def fit_calibration(
     simulator: Simulator | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Fit:
-    """Fit a calibration through any simulator.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    open_simulator : callable
-        Makes a simulator of a problem.
-    settings : FitSettings, optional
-    rng : numpy.random.Generator, optional
-        Draws the swarm.
-    progress : callable, optional
-        As for :func:`fit`.
-    simulator : Simulator, optional
-        Of the calibration's own problem; it stays open. Others are opened and closed here.
-    checkpoint : Checkpoint, optional
-        Keeps what its searches find.
-
-    Returns
-    -------
-    Fit
-    """
+    """Fit a calibration through any simulator."""
     settings, rng = settings or FitSettings(), rng if rng is not None else np.random.default_rng(1)
     began = time.perf_counter()
     with ExitStack() as stack:

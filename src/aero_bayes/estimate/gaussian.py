@@ -15,8 +15,7 @@ MIN_EIGENVALUE = 1e-12
 def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArray:
     """Invert a Hessian (f, f) that contains the priors; a direction flatter than its prior gets the width of the prior.
 
-    ``prior_sd`` (f,) are standard deviations of the priors in the same coordinates.
-    """
+    ``prior_sd`` (f,) are standard deviations of the priors in the same coordinates."""
     scaled = hessian * prior_sd[:, None] * prior_sd[None, :]
     values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
@@ -27,8 +26,7 @@ def log_precision(hessian: FloatArray, width: FloatArray) -> float:
     """Compute the log-determinant of the precision of a Gaussian posterior in a box of a given width (f,).
 
     The Hessian (f, f) is scaled to a unit diagonal first, so that its small eigenvalues are directions that the data do
-    not determine, whatever the units of the coordinates.
-    """
+    not determine, whatever the units of the coordinates."""
     if not len(hessian):
         return 0.0
     unit, values, vectors = _scaled(hessian)

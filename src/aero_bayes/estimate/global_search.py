@@ -106,29 +106,7 @@ class GlobalSearch:
         self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
         known: pso.SwarmResult | None = None, start: FloatArray | None = None,
     ) -> GlobalSearchResult:  # fmt: skip
-        """Search for the optimum over the free columns.
-
-        Parameters
-        ----------
-        free : sequence of int
-            Columns that are searched; the others keep their start.
-        open_simulator : callable
-            Opens a simulator of a problem.
-        rng : numpy.random.Generator
-        known : SwarmResult, optional
-            Used in place of a new swarm.
-        start : ndarray, shape (p,), optional
-            In search coordinates; by default the starting values.
-
-        Returns
-        -------
-        GlobalSearchResult
-
-        Raises
-        ------
-        CannotFinishError
-            If the model cannot be simulated at any starting point.
-        """
+        """Search for the optimum over the free columns."""
         parameters, swarm = self.objective.parameters, None
         start = parameters.to_search(parameters.start) if start is None else start
         if self.settings.swarm is not None and len(free):
@@ -153,21 +131,7 @@ class GlobalSearch:
         return GlobalSearchResult(here, swarm, tuple(self.stages), self.iterations, self.start_levels)
 
     def refit(self, start: FloatArray, free: Sequence[int], noise: Mapping[str, OutputNoise]) -> Optimum:
-        """Fit locally from a point near the optimum and check the noise again.
-
-        Parameters
-        ----------
-        start : ndarray, shape (p,)
-            Search coordinates.
-        free : sequence of int
-            Free columns.
-        noise : mapping of str to OutputNoise
-            By output, at the start.
-
-        Returns
-        -------
-        Optimum
-        """
+        """Fit locally from a point near the optimum and check the noise again."""
         here = self._local_fit(start, free, noise, self.local_settings)
         return self.settle_noise(here)
 
@@ -211,9 +175,7 @@ class GlobalSearch:
         """Fit again with noise that can be the sensor's.
 
         Noise that is correlated for too long, that absorbs signal, or that leaves correlated innovations is model
-        error. Such outputs are weighted by the RMS of their residual instead, as in least squares, and the fit is
-        repeated until no more are found.
-        """
+        error."""
         if not self.settings.check_noise or self.settings.cost != "posterior" or self.objective.filters:
             return here
         for _ in range(3):
@@ -267,8 +229,7 @@ class GlobalSearch:
     ) -> tuple[FloatArray, pso.SwarmResult | None]:  # fmt: skip
         """Search the whole box on a cheaper problem: a swarm, then local fits from its best particles and the start.
 
-        This is a multi-start search; one more start comes from fitting progressively longer horizons.
-        """
+        This is a multi-start search; one more start comes from fitting progressively longer horizons."""
         assert self.settings.swarm is not None
         calibration, simulator = self.objective.calibration, self.objective.simulator
         reduced = with_loose_solver(with_few_samples(calibration, simulator, self.settings.samples))

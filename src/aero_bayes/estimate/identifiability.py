@@ -69,8 +69,7 @@ class Identifiability:
     """Verdict by parameter: ``status``, and ``ratio`` of posterior to prior standard deviation (search axes).
 
     ``no_effect`` names parameters that change no output; ``flat`` are directions that the data hardly determine;
-    ``steps`` are parameters that act in steps.
-    """
+    ``steps`` are parameters that act in steps."""
 
     status: dict[str, Status]
     ratio: dict[str, float]
@@ -97,8 +96,7 @@ class Identifiability:
     def sentences(self, held: Sequence[str] = ()) -> tuple[str, ...]:
         """Return what a reader should know, one sentence each.
 
-        ``held`` names those that were then left at their start.
-        """
+        ``held`` names those that were then left at their start."""
         lines = [f"`{name}` changes no recorded output: it cannot be determined." for name in self.no_effect]
         lines += [f"`{step.name}` {step.note}." for step in self.steps]
         lines += [direction.sentence for direction in self.flat]
@@ -158,20 +156,7 @@ def assess(
     information: FloatArray,
     prior_sd: FloatArray,
 ) -> Identifiability:
-    """Assess which parameters the data determine.
-
-    Parameters
-    ----------
-    names : sequence of str, length p
-    values : ndarray, shape (p,)
-        SI values at which the information was computed.
-    logarithmic : sequence of bool, length p
-        Whether the search axis is logarithmic.
-    information : ndarray, shape (p, p)
-        S'S of the whitened residuals, priors left out, in search coordinates.
-    prior_sd : ndarray, shape (p,)
-        Standard deviation of each prior in search coordinates.
-    """
+    """Assess which parameters the data determine."""
     scaled = information * prior_sd[:, None] * prior_sd[None, :]
     diagonal = np.diag(scaled)
     blind = diagonal < MIN_INFORMATION
@@ -196,8 +181,7 @@ def collinear(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute eigenvalues and eigenvectors of the information, scaled to a unit diagonal.
 
     Along an eigenvector with a small eigenvalue the parameters compensate each other (Belsley, Kuh & Welsch, 1980,
-    Regression Diagnostics).
-    """
+    Regression Diagnostics)."""
     norm = np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information / np.outer(norm, norm)
     sizes, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))

@@ -36,25 +36,7 @@ def start_parameters(
     suffix: str,
     given: Collection[str] = (),
 ) -> tuple[dict[str, float], list[Parameter]]:
-    """Choose initial values of states by name, and those that are estimated.
-
-    Parameters
-    ----------
-    recording : Recording
-    experiment : Experiment
-        Of the recording, with ``measured``.
-    model : Model
-    policy : {"auto", "reading", "estimated"}
-        A recording that resumes after a gap has every state's start estimated.
-    may_start_at_rest : tuple of str, optional
-        Outputs whose state may start anywhere; all by default.
-    index : int
-        Of the recording.
-    suffix : str
-        What the names of its parameters end in.
-    given : collection of str
-        States whose initial value is a parameter that is searched.
-    """
+    """Choose initial values of states by name, and those that are estimated."""
     assert experiment.measured is not None
     policy = "estimated" if recording.resumes else policy
     start: dict[str, float] = {}
@@ -92,18 +74,7 @@ def _reading_spread(recording: Recording, name: str, values: FloatArray) -> floa
 def with_free_starts(parameters: ParameterSet, experiments: Sequence[Experiment], model: Model) -> ParameterSet:
     """Widen the priors of initial values that were taken from a reading to a tenth of the output's range.
 
-    A first fit trusts its readings; later checks of it must allow for a sensor with an offset.
-
-    Parameters
-    ----------
-    parameters : ParameterSet
-    experiments : sequence of Experiment
-    model : Model
-
-    Returns
-    -------
-    ParameterSet
-    """
+    A first fit trusts its readings; later checks of it must allow for a sensor with an offset."""
     return ParameterSet(
         tuple(p if p.recording is None else _with_free_start(p, experiments[p.recording], model) for p in parameters)
     )
@@ -160,20 +131,7 @@ def _start_prior(state: Variable, expected: float, spread: float) -> tuple[float
 
 
 def state_sizes(model: Model, experiment: Experiment, states: list[Variable]) -> Mapping[str, float]:
-    """Return a natural size of each state: its range in a simulation of the model as it is.
-
-    Parameters
-    ----------
-    model : Model
-    experiment : Experiment
-        That is simulated.
-    states : list of Variable
-
-    Returns
-    -------
-    mapping of str to float
-        By the name of the state, in its unit.
-    """
+    """Return a natural size of each state: its range in a simulation of the model as it is."""
     if not states:
         return {}
     names = tuple(state.name for state in states)

@@ -74,26 +74,7 @@ def choose_interpolation(
     """Choose the likelier interpolation of each input, hold or linear; None if no input changes.
 
     With inputs that hold, a fit can have a wrong optimum, such as a resonance above the Nyquist frequency that appears
-    at the samples as an alias below it. So a fit that leaves far more than the noise is searched anew with linear
-    inputs. Then the interpolation of each input is changed alone.
-
-    Parameters
-    ----------
-    search : GlobalSearch
-        With inputs that hold.
-    result : GlobalSearchResult
-        Of that search.
-    open_simulator : callable
-        Makes a simulator of a problem.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    calibration : Calibration
-        With the interpolation that was chosen.
-    optimum : Optimum
-        Of it. Or None in the place of both.
-    """
+    at the samples as an alias below it."""
     before, here = search.objective.calibration, result.optimum
     if (linear := _with_linear_inputs(before)) is None:
         return None
@@ -115,8 +96,7 @@ def _better_fit(
 ) -> Optimum | None:  # fmt: skip
     """Return the best fit of another calibration if it is likelier.
 
-    From a known optimum, and from the start if ``anew``.
-    """
+    From a known optimum, and from the start if ``anew``."""
     enough = here.log_likelihood + MIN_LOG_LIKELIHOOD_GAIN
     with open_simulator(other.problem()) as simulator:
         study = search.objective.with_calibration(other, simulator)

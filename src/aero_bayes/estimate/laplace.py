@@ -23,8 +23,7 @@ from aero_bayes.sensors.whitening import log_density
 class Laplace:
     """Mean (d,) and covariance (d, d) of free parameters, then noise parameters; ``names`` in that order.
 
-    Mean and covariance of a Gaussian are orthogonal parameters, so the two blocks do not mix.
-    """
+    Mean and covariance of a Gaussian are orthogonal parameters, so the two blocks do not mix."""
 
     names: tuple[str, ...]
     mean: FloatArray
@@ -46,13 +45,7 @@ class Laplace:
 def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdjustment | None:
     """Return how much wider than its likelihood the posterior is.
 
-    None where noise describes the residuals of all outputs.
-
-    Parameters that all recordings share have the covariance of the moving-block jackknife
-    (:func:`jackknife_covariance`), in no direction less than that of independent readings. An initial value or a delay
-    of one recording acts on a part of it only, and cannot be left out there: the variance that it has when the shared
-    parameters are known grows by their median factor.
-    """
+    None where noise describes the residuals of all outputs."""
     if not optimum.free or not any(optimum.noise[s.output].model_error for s in objective.series):
         return None
     items = [objective.parameters.items[j] for j in optimum.free]
@@ -111,25 +104,7 @@ def noise_covariance(
     noise: Mapping[str, OutputNoise],
     step: float = 0.02,
 ) -> FloatArray:
-    """Compute the covariance of the noise parameters' logarithms, from second differences of their log-posterior.
-
-    Parameters
-    ----------
-    layout : NoiseLayout
-    times : sequence of ndarray, shape (n,)
-        Sample times of each recording in s.
-    residuals : sequence of ndarray, shape (n, m)
-        Of each recording.
-    noise : mapping of str to OutputNoise
-        The estimate, by output.
-    step : float
-        Of the differences, in the logarithms.
-
-    Returns
-    -------
-    ndarray, shape (q, q)
-        In the order of ``layout``.
-    """
+    """Compute the covariance of the noise parameters' logarithms, from second differences of their log-posterior."""
     centre = layout.pack(noise)
     size = layout.size
     hessian = np.zeros((size, size))

@@ -24,19 +24,7 @@ def laplace_estimates(
     """Compute value, central 90 % interval and status of every parameter, the model's fixed ones included.
 
     The interval is that of the Gaussian in search coordinates, mapped to SI units. Parameters that the data do not
-    determine, and those on a bound of their search, get none.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    values : ndarray, shape (p,)
-        SI values of all parameters of the calibration.
-    free : tuple of int
-        Columns that were fitted.
-    identifiability : Identifiability
-    laplace : Laplace
-        Over the free columns, then the noise.
-    """
+    determine, and those on a bound of their search, get none."""
     slopes = calibration.parameters.jacobian(values)
     recordings = calibration.data.names
     table = {}

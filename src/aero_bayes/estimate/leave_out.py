@@ -28,15 +28,7 @@ BLOCK_COUNT, MIN_BLOCK_READINGS = 20, 4
 
 @dataclass(frozen=True, eq=False)
 class BlockLeftOut:
-    """A fit without one block of readings.
-
-    Parameters
-    ----------
-    readings : ndarray of int
-        Columns of the whitened slopes that were left out.
-    step : ndarray, shape (k,)
-        Change of the parameters' search coordinates, by one Newton step.
-    """
+    """A fit without one block of readings."""
 
     readings: Readings
     step: FloatArray
@@ -44,17 +36,7 @@ class BlockLeftOut:
 
 @dataclass(frozen=True, eq=False)
 class LinearisedFit:
-    """A fit to first order about its optimum.
-
-    Parameters
-    ----------
-    slopes : ndarray, shape (k, N)
-        Whitened sensitivities of the parameters that move, all series end to end.
-    residual : ndarray, shape (N,)
-        Whitened.
-    prior : ndarray, shape (k, k)
-        Curvature of the negative log-prior.
-    """
+    """A fit to first order about its optimum."""
 
     slopes: FloatArray
     residual: FloatArray
@@ -62,20 +44,7 @@ class LinearisedFit:
 
     @classmethod
     def of(cls, optimum: Optimum, parameters: ParameterSet, moving: Sequence[int]) -> LinearisedFit:
-        """Linearise an optimum over some of its free columns, given by their places among them.
-
-        Parameters
-        ----------
-        optimum : Optimum
-        parameters : ParameterSet
-            All of the fit.
-        moving : sequence of int
-            Places among ``optimum.free``.
-
-        Returns
-        -------
-        LinearisedFit
-        """
+        """Linearise an optimum over some of its free columns, given by their places among them."""
         second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in moving]]
         return cls(optimum.whitened.slopes[list(moving)], optimum.whitened.residual, prior_curvature(second))
 
@@ -91,17 +60,7 @@ class LinearisedFit:
         """Leave each block out in turn.
 
         At the optimum the gradient of the log-posterior is zero, so that without block ``b`` it is ``-S_b r_b``, and
-        the Newton step is ``-H_b^-1 S_b r_b`` with the curvature ``H_b`` of what remains.
-
-        Parameters
-        ----------
-        cells : sequence of ndarray of int
-            Together all readings.
-        windows : sequence of slice, optional
-            The cells of each block; each cell is a block by default.
-        least : float
-            Least curvature in any direction, as a share of that of all readings.
-        """
+        the Newton step is ``-H_b^-1 S_b r_b`` with the curvature ``H_b`` of what remains."""
         slopes, residual = self.slopes, self.residual
         own = np.array([slopes[:, cell] @ slopes[:, cell].T for cell in cells])
         whole = self.prior + own.sum(axis=0)
@@ -119,23 +78,7 @@ def blocks_of_time(series: Sequence[Series], leverage: FloatArray, count: int, l
     """Cut the readings of each recording into blocks of time, all outputs together.
 
     Blocks have equal shares of readings and of leverage (N,), so that the fit without one of them is close to the full
-    fit and its linearisation holds.
-
-    Parameters
-    ----------
-    series : sequence of Series
-    leverage : ndarray, shape (N,)
-        Of each reading, in the columns of the whitened slopes.
-    count : int
-        Most blocks of a recording.
-    least : int
-        Readings that a block has on average at least.
-
-    Returns
-    -------
-    list of list of Readings
-        By recording, its blocks: columns of the whitened slopes.
-    """
+    fit and its linearisation holds."""
     found = []
     for e in sorted({s.experiment for s in series}):
         readings = sum(s.sampling.size for s in series if s.experiment == e)
@@ -149,22 +92,6 @@ def time_cells(series: Sequence[Series], leverage: FloatArray, recording: int, c
 
     Each cell holds the same sum of the number of readings and of their leverage (N,), both as shares of the
     recording's. So no cell is empty unless one reading outweighs it, and a transient that tells much is cut into many.
-
-    Parameters
-    ----------
-    series : sequence of Series
-        All of the fit.
-    leverage : ndarray, shape (N,)
-        Of each reading.
-    recording : int
-        Its index.
-    count : int
-        Number of cells.
-
-    Returns
-    -------
-    list of ndarray of int
-        Columns of each cell.
     """
     first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
     own = [k for k, s in enumerate(series) if s.experiment == recording]

@@ -83,25 +83,7 @@ class FixedCost:
 
 @dataclass(frozen=True)
 class LocalSettings:
-    """When a local search stops.
-
-    Parameters
-    ----------
-    iterations : int
-    tolerance, relative_tolerance : float
-        The search has converged when the predicted decrease of the cost is below ``tolerance`` (in the cost's own unit;
-        nats for a log-posterior; see :attr:`QuadraticModel.unit`) or below ``relative_tolerance`` times the cost.
-    step_tolerance : float
-        Relative size of a step below which the search has converged.
-    damping : float
-        Initial damping, as a share of the largest curvature seen.
-    min_noise_gain : float
-        A converged search goes on if estimating the noise again lowers the cost by at least this much.
-    max_rejections : int
-        Steps in a row that may fail to lower the cost.
-    min_decrease : float
-        One of two steps in a row must lower the cost by at least this much: along a kink, steps become ever smaller.
-    """
+    """When a local search stops."""
 
     iterations: int = 60
     tolerance: float = 1e-7
@@ -132,22 +114,7 @@ def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, hig
     """Minimise ``g'd + d'Hd/2`` over ``low <= d <= high``.
 
     By a primal active-set method (Nocedal and Wright, 2006, Numerical Optimization, section 16.5): a Newton step over
-    the free coordinates ends at the first bound that it meets, which becomes active. If it meets none, the active
-    coordinate with the largest gradient into the box is released.
-
-    Parameters
-    ----------
-    hessian : ndarray, shape (p, p)
-        Positive definite.
-    gradient : ndarray, shape (p,)
-    low, high : ndarray, shape (p,)
-        Bounds, around zero.
-
-    Returns
-    -------
-    ndarray, shape (p,)
-        The step ``d``.
-    """
+    the free coordinates ends at the first bound that it meets, which becomes active."""
     p = gradient.size
     step = np.zeros(p)
     pinned = low == high
@@ -187,23 +154,7 @@ def levenberg_marquardt(
     shape: CostShape | None = None,
     leads_to_known: Callable[[Quadratic, FloatArray], bool] | None = None,
 ) -> LocalResult[Quadratic]:
-    """Minimise a cost from a start, inside bounds.
-
-    Parameters
-    ----------
-    cost_function : CostFunction
-    start : ndarray, shape (p,)
-        Clipped to the bounds.
-    low, high : ndarray, shape (p,)
-        Bounds; a coordinate whose bounds are equal is fixed.
-    settings : LocalSettings, optional
-    on_iteration : callable, optional
-        Called with the iteration and the cost before each one; the search ends where it returns True.
-    shape : CostShape, optional
-        Where the cost has kinks, and which coordinates are logarithms.
-    leads_to_known : callable, optional
-        Called with the quadratic model and the step (p,) to its minimum; the search ends if it returns True.
-    """
+    """Minimise a cost from a start, inside bounds."""
     settings = settings or LocalSettings()
     point = np.clip(np.asarray(start, dtype=np.float64), low, high)
     here = cost_function.evaluate(point)

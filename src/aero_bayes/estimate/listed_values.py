@@ -31,8 +31,7 @@ class ValueCombination:
     """One value of each listed parameter, and the model that has them.
 
     ``fixed`` are values of Real parameters, ``modifiers`` the others as Modelica writes them, ``numbers`` all of them
-    as the compiled model has them (a literal by its place in its enumeration).
-    """
+    as the compiled model has them (a literal by its place in its enumeration)."""
 
     model: Model
     values: Mapping[str, ListedValue] = field(default_factory=dict)
@@ -84,13 +83,7 @@ def value_text(value: ListedValue) -> str:
 
 
 def combinations(model: Model, values: Mapping[str, Sequence[ListedValue]]) -> list[ValueCombination]:
-    """Return every combination of listed values, not compiled yet: :func:`compiled` gives its model the values.
-
-    Raises
-    ------
-    InputError
-        For a name that the model lacks, a value that the parameter cannot have, or too many combinations.
-    """
+    """Return every combination of listed values, not compiled yet: :func:`compiled` gives its model the values."""
     if not values:
         return [ValueCombination(model)]
     count = math.prod(len(given) for given in values.values())
@@ -121,13 +114,7 @@ def combinations(model: Model, values: Mapping[str, Sequence[ListedValue]]) -> l
 
 
 def compiled(combination: ValueCombination) -> ValueCombination:
-    """Return the combination with its own model, built from the class with its modifiers where it has any.
-
-    Raises
-    ------
-    InputError
-        If the class does not compile with these values.
-    """
+    """Return the combination with its own model, built from the class with its modifiers where it has any."""
     model = combination.model
     if not combination.modifiers or model.source is None:
         return combination

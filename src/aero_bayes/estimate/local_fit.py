@@ -85,8 +85,7 @@ class LocalFitSettings:
 class Optimum:
     """A local optimum of the log-posterior over the free columns, with its Laplace approximation.
 
-    ``coordinates`` (p,) are search coordinates of all columns; ``covariance`` is that of the ``free`` ones.
-    """
+    ``coordinates`` (p,) are search coordinates of all columns; ``covariance`` is that of the ``free`` ones."""
 
     free: tuple[int, ...]
     coordinates: FloatArray
@@ -108,8 +107,7 @@ class Optimum:
     def with_noise(self, objective: Objective, noise: Mapping[str, OutputNoise]) -> Optimum:
         """Return the same point with likelihood, covariance and evidence at another noise; nothing is simulated.
 
-        If the relative weights of the outputs do not change, the point is still the optimum up to the priors.
-        """
+        If the relative weights of the outputs do not change, the point is still the optimum up to the priors."""
         noise, parameters = {**self.noise, **noise}, objective.parameters
         white = objective.whiten(self.evaluation, noise)
         moved = replace(self, noise=noise, log_likelihood=white.log_likelihood, whitened=white)
@@ -119,8 +117,7 @@ class Optimum:
     def laplace(self, parameters: ParameterSet, temperature: float = 1.0) -> tuple[FloatArray, float]:
         """Compute covariance and log-evidence of the posterior with the likelihood to the power ``1 / temperature``.
 
-        By Laplace's approximation (MacKay, 1992, Neural Computation 4, 415).
-        """
+        By Laplace's approximation (MacKay, 1992, Neural Computation 4, 415)."""
         second = parameters.prior_derivatives(self.coordinates)[1][list(self.free)]
         covariance, occam = _laplace(
             self.whitened.information / temperature + prior_curvature(second), parameters, self.free
@@ -152,22 +149,7 @@ def fit_noise(
     settings: LocalFitSettings,
     start: Mapping[str, OutputNoise] | None = None,
 ) -> dict[str, OutputNoise]:
-    """Estimate the noise of each output by maximum likelihood, pooled over its recordings.
-
-    Parameters
-    ----------
-    objective : Objective
-    residual : sequence of ndarray, shape (n,)
-        Measured minus fitted readings of each series of the objective.
-    settings : LocalFitSettings
-    start : mapping of str to OutputNoise, optional
-        Noise to start from, by output.
-
-    Returns
-    -------
-    dict of str to OutputNoise
-        By output.
-    """
+    """Estimate the noise of each output by maximum likelihood, pooled over its recordings."""
     noise = {}
     for output in objective.outputs:
         own = [k for k, series in enumerate(objective.series) if series.output == output]
@@ -315,31 +297,7 @@ def local_fit(
     known: Sequence[Optimum] = (),
     on_iteration: Callable[[int, float], object] | None = None,
 ) -> Optimum:
-    """Maximise the log-posterior over some columns by :func:`levenberg_marquardt`.
-
-    Parameters
-    ----------
-    objective : Objective
-    start : ndarray, shape (p,)
-        Search coordinates.
-    free : sequence of int
-        Columns that are fitted.
-    noise : mapping of str to OutputNoise, optional
-    settings : LocalFitSettings, optional
-    known : sequence of Optimum
-        Of the same objective and columns: where it is about to converge to one, the search stops.
-    on_iteration : callable, optional
-        Told the iteration and the cost; the search stops where it returns True.
-
-    Returns
-    -------
-    Optimum
-
-    Raises
-    ------
-    CannotFinishError
-        If the model cannot be simulated at the start.
-    """
+    """Maximise the log-posterior over some columns by :func:`levenberg_marquardt`."""
     settings = settings or LocalFitSettings()
     cost_function = _NegativeLogPosterior(objective, start, free, noise, settings, known)
     low, high = (bound[list(free)] for bound in objective.parameters.box)

@@ -18,21 +18,7 @@ from aero_bayes.simulation.interface import Experiment, Interpolation
 
 @dataclass(frozen=True)
 class MeasuredData:
-    """The experiments that a model is fitted to.
-
-    Parameters
-    ----------
-    experiments : tuple of Experiment, length E
-        All with the same ``outputs``; readings that a recording lacks are NaN.
-    names : tuple of str, length E
-        Names of the recordings.
-    recordings : tuple of Recording
-        Where the experiments came from (empty if they were given directly).
-    floors : mapping of str to float
-        Least standard deviation of the noise by output, where a sensor counts.
-    spreads : mapping of str to SpreadModel
-        By output, where the noise is not equally large at each reading; the experiments hold the spreads.
-    """
+    """The experiments that a model is fitted to."""
 
     experiments: tuple[Experiment, ...]
     names: tuple[str, ...]

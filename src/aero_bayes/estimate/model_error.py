@@ -17,20 +17,7 @@ def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, 
     """Find outputs whose innovations are correlated over time, or with another output of the same recording.
 
     Sensors have noise of their own each. What two outputs have in common, and what one-step predictions leave of the
-    past, is an error of the model. Outputs whose noise the user declares white are taken at that word.
-
-    Parameters
-    ----------
-    objective : Objective
-    here : Optimum
-        Of the objective.
-    noise : mapping of str to OutputNoise
-        By which the residuals are whitened.
-
-    Returns
-    -------
-    set of str
-    """
+    past, is an error of the model. Outputs whose noise the user declares white are taken at that word."""
     units = objective.calibration.model.units
     turning = {s.experiment for s in objective.series if is_rotor_speed(s.measured, units[s.output])}
     innovations = []
@@ -54,21 +41,7 @@ def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, 
 def estimate_output_noise(
     objective: Objective, here: Optimum, white_outputs: Collection[str] = ()
 ) -> dict[str, OutputNoise]:
-    """Estimate noise by its exact likelihood; for ``white_outputs``, weighted by their residual, by its RMS.
-
-    Parameters
-    ----------
-    objective : Objective
-    here : Optimum
-        Of the objective; its residuals are described.
-    white_outputs : collection of str
-        Outputs whose residual is model error.
-
-    Returns
-    -------
-    dict of str to OutputNoise
-        By output; standard deviations in the output's unit.
-    """
+    """Estimate noise by its exact likelihood; for ``white_outputs``, weighted by their residual, by its RMS."""
     calibration, found = objective.calibration, {}
     scale = dict(zip(calibration.data.outputs, calibration.data.scale.tolist(), strict=True))
     for output in objective.outputs:

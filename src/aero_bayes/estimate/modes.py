@@ -61,16 +61,7 @@ def modes_sentence(modes: Sequence[Mode], names: Sequence[str]) -> str:
 
 
 def find_modes(search: GlobalSearch, here: Optimum, swarm: SwarmResult | None) -> tuple[Mode, ...]:
-    """Find other optima within reach of the reported one, likeliest first.
-
-    Parameters
-    ----------
-    search : GlobalSearch
-    here : Optimum
-        What is reported; its noise is held.
-    swarm : SwarmResult, optional
-        Over the columns of ``here.free``.
-    """
+    """Find other optima within reach of the reported one, likeliest first."""
     objective, parameters = search.objective, search.objective.parameters
     found: list[Optimum] = []
     for point in (*_images(objective, here), *_particles(here, parameters.box, swarm)):
@@ -156,19 +147,7 @@ def _particles(here: Optimum, box: tuple[FloatArray, FloatArray], swarm: SwarmRe
 
 
 def is_another(objective: Objective, known: Sequence[Optimum], end: Optimum) -> bool:
-    """Tell whether an optimum is apart from all known ones, within their reach and behind a barrier.
-
-    Parameters
-    ----------
-    objective : Objective
-    known : sequence of Optimum
-    end : Optimum
-        Where the fit ended.
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether an optimum is apart from all known ones, within their reach and behind a barrier."""
     columns = list(end.free)
     for other in known:
         # Along a ridge it is huge, which the covariance, within the width of the priors, is not.

@@ -17,22 +17,7 @@ from aero_bayes.simulation.interface import ProblemTarget, StartTarget
 def typical(
     calibration: Calibration, values: FloatArray, recordings: Sequence[Recording]
 ) -> dict[ProblemTarget, FloatArray]:
-    """Compute the mean over the fitted recordings of what belongs to each alone.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    values : ndarray, shape (..., p)
-        SI values of its parameters.
-    recordings : sequence of Recording
-        Those of the calibration.
-
-    Returns
-    -------
-    dict of Target to ndarray, shape (...)
-        Of a start whose state was read, the mean distance from where the readings begin, as far as their noise does
-        not account for it.
-    """
+    """Compute the mean over the fitted recordings of what belongs to each alone."""
     found: dict[ProblemTarget, list[tuple[FloatArray, float]]] = {}
     for j, p in enumerate(calibration.parameters):
         if p.recording is not None:
@@ -51,19 +36,7 @@ def _beyond_noise(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
 
 
 def first_reading(recording: Recording, target: ProblemTarget, calibration: Calibration) -> InitialLevel | None:
-    """Return what a state was read as at the beginning of a recording; None for what is no start, or was not read.
-
-    Parameters
-    ----------
-    recording : Recording
-    target : ProblemTarget
-    calibration : Calibration
-
-    Returns
-    -------
-    InitialLevel or None
-        In the state's unit.
-    """
+    """Return what a state was read as at the beginning of a recording; None for what is no start, or was not read."""
     started = _started(target, calibration)
     if not started:
         return None

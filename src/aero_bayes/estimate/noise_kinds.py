@@ -21,16 +21,7 @@ MAX_REFITS, MIN_CHANGE = 10, 0.02
 
 
 def choose_spreads(noise: NoiseModel, series: Sequence[Series], here: Optimum) -> dict[str, SpreadModel]:
-    """Return the outputs whose noise is not equally large at each reading, with the kind that the residual shows.
-
-    Parameters
-    ----------
-    noise : NoiseModel
-        May declare the kind of an output.
-    series : sequence of Series
-    here : Optimum
-        Of a fit whose noise is equally large at each reading.
-    """
+    """Return the outputs whose noise is not equally large at each reading, with the kind that the residual shows."""
     found = {}
     for output in dict.fromkeys(s.output for s in series):
         declared = noise.spread_kind(output)
@@ -64,23 +55,7 @@ def _with_spread(
 def refit_with_spread(
     search: GlobalSearch, here: Optimum, models: Mapping[str, SpreadModel]
 ) -> tuple[GlobalSearch, Optimum] | None:
-    """Renew fit and spread in turn until they agree.
-
-    Parameters
-    ----------
-    search : GlobalSearch
-        Of the calibration without spread.
-    here : Optimum
-        Where it ended.
-    models : mapping of str to SpreadModel
-        Kind and first estimate by output.
-
-    Returns
-    -------
-    (GlobalSearch, Optimum) or None
-        The search of the calibration that holds the spread, and where it ended. None where the innovations under a
-        kind that was not declared are correlated: that residual is not noise.
-    """
+    """Renew fit and spread in turn until they agree."""
     first, simulator, last = search.objective.calibration, search.objective.simulator, search
     for _ in range(MAX_REFITS):
         data = _with_spread(first.data, models, last.objective.series, here)

@@ -51,19 +51,7 @@ def structure_warnings(
 ) -> tuple[str, ...]:
     """Return one sentence for each output whose residual the noise cannot explain.
 
-    ``innovations`` are whitened residuals.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    innovations : mapping of str to ndarray, shape (n,)
-        Whitened residuals by output.
-    noise : mapping of str to OutputNoise
-
-    Returns
-    -------
-    tuple of str
-    """
+    ``innovations`` are whitened residuals."""
     units = calibration.model.units
     lines = []
     for name in calibration.data.outputs:

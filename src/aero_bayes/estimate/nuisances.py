@@ -18,19 +18,7 @@ from aero_bayes.simulation.model import Model
 def largest_delay(
     recordings: Sequence[Recording], model: Model, settings: CalibrationSettings
 ) -> float | Mapping[str, float]:
-    """Return the largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-    model : Model
-    settings : CalibrationSettings
-
-    Returns
-    -------
-    float, or mapping of str to float
-        In s, of all inputs or by input.
-    """
+    """Return the largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs."""
     declared = model.declared.recording.max_input_delay
     limit = declared if settings.max_input_delay is None else settings.max_input_delay
     if settings.delay == "free" and not limit:
@@ -52,23 +40,7 @@ def nuisance_parameters(
     limit: float | Mapping[str, float],
     policy: DelayPolicy,
 ) -> list[Parameter]:
-    """List initial values and delay of each recording in turn, or the delays of single inputs at the end.
-
-    Parameters
-    ----------
-    experiments : sequence of Experiment
-    starts : sequence of sequence of Parameter
-        Initial values of each experiment.
-    recordings : sequence of Recording
-    limit : float, or mapping of str to float
-        Largest delay in s, of all inputs or by input.
-    policy : {"auto", "free", "none"}
-        Whether a delay is estimated.
-
-    Returns
-    -------
-    list of Parameter
-    """
+    """List initial values and delay of each recording in turn, or the delays of single inputs at the end."""
     nuisances: list[Parameter] = []
     for index, (experiment, own) in enumerate(zip(experiments, starts, strict=True)):
         nuisances += own
@@ -111,8 +83,7 @@ def _delay_wanted(
 ) -> bool:
     """Return whether a delay of an input (of any by default) is searched: asked for, or seen in one of the experiments.
 
-    An input may change before the first reading: an experiment that begins at rest has zero there.
-    """
+    An input may change before the first reading: an experiment that begins at rest has zero there."""
     if policy != "auto":
         return policy == "free"
     return any(

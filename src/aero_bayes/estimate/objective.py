@@ -50,12 +50,7 @@ class Evaluation:
     """A model compared with the data at one parameter vector.
 
     ``predicted`` and ``residual`` have one array (n,) a series; ``slopes`` one array (k, n) a series, the derivative
-    of the prediction by the search coordinates of the k active columns, or None.
-
-    With process noise the predictions are a filter's, of each reading from those before it, and the residuals are its
-    innovations; ``sd`` then has their standard deviations (n,) a series, ``log_sd_slopes`` the derivatives (k, n) of
-    the logarithms of these.
-    """
+    of the prediction by the search coordinates of the k active columns, or None."""
 
     predicted: tuple[FloatArray, ...]
     residual: tuple[FloatArray, ...]
@@ -68,8 +63,7 @@ class Evaluation:
 class Whitened:
     """Whitened residual (N,) and sensitivities (k, N), all series end to end, of ``readings`` readings.
 
-    ``log_sd_slopes`` (k, N) is there where the columns move the predictions' standard deviations, too.
-    """
+    ``log_sd_slopes`` (k, N) is there where the columns move the predictions' standard deviations, too."""
 
     residual: FloatArray
     slopes: FloatArray
@@ -97,20 +91,7 @@ class Whitened:
 
 
 class Objective:
-    """The likelihood of one calibration as a function of its parameters; see :func:`objective_of`.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    simulator : Simulator
-        Of the calibration's problem.
-    outputs : sequence of str, optional
-        Outputs that count; all by default.
-    outcomes : Counter, optional
-        Counts simulations by their outcome; shared between objectives of one search.
-    result_cache : ResultCache, optional
-        Keeps the results of searches.
-    """
+    """The likelihood of one calibration as a function of its parameters; see :func:`objective_of`."""
 
     #: Whether predictions are a filter's, of each reading from those before it: then the noise is among the parameters.
     filters: ClassVar[bool] = False
@@ -139,20 +120,7 @@ class Objective:
     def with_calibration(
         self, calibration: Calibration, simulator: Simulator, outputs: Sequence[str] | None = None
     ) -> Objective:
-        """Return the objective of another calibration; simulations count and searches are kept where this one does.
-
-        Parameters
-        ----------
-        calibration : Calibration
-        simulator : Simulator
-            Of its problem.
-        outputs : sequence of str, optional
-            Those that count; all by default.
-
-        Returns
-        -------
-        Objective
-        """
+        """Return the objective of another calibration; simulations count and searches are kept where this one does."""
         return type(self)(
             calibration, simulator, outputs=outputs, outcomes=self.outcomes, result_cache=self.result_cache
         )
@@ -167,23 +135,7 @@ class Objective:
         """Return the result of ``work``, from the cache if it is there (memoised by kind, calibration and arguments).
 
         ``work`` must depend on nothing else. Its simulations are counted either way. A result is kept only if it is
-        ``complete``.
-
-        Parameters
-        ----------
-        kind : str
-            What is done.
-        arguments : sequence of object
-            All that the result depends on beside the calibration.
-        work : callable
-            Computes the arrays of the result.
-        complete : callable
-            Whether the result may be kept.
-
-        Returns
-        -------
-        mapping of str to ndarray
-        """
+        ``complete``."""
         if self.result_cache is None:
             return work()
         key = digest(kind, self.calibration.identity, self.outputs, arguments)
@@ -277,13 +229,7 @@ class Objective:
         return Whitened(np.concatenate(white), np.concatenate(by, axis=1), log_det, self.readings)
 
     def predictions(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        """Compute outputs (n, m) of each experiment at SI values (p,).
-
-        Raises
-        ------
-        CannotFinishError
-            Where a run fails.
-        """
+        """Compute outputs (n, m) of each experiment at SI values (p,)."""
         return tuple(y[0] for y in self.simulate(values[np.newaxis, :]).outputs)
 
     def smoothed_states(self, values: FloatArray) -> tuple[SmoothedStates, ...]:
@@ -313,28 +259,13 @@ class Objective:
     def log_likelihood(self, values: FloatArray, noise: FloatArray) -> FloatArray:
         """Compute the log-likelihood of each experiment at SI values (n, p), shape (n, E).
 
-        Minus infinity for a failed run.
-        """
+        Minus infinity for a failed run."""
         found = self.simulator.log_likelihood(values, noise)
         self._count(found.outcomes)
         return found.log_likelihood
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
-        """Compute likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n, p)
-            SI values.
-        noise : ndarray, shape (n, 1, m, 3)
-            Noise triples; see `noise_rows`.
-        active : sequence of int
-            Columns of the derivatives, length a.
-
-        Returns
-        -------
-        GaussNewton
-        """
+        """Compute likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values."""
         found = self.simulator.gauss_newton(self.parameters.away_from_zero(values, active), noise, active=active)
         self._count(found.outcomes)
         return found
@@ -342,8 +273,7 @@ class Objective:
     def noise_rows(self, noise: Mapping[str, OutputNoise]) -> FloatArray:
         """Write noise triples as the engine takes them, shape (1, 1, m, 3).
 
-        Outputs that do not count get large noise.
-        """
+        Outputs that do not count get large noise."""
         scale = self.calibration.data.scale
         rows = [
             noise[name].as_row() if name in self.outputs else (IGNORED_NOISE_FACTOR * float(scale[k]), 0.0, 0.0)

@@ -39,19 +39,7 @@ MIN_OUTLIER_READINGS = 30
 
 
 def without_outliers(data: MeasuredData, fitted: Sequence[FloatArray]) -> tuple[MeasuredData, tuple[DataFinding, ...]]:
-    """Return the data without the readings that are outliers of a fit, and what is told of them.
-
-    Parameters
-    ----------
-    data : MeasuredData
-    fitted : sequence of ndarray, shape (n, m)
-        Outputs at the fit, of each experiment.
-
-    Returns
-    -------
-    tuple
-        The same data and nothing where there are none.
-    """
+    """Return the data without the readings that are outliers of a fit, and what is told of them."""
     experiments, recordings = list(data.experiments), list(data.recordings)
     if not recordings:
         return data, ()
@@ -77,14 +65,7 @@ def without_outliers(data: MeasuredData, fitted: Sequence[FloatArray]) -> tuple[
 
 
 def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, FloatArray]) -> Mask:
-    """Mark rows of an output whose readings are outliers of a fit.
-
-    Parameters
-    ----------
-    measured, fitted : ndarray, shape (n,)
-        Readings, NaN in gaps, and the fit.
-    inputs : mapping of str to ndarray, shape (n,)
-    """
+    """Mark rows of an output whose readings are outliers of a fit."""
     none = np.zeros(measured.size, dtype=bool)
     at = np.flatnonzero(np.isfinite(measured))
     if at.size < MIN_OUTLIER_READINGS:
@@ -117,8 +98,7 @@ def outlier_rows(measured: FloatArray, fitted: FloatArray, inputs: Mapping[str, 
 def _off_the_curve(residual: FloatArray, off: FloatArray, start: int, stop: int) -> bool:
     """Return whether a run of readings is off the cubic through the two residuals on either side of it.
 
-    What a model lacks near a resonance has crests of a few readings; these lie on the curve, outliers do not.
-    """
+    What a model lacks near a resonance has crests of a few readings; these lie on the curve, outliers do not."""
     beside = np.array([k for k in (start - 2, start - 1, stop, stop + 1) if 0 <= k < residual.size])
     rows = np.arange(start, stop)
     middle = 0.5 * (start + stop - 1)

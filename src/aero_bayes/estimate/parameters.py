@@ -30,35 +30,7 @@ Scale = Literal["log", "linear"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown number.
-
-    Parameters
-    ----------
-    name, unit, description : str
-    start, lower, upper : float
-        Value to start from and finite bounds, in SI units.
-    prior : Prior
-        Density in the parameter's own unit; it is truncated to the bounds.
-    scale : {"log", "linear"}
-        Axis on which it is searched. ``log`` needs a positive lower bound.
-    target : ProblemTarget
-        What it means to the simulator.
-    recording : int, optional
-        Index of the one recording that it belongs to; None for all.
-    free_if_identified : bool
-        Freed only if the data shows it (see :mod:`aero_bayes.estimate.identifiability`).
-    per_recording : bool
-        It has a value of its own in each recording.
-    starts : tuple of str
-        States whose initial value it is; it does nothing else.
-    shared_with : tuple of int
-        Indices of further recordings that it belongs to: the other parts of a recording that was cut at a gap.
-
-    Raises
-    ------
-    InputError
-        If the start lies outside the bounds, or the bounds do not suit the scale.
-    """
+    """One unknown number."""
 
     name: str
     unit: str
@@ -102,8 +74,7 @@ class ParameterSet:
     """The columns of a parameter matrix, with the change between SI units and search coordinates.
 
     On a ``log`` axis the coordinate is the natural logarithm of the value in its SI unit; on a ``linear`` axis it is
-    the value over the width of its bounds. Standard deviations of coordinates are thus of comparable size.
-    """
+    the value over the width of its bounds. Standard deviations of coordinates are thus of comparable size."""
 
     items: tuple[Parameter, ...]
 
@@ -167,8 +138,7 @@ class ParameterSet:
     def revived(self, coordinates: FloatArray, columns: Sequence[int]) -> FloatArray:
         """Search coordinates (p,) with those of ``columns`` that lie on a bound back at their start.
 
-        A factor that a fit has driven to zero has a zero sensitivity, from which no further fit could move it.
-        """
+        A factor that a fit has driven to zero has a zero sensitivity, from which no further fit could move it."""
         ended = self.on_bound(coordinates) & np.isin(np.arange(len(self)), columns)
         return np.where(ended, self.to_search(self.start), coordinates)
 
@@ -191,8 +161,7 @@ class ParameterSet:
     def away_from_zero(self, values: FloatArray, active: Sequence[int]) -> FloatArray:
         """Move active parameters at a lower bound of zero slightly above it, in SI values (..., p).
 
-        The sensitivities of a law vanish where its magnitude is exactly zero.
-        """
+        The sensitivities of a law vanish where its magnitude is exactly zero."""
         lifted = values.copy()
         for j in active:
             item = self.items[j]
@@ -298,21 +267,7 @@ def chosen_parameters(
     chosen: ChosenParameters,
     known: Mapping[str, Override],
 ) -> ParameterSet:
-    """Return the parameters to search, as a caller names them.
-
-    Parameters
-    ----------
-    model : Model
-    chosen : ParameterSet, str, sequence of str or mapping
-        Names; or by name bounds ``(lower, upper)``, a value to start from, a prior, an :class:`Override`, or None.
-    known : mapping of str to Override
-        Start, bounds and priors that the model's package declares.
-
-    Raises
-    ------
-    InputError
-        For anything else; see also :func:`parameters_from_model`.
-    """
+    """Return the parameters to search, as a caller names them."""
     if isinstance(chosen, ParameterSet):
         return chosen
     if not isinstance(chosen, Mapping):

@@ -18,13 +18,7 @@ MIN_KELVIN_START, MAX_CELSIUS_READING = 200.0, 150.0
 
 
 def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
-    """Refuse recordings that lack an input of the model, or whose temperatures are in another unit.
-
-    Raises
-    ------
-    InputError
-        Naming the recording and the column.
-    """
+    """Refuse recordings that lack an input of the model, or whose temperatures are in another unit."""
     for recording in recordings:
         _check_inputs(recording, model)
         _check_temperatures(recording, model)

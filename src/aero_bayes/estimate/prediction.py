@@ -132,21 +132,7 @@ class RecordingPrediction:
 
 @dataclass(frozen=True, eq=False)
 class FittedPredictor:
-    """What predictions from draws of a posterior need to know of a fit.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    values : ndarray, shape (p,)
-        SI values of all parameters of the calibration.
-    free : tuple of int
-        Columns that are drawn.
-    noise : mapping of str to OutputNoise
-        Its kinds; the sizes are drawn.
-    band_factors : ndarray, shape (m,)
-        Half-width of the bands in standard deviations (see :mod:`aero_bayes.estimate.band_width`).
-    engine : {"native", "fmpy"}
-    """
+    """What predictions from draws of a posterior need to know of a fit."""
 
     calibration: Calibration
     values: FloatArray
@@ -163,21 +149,7 @@ class FittedPredictor:
         seed: int = 1,
         workers: int | None = 0,
     ) -> RecordingPrediction:
-        """Predict readings of a recording for draws of free and noise parameters.
-
-        Parameters
-        ----------
-        points : ndarray, shape (draws, d)
-            In SI units: free parameters, then noise parameters.
-        inputs : Recording or mapping of str to array_like, shape (n,)
-        seed : int
-        workers : int, optional
-
-        Raises
-        ------
-        CannotFinishError
-            If no draw can be simulated.
-        """
+        """Predict readings of a recording for draws of free and noise parameters."""
         calibration, outputs = self.calibration, self.calibration.data.outputs
         recording = as_recording(inputs, calibration)
         values = np.tile(self.values, (len(points), 1))

@@ -14,25 +14,7 @@ from aero_bayes.sensors.whitening import reading_log_density
 
 @dataclass(frozen=True, eq=False)
 class Predictive:
-    """Predictions for one recording.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-    lower, median, upper : ndarray, shape (n, m)
-        Centre of the predicted readings, and the band that holds 90 % of new readings: as wide as the noise and the
-        parameters' uncertainty make it, and wider where the model misses readings that were left out of its fit.
-    fit_lower, fit_upper : ndarray, shape (n, m)
-        5 and 95 % of the outputs without noise.
-    draw_time : ndarray, shape (k,)
-        Times of the stored draws (thinned).
-    draws : ndarray, shape (draws, k, m)
-        Predicted readings: outputs plus one draw of the noise, correlation included.
-    block_edges : ndarray, shape (b + 1,)
-        Times between the blocks: of one sample each, in recordings of up to two thousand.
-    log_likelihood : ndarray, shape (draws, b)
-        Log-density of each block's readings given all earlier ones, by the likelihood that the posterior is made of.
-    """
+    """Predictions for one recording."""
 
     time: FloatArray
     lower: FloatArray
@@ -47,20 +29,7 @@ class Predictive:
 
 
 def recording_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
-    """Compute the log-density (k, n) of readings given earlier ones, of residuals (k, n, m), noise (k, m, 3).
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        In s.
-    residual : ndarray, shape (k, n, m)
-    noise : ndarray, shape (k, m, 3)
-        Noise triples.
-
-    Returns
-    -------
-    ndarray, shape (k, n)
-    """
+    """Compute the log-density (k, n) of readings given earlier ones, of residuals (k, n, m), noise (k, m, 3)."""
     out = np.zeros(residual.shape[:2])
     for j in range(residual.shape[2]):
         out += reading_log_density(time, residual[:, :, j], noise[:, j])
@@ -121,25 +90,7 @@ def _summarise(
     stored: int,
     blocks: int,
 ) -> Predictive:
-    """Summarise readings by bands and draws.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-    outputs : ndarray, shape (k, n, m)
-        Of k draws, without noise.
-    sd : ndarray, shape (k, 1, m) or (k, n, m)
-        Of the readings about them.
-    noise : callable
-        Draws of the noise, shape (k, r, m), at some r rows.
-    density : ndarray, shape (k, b)
-        Log-density of each block's readings.
-    factors : ndarray, shape (m,)
-        Half-width of the band in standard deviations of noise and draws.
-    stored : int
-        Rows of which whole draws are kept.
-    blocks : int
-    """
+    """Summarise readings by bands and draws."""
     _, n, m = outputs.shape
     lower, median, upper = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
     fit_lower, fit_upper = np.empty((n, m)), np.empty((n, m))

@@ -295,20 +295,7 @@ class LogNormal:
 def search_sd(prior: Prior, lower: float, upper: float, scale: Literal["log", "linear"]) -> float:
     """Compute the standard deviation of a prior in its search coordinate, by quadrature.
 
-    Kept, as every local fit asks for it.
-
-    Parameters
-    ----------
-    prior : Prior
-    lower, upper : float
-        Bounds, in SI units.
-    scale : {"log", "linear"}
-        Of the search coordinate.
-
-    Returns
-    -------
-    float
-    """
+    Kept, as every local fit asks for it."""
     width = upper - lower
     low, high = (math.log(lower), math.log(upper)) if scale == "log" else (lower / width, upper / width)
     u = np.linspace(low, high, 4001)

@@ -39,22 +39,7 @@ SIGMA, LIMIT = 2.5, 10.0
 def process_parameters(
     noise: NoiseModel, model: Model, experiments: Sequence[Experiment], floors: Mapping[str, float]
 ) -> tuple[ProcessNoise, list[Parameter]]:
-    """Return the process noise that is given, and parameters for what is estimated of it.
-
-    Parameters
-    ----------
-    noise : NoiseModel
-    model : Model
-    experiments : sequence of Experiment
-        With ``measured``.
-    floors : mapping of str to float
-        Least standard deviation of the noise by output, where a sensor counts.
-
-    Raises
-    ------
-    InputError
-        For a state that the model does not have.
-    """
+    """Return the process noise that is given, and parameters for what is estimated of it."""
     for name in noise.process:
         model.state_index(name)
     held = {name: float(value) for name, value in noise.process.items() if value != "estimated"}
@@ -92,19 +77,7 @@ def uncertain_start(
     """Compute initial values of states and their standard deviations, by state.
 
     An initial value is not estimated beside process noise but integrated out: one that is free to meet the first
-    reading would let that reading's noise shrink to nothing.
-
-    Parameters
-    ----------
-    start : mapping of str to float
-        Initial values that are taken from readings.
-    estimated : sequence of Parameter
-        Initial values that would be estimated without process noise.
-    experiment : Experiment
-    model : Model
-    given : mapping of str to float
-        Standard deviations of states that start at the model's own value.
-    """
+    reading would let that reading's noise shrink to nothing."""
     mean, sd = dict(start), {}
     for p in estimated:
         if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):

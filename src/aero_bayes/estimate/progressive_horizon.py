@@ -39,28 +39,7 @@ def fit_progressive_horizon(
     open_simulator: OpenSimulator,
     known: FloatArray | None = None,
 ) -> tuple[FloatArray, int]:
-    """Fit ever longer horizons by least squares.
-
-    Parameters
-    ----------
-    whole : Objective
-        On the whole recordings.
-    start : ndarray, shape (p,)
-        Search coordinates.
-    free : sequence of int
-        Columns that are fitted.
-    settings : LocalFitSettings
-    open_simulator : callable
-        Makes a simulator of a problem.
-    known : ndarray, shape (p,), optional
-        Coordinates of a fit to the whole recordings: the fit stops if it is not clearly better on the beginning.
-
-    Returns
-    -------
-    point : ndarray, shape (p,)
-        Search coordinates at the end.
-    steps : int
-    """
+    """Fit ever longer horizons by least squares."""
     by_squares = settings.least_squares(whole.outputs)
 
     def fit_horizons() -> Arrays:
@@ -88,8 +67,7 @@ def fit_progressive_horizon(
 def floor_ratio(objective: Objective, residual: Sequence[FloatArray]) -> float:
     """Return the largest ratio of an output's RMS residual to its noise floor.
 
-    Infinite where a noise floor is unknown.
-    """
+    Infinite where a noise floor is unknown."""
     recordings, worst = objective.calibration.data.recordings, 0.0
     floors = noise_floors(recordings, objective.outputs)
     if any((r.name, o) not in floors for r in recordings for o in objective.outputs if o in r.outputs):

@@ -26,18 +26,7 @@ def for_recordings(parameters: ParameterSet, model: Model, recordings: Sequence[
     """Put one parameter a recording, ``C@recording``, in the place of each that has a value of its own in each.
 
     The parts of a recording that was cut at a gap share one, unless it is an initial value. An initial value keeps its
-    own name where there is one recording, and is searched from the first reading.
-
-    Parameters
-    ----------
-    parameters : ParameterSet
-    model : Model
-    recordings : sequence of Recording
-
-    Returns
-    -------
-    ParameterSet
-    """
+    own name where there is one recording, and is searched from the first reading."""
     found: list[Parameter] = []
     for p in parameters:
         if p.recording is not None or not (p.per_recording or p.starts):
@@ -63,8 +52,7 @@ def _groups(p: Parameter, recordings: Sequence[Recording]) -> dict[str, list[int
 def templates(parameters: Iterable[Parameter]) -> list[Parameter]:
     """Return the parameters that :func:`for_recordings` made those with a recording of; the others as they are.
 
-    Nuisances of recordings (delays, initial values without a parameter) are left out.
-    """
+    Nuisances of recordings (delays, initial values without a parameter) are left out."""
     found: dict[str, Parameter] = {}
     for p in parameters:
         if p.recording is None:

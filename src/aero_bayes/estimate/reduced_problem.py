@@ -22,15 +22,7 @@ def with_few_samples(calibration: Calibration, simulator: Simulator, samples: in
     """Return the calibration with about ``samples`` samples of each recording, and inputs that change about as rarely.
 
     An input that changes at every sample makes the solver restart there, however few outputs are asked for. So it is
-    averaged over blocks where the outputs stay close, else only the beginning of the recording is used.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    simulator : Simulator
-        Of the calibration's problem.
-    samples : int
-    """
+    averaged over blocks where the outputs stay close, else only the beginning of the recording is used."""
     data = calibration.data
     thinned = replace(calibration, data=data.thinned(samples))
     if max(s.time.size for e in data.experiments for s in e.inputs or (_CONSTANT_INPUT,)) <= 2 * samples:

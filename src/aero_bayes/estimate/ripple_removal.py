@@ -14,21 +14,7 @@ from aero_bayes.simulation.model import Model
 def without_ripple(
     data: MeasuredData, model: Model, fitted: Sequence[FloatArray]
 ) -> tuple[MeasuredData, dict[str, dict[str, Ripple]]]:
-    """Return the data with ripple locked to a rotor subtracted, and what was subtracted by recording and output.
-
-    Parameters
-    ----------
-    data : MeasuredData
-    model : Model
-        Has the units of the outputs.
-    fitted : sequence of ndarray, shape (n, m)
-        Outputs at the fit, of each experiment.
-
-    Returns
-    -------
-    tuple
-        The same data and an empty mapping where nothing was found.
-    """
+    """Return the data with ripple locked to a rotor subtracted, and what was subtracted by recording and output."""
     by_output = [model.units[o] for o in data.outputs]
     experiments, found = [], {}
     for experiment, name, y, f in zip(data.experiments, data.names, data.measured, fitted, strict=True):

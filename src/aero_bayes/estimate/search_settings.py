@@ -18,28 +18,7 @@ WHOLE_MODEL_LOCAL = LocalSettings(tolerance=1e-4, max_rejections=15, min_decreas
 
 @dataclass(frozen=True)
 class GlobalSearchSettings:
-    """Settings of the global search.
-
-    Parameters
-    ----------
-    cost : {"posterior", "weighted", "eq6"}
-    staged : bool
-    stages : tuple of Stage, optional
-    swarm : SwarmSettings, optional
-        Without it there is no swarm.
-    local : LocalSettings
-    samples : int
-        Samples of each recording that the swarm uses.
-    starts : int
-        Particles that the local search starts from, besides the starting values.
-    max_correlation_time : float, optional
-        Of the noise, in s.
-    check_noise : bool
-        Whether the noise is estimated by its exact likelihood at the end and compared with a least-squares fit.
-    good_enough : float
-        The swarm is skipped if a local fit from the starting values leaves at most this many times the noise floor: no
-        optimum can be much better. By default the swarm is never skipped.
-    """
+    """Settings of the global search."""
 
     cost: CostKind = "posterior"
     staged: bool = True

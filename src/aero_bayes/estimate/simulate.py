@@ -82,30 +82,7 @@ def run_problem(
     workers: int | None = 0,
     engine: str = "native",
 ) -> Trajectories:
-    """Simulate a calibration's model over a recording's times for many parameter vectors.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    recording : Recording
-        One that was fitted keeps its own delay and start; another takes the mean delay of those, and starts at its own
-        first readings, off by as much as theirs were; without readings, where the model starts.
-    values : ndarray, shape (n, p)
-        SI values of the calibration's parameters.
-    parameters : mapping of str to float, optional
-        Other values of parameters of the model.
-    start : mapping of str to float, optional
-        Initial values of states.
-    workers : int, optional
-        Worker processes; none beside this one by default.
-    engine : {"native", "fmpy"}
-        What simulates.
-
-    Raises
-    ------
-    InputError
-        For a parameter or state that the model does not have.
-    """
+    """Simulate a calibration's model over a recording's times for many parameter vectors."""
     problem, matrix = _problem(calibration, recording, values, parameters or {}, start or {})
     with open_simulator(problem, "fmpy" if engine == "fmpy" else "native", workers) as simulator:
         return simulator.simulate(matrix)
@@ -117,8 +94,7 @@ def run_filter(
 ) -> Filtered:  # fmt: skip
     """Return what a calibration with process noise predicts of a recording, whose readings it is not told.
 
-    The parameters are those of :func:`run_problem`.
-    """
+    The parameters are those of :func:`run_problem`."""
     problem, matrix = _problem(calibration, recording, values, {}, {})
     with open_simulator(problem, "fmpy" if engine == "fmpy" else "native", workers) as simulator:
         return cast(Filter, simulator).filter(matrix)

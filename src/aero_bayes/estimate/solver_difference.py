@@ -19,20 +19,7 @@ TIGHTER = 0.1
 
 
 def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
-    """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit.
-
-    Parameters
-    ----------
-    fit : Fit
-    open_simulator : callable
-        Opens a simulator for a problem.
-
-    Returns
-    -------
-    Fit
-        With ``solver_difference`` and ``solver_shift``. They stay empty with process noise, whose filter corrects the
-        states at each reading, and where the second run fails in every recording.
-    """
+    """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit."""
     calibration = fit.calibration
     if calibration.simulated.process is not None:
         return fit
@@ -56,8 +43,7 @@ def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
 def _shift(fit: Fit, moved: list[FloatArray]) -> dict[str, float]:
     """Return by how many of its standard deviations each free parameter moves where the outputs do by ``moved`` (n, m).
 
-    To first order: one step of Gauss and Newton from the optimum.
-    """
+    To first order: one step of Gauss and Newton from the optimum."""
     white = np.concatenate(
         [
             whiten(

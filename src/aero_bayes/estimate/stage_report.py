@@ -35,19 +35,7 @@ class StageReport:
 
 
 def stage_report(fitted: FittedStage, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:
-    """Return values in SI units and errors by output, over all recordings, at the optimum of a stage.
-
-    Parameters
-    ----------
-    fitted : FittedStage
-    parameters : ParameterSet
-    series : sequence of Series
-        All of the fit.
-
-    Returns
-    -------
-    StageReport
-    """
+    """Return values in SI units and errors by output, over all recordings, at the optimum of a stage."""
     residuals: dict[str, list[FloatArray]] = {}
     own = [s for s in series if s.output in fitted.stage.outputs]
     for s, residual in zip(own, fitted.optimum.evaluation.residual, strict=True):

@@ -23,19 +23,7 @@ class Stage:
 
 
 def _causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArray) -> tuple[Stage, ...]:
-    """Order stages from the effects of parameters on outputs.
-
-    Parameters
-    ----------
-    names, outputs : sequences of str, lengths p and m
-    effect : ndarray, shape (p, m)
-        Size of each parameter's effect on each output in any common measure; zero for none.
-
-    Returns
-    -------
-    tuple of Stage
-        Outputs that the same parameters move form a stage; its parameters are those that no earlier stage had.
-    """
+    """Order stages from the effects of parameters on outputs."""
     moved = [frozenset(np.flatnonzero(effect[:, k] > 0.0).tolist()) for k in range(len(outputs))]
     stages: list[Stage] = []
     settled: set[int] = set()
@@ -52,20 +40,7 @@ def _causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatAr
 def stages_by_effect(objective: Objective, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
     """Order stages of the free columns by their effects at a point (p,) in search coordinates.
 
-    None where one would do.
-
-    Parameters
-    ----------
-    objective : Objective
-    point : ndarray, shape (p,)
-        Search coordinates.
-    free : sequence of int
-        Free columns.
-
-    Returns
-    -------
-    tuple of Stage
-    """
+    None where one would do."""
     calibration = objective.calibration
     found = objective.evaluate(point, free)
     if found is None or found.slopes is None or len(calibration.data.outputs) == 1:

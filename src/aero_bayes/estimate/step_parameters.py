@@ -42,15 +42,7 @@ class StepParameter:
 def settle_blind(
     objective: Objective, here: Optimum, blind: Sequence[int]
 ) -> tuple[FloatArray, tuple[StepParameter, ...]]:
-    """Put columns without a slope back to their start where the fit stays as good; the others keep what was found.
-
-    Returns
-    -------
-    coordinates : ndarray, shape (p,)
-        Search coordinates of all columns.
-    steps : tuple of StepParameter
-        Those that keep the value that the search found, since the start fits otherwise.
-    """
+    """Put columns without a slope back to their start where the fit stays as good; the others keep what was found."""
     if not blind:
         return here.coordinates.copy(), ()
     parameters = objective.parameters
@@ -77,27 +69,14 @@ def with_slope(slopes: Sequence[FloatArray]) -> NDArray[np.bool_]:
 
 
 def acts_in_steps(objective: Objective, point: FloatArray, column: int) -> bool:
-    """Return whether other values of a column (search coordinates ``point``, shape (p,)) change any output.
-
-    Parameters
-    ----------
-    objective : Objective
-    point : ndarray, shape (p,)
-        Search coordinates.
-    column : int
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether other values of a column (search coordinates ``point``, shape (p,)) change any output."""
     return len(_plateaus(objective, point, column)) > 1
 
 
 def other_plateaus(objective: Objective, here: Optimum) -> list[FloatArray]:
     """List where to fit from to leave a plateau: search coordinates (p,), one for each other value of the cost.
 
-    Empty where all free columns have a slope, or act in no steps.
-    """
+    Empty where all free columns have a slope, or act in no steps."""
     slopes = here.evaluation.slopes
     if not slopes:
         return []
@@ -120,8 +99,7 @@ def _plateaus(objective: Objective, point: FloatArray, column: int) -> list[Floa
 def _log_likelihood_at(objective: Objective, here: Optimum, point: FloatArray) -> float:
     """Compute the log-likelihood of search coordinates (p,) under the noise of an optimum.
 
-    Minus infinity if a run fails.
-    """
+    Minus infinity if a run fails."""
     found = objective.evaluate(point)
     return -np.inf if found is None else objective.whiten(found, here.noise).log_likelihood
 

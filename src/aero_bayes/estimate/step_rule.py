@@ -29,16 +29,7 @@ SmoothRegion = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 @dataclass(frozen=True, eq=False)
 class CostShape:
-    """What is known of a cost beforehand.
-
-    Parameters
-    ----------
-    smooth_region : callable, optional
-        Bounds of the region between kinks. After a step across a kink was rejected, steps end at the kink, until one
-        leaves the kink that the search was at.
-    logarithmic : ndarray of bool, shape (p,), optional
-        Coordinates that are logarithms: a valley that is curved in them may be straight in their values.
-    """
+    """What is known of a cost beforehand."""
 
     smooth_region: SmoothRegion | None = None
     logarithmic: NDArray[np.bool_] | None = None
@@ -77,19 +68,7 @@ class StepRule:
         return np.clip(moved, self.low, self.high)
 
     def change_after_rejection(self, point: FloatArray, rejected: FloatArray, newton: FloatArray) -> bool:
-        """Change the rule after a step to ``rejected`` failed; False if there is nothing left to change.
-
-        Parameters
-        ----------
-        point, rejected : ndarray, shape (k,)
-            Where the step began, and where it would have ended.
-        newton : ndarray, shape (k,)
-            The whole step of Gauss and Newton.
-
-        Returns
-        -------
-        bool
-        """
+        """Change the rule after a step to ``rejected`` failed; False if there is nothing left to change."""
         low, high = self._region(point)
         if not self._confined and np.any((rejected < low) | (rejected > high)):
             self._confined = True
@@ -100,17 +79,7 @@ class StepRule:
         return True
 
     def change_after_step(self, point: FloatArray, new: FloatArray, newton: FloatArray, gain_ratio: float) -> None:
-        """Adapt the rule to a step to ``new`` that was taken; ``gain_ratio`` is its actual over predicted decrease.
-
-        Parameters
-        ----------
-        point, new : ndarray, shape (k,)
-            Where the step began, and where it ended.
-        newton : ndarray, shape (k,)
-            The whole step of Gauss and Newton.
-        gain_ratio : float
-            Actual over predicted decrease of the cost.
-        """
+        """Adapt the rule to a step to ``new`` that was taken; ``gain_ratio`` is its actual over predicted decrease."""
         self._switched = False
         self._confined = self._confined and self._stays_at_kink(point, new)
         if gain_ratio < MIN_GAIN_RATIO and self._is_long(newton):

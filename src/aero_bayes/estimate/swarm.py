@@ -18,9 +18,7 @@ class SwarmSettings:
     """Size and limits of a swarm.
 
     ``tolerance`` ends the search once the best cost improved by less than this much (in the cost's own unit) over
-    ``patience`` iterations; ``target`` ends it at a cost that is good enough (the paper's epsilon_0). ``reflect``
-    bounces particles at the bounds; else they stop there (absorbed).
-    """
+    ``patience`` iterations; ``target`` ends it at a cost that is good enough (the paper's epsilon_0)."""
 
     particles: int = 40
     iterations: int = 120
@@ -36,8 +34,7 @@ class SwarmResult:
     """Where the swarm ended.
 
     ``best`` has shape (d,); ``candidates`` (k, d) are each particle's own best in order of cost; ``history`` holds the
-    best cost after each iteration; ``failures`` counts evaluations that gave no finite cost.
-    """
+    best cost after each iteration; ``failures`` counts evaluations that gave no finite cost."""
 
     best: FloatArray
     cost: float
@@ -59,17 +56,7 @@ class SwarmResult:
 
 
 class Swarm:
-    """A swarm that is asked for positions and told their costs, so that a batch is evaluated in one call.
-
-    Parameters
-    ----------
-    low, high : ndarray, shape (d,)
-        Bounds of the (scaled) axes.
-    rng : numpy.random.Generator
-    settings : SwarmSettings
-    start : ndarray, shape (k, d), optional
-        Positions of the first k particles; the others are spread evenly over the box by a Latin hypercube.
-    """
+    """A swarm that is asked for positions and told their costs, so that a batch is evaluated in one call."""
 
     def __init__(
         self,
@@ -132,20 +119,7 @@ def minimise(
     start: FloatArray | None = None,
     on_iteration: Callable[[int, float], object] | None = None,
 ) -> SwarmResult:
-    """Search a box for the smallest cost.
-
-    Parameters
-    ----------
-    cost : callable
-        Maps positions (n, d) to costs (n,); infinite or NaN for one that failed.
-    low, high : ndarray, shape (d,)
-    rng : numpy.random.Generator
-    settings : SwarmSettings, optional
-    start : ndarray, shape (k, d), optional
-        Positions that must be among the first.
-    on_iteration : callable, optional
-        Told the iteration and the best cost; the search ends where it returns True.
-    """
+    """Search a box for the smallest cost."""
     settings = settings or SwarmSettings()
     swarm = Swarm(low, high, rng, settings, start)
     history: list[float] = []

@@ -28,9 +28,7 @@ class NoiseLayout:
     """Which noise parameters are free, as logarithms, with weak log-normal priors on the scale of the data.
 
     White noise has its prior median at 1 % of the output's range, correlated noise at 3 %, the correlation time at the
-    geometric mean of sample interval and duration. One standard deviation of the prior is a factor of 12, so that a few
-    hundred samples outweigh it. Noise parameters that are not free keep their values of ``reference``.
-    """
+    geometric mean of sample interval and duration."""
 
     outputs: tuple[str, ...]
     reference: tuple[OutputNoise, ...]
@@ -89,8 +87,7 @@ class NoiseLayout:
 class QuadraticModels:
     """Cost, gradient and Gauss-Newton Hessian at a batch of points: shapes (k,), (k, p), (k, p, p).
 
-    The cost is not finite where the evaluation failed.
-    """
+    The cost is not finite where the evaluation failed."""
 
     cost: FloatArray
     gradient: FloatArray
@@ -101,10 +98,7 @@ class QuadraticModels:
 class CurvatureAdjustment:
     """Curvature adjustment of a likelihood that takes correlated readings for independent.
 
-    After Ribatet, Cooley & Davison (2012, Statistica Sinica 22, 813).
-    The likelihood is taken at ``centre + map (x - centre)``, so that its curvature at the centre is the inverse of the
-    covariance that repeated experiments would show; shapes (f,) and (f, f).
-    """
+    After Ribatet, Cooley & Davison (2012, Statistica Sinica 22, 813)."""
 
     centre: FloatArray
     map: FloatArray
@@ -115,22 +109,7 @@ class CurvatureAdjustment:
 
 
 class Target:
-    """Log-posterior of a calibration over some of its parameters, reduced in the engine.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    simulator : Simulator
-        Of the calibration's problem.
-    base : ndarray, shape (p,)
-        SI values of all parameters; those that are not free keep them.
-    free : sequence of int
-        Columns that are searched.
-    prior : bool
-        Whether the priors count; without them it is the negative log-likelihood that a search minimises.
-    spread : CurvatureAdjustment, optional
-        Widens the likelihood where the residual is not noise.
-    """
+    """Log-posterior of a calibration over some of its parameters, reduced in the engine."""
 
     def __init__(
         self,
@@ -178,21 +157,7 @@ class Target:
     def quadratic_models(
         self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True
     ) -> QuadraticModels:
-        """Compute the negative log-posterior at given noise with gradient and Hessian in search coordinates.
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n, f)
-            Search coordinates of the free parameters.
-        noise : ndarray, shape (n, 1, m, 3)
-            Noise triples.
-        with_prior : bool
-            Whether the priors count.
-
-        Returns
-        -------
-        QuadraticModels
-        """
+        """Compute the negative log-posterior at given noise with gradient and Hessian in search coordinates."""
         at = coordinates if self.spread is None else self.spread(coordinates)
         result = self.objective.gauss_newton(self.values(at), noise, self.free)
         slope = self.parameters.jacobian(self.parameters.from_search(at))
@@ -229,8 +194,7 @@ class Target:
 class JointTarget:
     """Joint log-posterior of parameters and noise, for a sampler.
 
-    A point has the ``f`` free parameters, then the ``q`` noise parameters; points have shape (n, f + q).
-    """
+    A point has the ``f`` free parameters, then the ``q`` noise parameters; points have shape (n, f + q)."""
 
     def __init__(self, target: Target, layout: NoiseLayout) -> None:
         self.target, self.layout = target, layout

@@ -18,8 +18,7 @@ def rows_of_first_readings(measured: FloatArray, least: int = 20) -> int:
 def thin(experiment: Experiment, samples: int) -> Experiment:
     """Return the experiment on every n-th of its sample times, about ``samples`` of them.
 
-    An output that is read less often than the others keeps up to as many readings of its own.
-    """
+    An output that is read less often than the others keeps up to as many readings of its own."""
     every = -(-experiment.time.size // samples)
     if every <= 1:
         return experiment

@@ -15,22 +15,7 @@ Json = dict[str, object]
 
 @dataclass(frozen=True)
 class ValueTrial:
-    """A fit with some values of the listed parameters.
-
-    Parameters
-    ----------
-    values : mapping of str to bool, int, float or str
-    numbers : mapping of str to float
-        The same as the model has them.
-    modifiers : mapping of str to str
-        Those that are not Real, as Modelica writes them.
-    share : float
-        Probability among all values that were tried; where a residual is no noise, its readings count for less.
-    worse_by : float
-        Log-posterior of the likeliest values minus that of these; infinite where the fit failed.
-    failed : str
-        Why there is no fit.
-    """
+    """A fit with some values of the listed parameters."""
 
     values: Mapping[str, ListedValue]
     numbers: Mapping[str, float] = field(default_factory=dict)

@@ -57,16 +57,7 @@ def with_unit_finding(
     fitted: Callable[[Calibration], Fit],
     open_simulator: OpenSimulator,
 ) -> Fit:
-    """Return the fit with a finding of its data where it is poor, and good with one channel in another unit.
-
-    Parameters
-    ----------
-    fit : Fit
-    calibrated, fitted : callable
-        The calibration of other recordings, and a local fit of it.
-    open_simulator : callable
-        Opens a simulator for a problem.
-    """
+    """Return the fit with a finding of its data where it is poor, and good with one channel in another unit."""
     data = fit.calibration.data
     present = _share(data, fit.fitted)
     if not present > POOR_SHARE or fit.calibration.simulated.process is not None:

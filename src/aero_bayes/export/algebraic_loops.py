@@ -40,8 +40,7 @@ def eliminate(
 ) -> Elimination:
     """Solve equations for unknowns that they contain linearly, with a factor of ``constants`` alone.
 
-    Equations with few unknowns go first, and factors that are numbers before others.
-    """
+    Equations with few unknowns go first, and factors that are numbers before others."""
     left = list(equations)
     open_ = list(unknowns)
     solved: list[tuple[Node, Node]] = []

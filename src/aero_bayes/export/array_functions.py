@@ -15,13 +15,7 @@ ARRAY_FUNCTIONS = frozenset(
 
 
 def array_function(b: Builder, function: str, args: list[Value]) -> Value | None:
-    """Return the value of a function of :data:`ARRAY_FUNCTIONS`, or None where it means the function of numbers.
-
-    Raises
-    ------
-    ShapeError
-        For sizes that do not fit or are not known.
-    """
+    """Return the value of a function of :data:`ARRAY_FUNCTIONS`, or None where it means the function of numbers."""
 
     match function, args:
         case "size", (value,):

@@ -100,13 +100,7 @@ def product(b: Builder, left: list[Value], right: list[Value]) -> Value:
 
 
 def select(b: Builder, condition: Node, then: Value, otherwise: Value) -> Value:
-    """`then` where the condition holds, else `otherwise`, element by element.
-
-    Raises
-    ------
-    ShapeError
-        For branches of different size.
-    """
+    """`then` where the condition holds, else `otherwise`, element by element."""
     if condition.op == "const":
         return then if condition.value else otherwise
     if isinstance(then, list) and isinstance(otherwise, list) and len(then) == len(otherwise):
@@ -135,13 +129,8 @@ def _matrix(value: Value) -> list[list[Value]]:
 
 
 def element(b: Builder, items: list[Value], index: Node) -> Value:
-    """Return the element at a subscript, which counts from one; one that is not constant selects between all elements.
-
-    Raises
-    ------
-    IndexError
-        For a constant that is no subscript of the array; the message is that constant.
-    """
+    """Return the element at a subscript, which counts from one; one that is not constant selects
+    between all elements."""
     if index.op != "const":
         chosen = items[-1]
         for k in range(len(items) - 1, 0, -1):

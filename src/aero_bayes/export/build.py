@@ -33,13 +33,7 @@ _SHARED = tuple(
 
 
 def c_compiler() -> list[str]:
-    """Return the command of a C compiler: ``$CC``, ``cc``, or the one in the ziglang wheel.
-
-    Raises
-    ------
-    InputError
-        Where there is none; says what to install.
-    """
+    """Return the command of a C compiler: ``$CC``, ``cc``, or the one in the ziglang wheel."""
     named = os.environ.get("CC", "").strip()
     if named:
         command = shlex.split(named)
@@ -65,8 +59,7 @@ def fmi_headers() -> Path:
 def _compile_library(source: str, identifier: str, *, quick: bool = False, fmi: int = 2) -> bytes:
     """Compile a generated model and link it to the runtime; ``quick`` saves time on the optimisation.
 
-    What was compiled before from the same source is read from the user's cache.
-    """
+    What was compiled before from the same source is read from the user's cache."""
     command = c_compiler()
     runtime = _runtime(command, fmi)
     flags = [*_FLAGS, "-O1" if quick else "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
@@ -129,19 +122,7 @@ def _runtime(command: Sequence[str], fmi: int) -> bytes:
 
 
 def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, command: Sequence[str] = ()) -> bytes:
-    """Compile sources of this package once a user: kept under a name that tells compiler, flags and sources.
-
-    Parameters
-    ----------
-    sources : sequence of Path
-        What the compiler finds in its folder, headers too.
-    flags : sequence of str
-        Beside those that all code is compiled with.
-    product : str
-        The file that comes out.
-    command : sequence of str
-        The compiler; found where none is given.
-    """
+    """Compile sources of this package once a user: kept under a name that tells compiler, flags and sources."""
     command = command or c_compiler()
     texts = {path.name: path.read_bytes() for path in sources}
 

@@ -77,8 +77,7 @@ def store_function(
     """Return a function that stores values; in several where it is long and they share little.
 
     The time that a compiler takes for a function grows with the square of its length. ``factors``: see
-    :class:`~aero_bayes.export.c_writer.ExpressionWriter`.
-    """
+    :class:`~aero_bayes.export.c_writer.ExpressionWriter`."""
 
     def body(part: Sequence[StoredValue]) -> list[str]:
         writer = ExpressionWriter({**leaves, **kept}, factors)
@@ -97,8 +96,7 @@ def store_function(
 def columns_function(name: str, columns: Mapping[str, str]) -> str:
     """Return the function that calls those of some columns.
 
-    Where a value of the structure, by its place, is not zero.
-    """
+    Where a value of the structure, by its place, is not zero."""
     calls = [f"    if ({place} != 0.0) {function}(m);" for place, function in columns.items()] or ["    (void)m;"]
     return "\n".join([f"static void eval_{name}(Model *restrict m) {{", *calls, "}"])
 

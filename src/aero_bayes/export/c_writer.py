@@ -25,16 +25,7 @@ _FINITE = frozenset({"add", "sub", "neg", "mul", "abs", "min", "max", "tanh", "s
 
 
 class ExpressionWriter:
-    """Prints expressions as C statements over local variables.
-
-    Parameters
-    ----------
-    leaves : dict of Node to str
-        What is known already, with its C text.
-    factors : frozenset of Node
-        Leaves that may be zero for a whole run: a slow function that only ever counts times one of them is not called
-        then. So a law that is switched off costs little.
-    """
+    """Prints expressions as C statements over local variables."""
 
     def __init__(self, leaves: dict[Node, str], factors: frozenset[Node] = frozenset()) -> None:
         self.leaves = leaves

@@ -27,9 +27,7 @@ class ExplicitModel:
     """``der(states) = rates``; every other variable's expression in ``solved``.
 
     ``starts`` are in terms of parameters, and of other states where initial equations tie them together. Unknowns of
-    ``loops`` are symbols; ``discrete`` is in terms of states, these, and of what is constant between events. What
-    initial equations say beyond ``starts`` is left to Newton's method in ``initial``.
-    """
+    ``loops`` are symbols; ``discrete`` is in terms of states, these, and of what is constant between events."""
 
     system: EquationSystem
     states: tuple[str, ...]
@@ -88,13 +86,7 @@ class ExplicitModel:
 
 
 def causalise(system: EquationSystem) -> ExplicitModel:
-    """Solve the residuals for the derivatives and the algebraic variables.
-
-    Raises
-    ------
-    InputError
-        For a structurally singular model; names the variables.
-    """
+    """Solve the residuals for the derivatives and the algebraic variables."""
     b = system.builder
     whole = system
     system, aliases = _merge_aliases(whole)
@@ -134,8 +126,7 @@ def causalise(system: EquationSystem) -> ExplicitModel:
 def _merge_aliases(system: EquationSystem) -> tuple[EquationSystem, dict[Node, Node]]:
     """Replace variables that equal another one, or its negative, by one of them: a state where there is one.
 
-    Returns the smaller system and, for each variable that is gone, what it equals.
-    """
+    Returns the smaller system and, for each variable that is gone, what it equals."""
     b = system.builder
     known = {b.symbol(v.name): v for v in system.variables}
     inputs = {b.symbol(v.name) for v in system.inputs}

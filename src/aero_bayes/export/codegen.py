@@ -53,8 +53,7 @@ class _Memory:
 class _Code:
     """Values that the functions compute: by function of model.h, of each algebraic loop, and at events.
 
-    ``columns`` has the derivatives by each parameter, which the group ``jp`` has together.
-    """
+    ``columns`` has the derivatives by each parameter, which the group ``jp`` has together."""
 
     groups: dict[str, list[StoredValue]]
     columns: list[list[StoredValue]]
@@ -69,26 +68,7 @@ class _Code:
 
 
 def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, candidates: bool = False) -> str:
-    """Write the complete C source of one model; native/fmi2.c is linked to it.
-
-    Parameters
-    ----------
-    switching : SwitchingModel
-        The explicit model, and the surfaces at which it switches.
-    layout : VariableLayout
-        Value references of its variables.
-    guid : str
-        Identifier that the model description has, too.
-    candidates : bool
-        Whether most laws of the model are switched off: slow functions that count times zero are not called, and
-        derivatives by each parameter are a function of their own. Otherwise the source also has the equations for
-        several parameter vectors at a time, where the model has neither algebraic loops nor events.
-
-    Returns
-    -------
-    str
-        The C source.
-    """
+    """Write the complete C source of one model; native/fmi2.c is linked to it."""
     m = PreparedModel(switching, layout)
     memory, sizes = _memory_of(m)
     leaves = _leaves(m, memory)

@@ -19,19 +19,7 @@ Compiler = Literal["auto", "omc", "embedded"]
 def first_compiler(compiler: Compiler, attempt: Callable[[Compiler], Path]) -> Path:
     """Return what the first compiler makes that does not refuse.
 
-    For ``auto`` the embedded one, then ``omc`` if it is there.
-
-    Parameters
-    ----------
-    compiler : {"auto", "omc", "embedded"}
-    attempt : callable
-        Given one of the last two, returns the FMU or raises InputError.
-
-    Raises
-    ------
-    InputError
-        Where all refuse, with the reason of each.
-    """
+    For ``auto`` the embedded one, then ``omc`` if it is there."""
     if compiler != "auto":
         return attempt(compiler)
     try:

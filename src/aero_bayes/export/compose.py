@@ -53,13 +53,7 @@ def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
     """Add all variables and equations of a law under the prefix ``instance.``.
 
     The law's inputs become plain variables, which equations have to bind (:func:`equate`); its outputs are not those
-    of the whole.
-
-    Raises
-    ------
-    InputError
-        Where the model has variables of that instance already.
-    """
+    of the whole."""
     taken = {v.name for v in flat.variables}
     own = {v.name for v in law.variables}
     own |= {r for r in law.records if any(n.startswith(f"{r}.") for n in own)}
@@ -137,15 +131,7 @@ def add_parameter(
     description: str = "",
     **attributes: float | Expression,
 ) -> FlatModel:
-    """Add a parameter.
-
-    Parameters
-    ----------
-    flat : FlatModel
-    name, unit, description : str
-    value, attributes : float or Expression
-        Over parameters; attributes are ``min``, ``max`` and ``nominal``.
-    """
+    """Add a parameter."""
     v = FlatVariable(
         name,
         variability="parameter",
@@ -168,8 +154,7 @@ def set_parameter(flat: FlatModel, name: str, value: float | Expression) -> Flat
 def set_elements(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
     """Give parameters other values, by name; of an array each element has its own name (``c[2]``) and all are given.
 
-    Raises InputError for a name that is no parameter.
-    """
+    Raises InputError for a name that is no parameter."""
     for v in flat.variables:
         names = element_names(v.name, v.sizes)
         if names and any(name in values for name in names):
@@ -198,22 +183,7 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
     """Use an expression wherever equations, algorithms and events use a variable, also under ``der``.
 
     What
-    an algorithm or a when clause assigns stays too. An element ``x[1]`` is one where it is named so.
-
-    Parameters
-    ----------
-    flat : FlatModel
-    name : str
-        The variable.
-    by : Expression
-        What is used in its place.
-    keep_equations : collection of int
-        Indices of equations that stay as they are, such as the one that determines the variable.
-
-    Returns
-    -------
-    FlatModel
-    """
+    an algorithm or a when clause assigns stays too. An element ``x[1]`` is one where it is named so."""
     old = parse_reference(name)
 
     def change(n: Name) -> Expression:
@@ -260,28 +230,7 @@ def element_names(name: str, sizes: Sequence[int]) -> list[str]:
 
 
 def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
-    """Return a number of a parameter or variable.
-
-    Parameters
-    ----------
-    flat : FlatModel
-    name : str
-        Of a variable, or of an element of an array (``c[2]``).
-    attribute : str
-        ``value`` (of a parameter), ``start``, ``min``, ``max``, ``nominal`` or ``fixed``.
-    values : mapping, optional
-        Values of parameters, in place of those that the model gives them.
-
-    Returns
-    -------
-    float
-        The default of Modelica where the attribute is not given (unbounded, nominal 1, start 0).
-
-    Raises
-    ------
-    InputError
-        For an unknown name, or an attribute that depends on something that is no parameter.
-    """
+    """Return a number of a parameter or variable."""
     values = values or {}
     if attribute == "value" and name in values:
         return float(values[name])

@@ -27,25 +27,7 @@ def write_fmi2_description(
     stop: float | None = None,
     sources: bool = False,
 ) -> bytes:
-    """Write the description, the same for the same model.
-
-    Parameters
-    ----------
-    model : ExplicitModel
-    layout : VariableLayout
-        Value references of its variables.
-    model_name, identifier, guid : str
-        Full name, name of the binary, and identifier that the binary has, too.
-    stop : float, optional
-        End of the default experiment in s.
-    sources : bool
-        Whether the archive holds the C source.
-
-    Returns
-    -------
-    bytes
-        The text of ``modelDescription.xml``.
-    """
+    """Write the description, the same for the same model."""
     root = ET.Element(
         "fmiModelDescription", fmiVersion="2.0", modelName=model_name, guid=guid, generationTool="aero-bayes",
         variableNamingConvention="structured", numberOfEventIndicators=str(model.indicators),

@@ -29,15 +29,7 @@ def build_description(name: str) -> bytes:
 
 
 def convert_to_fmi3(description: bytes, indicators: int) -> bytes:
-    """Return the description in the terms of FMI 3.0; names that share another variable's reference are left out.
-
-    Parameters
-    ----------
-    description : bytes
-        Of an exported model, whose variables are all Real.
-    indicators : int
-        How many event indicators there are.
-    """
+    """Return the description in the terms of FMI 3.0; names that share another variable's reference are left out."""
     old = ET.fromstring(description)
     scalars = list(old.iterfind("ModelVariables/ScalarVariable"))
     references = [s.get("valueReference", "") for s in scalars]

@@ -33,23 +33,7 @@ class Reinit:
 
 @dataclass(frozen=True)
 class DiscretePart:
-    """What changes in events only.
-
-    Attributes
-    ----------
-    updates : dict
-        For each discrete symbol (also those of when conditions) its value in an event, in terms of ``pre(...)``
-        symbols, relations and whatever else.
-    reinits : tuple of Reinit
-    relations, roundings, samplings : tuple
-        Whose symbols are known between events.
-    assertions : tuple
-        Conditions that should hold, and what to say where they do not.
-    before : dict
-        Values of discrete symbols before the first event, where initial equations give them.
-    limits : dict
-        Symbols that stand for what a continuous variable was until the event, and that variable.
-    """
+    """What changes in events only."""
 
     updates: dict[Node, Node]
     reinits: tuple[Reinit, ...] = ()
@@ -205,8 +189,7 @@ def match_discrete(
 ) -> list[tuple[Node, Node]]:
     """Give each discrete equation ``left = right`` the variable that it determines (one of its sides).
 
-    Equations that determine none of them are given back: they determine something continuous.
-    """
+    Equations that determine none of them are given back: they determine something continuous."""
     free = [s for s in symbols if s not in actions.updates]
     owner: dict[Node, int] = {}
 
@@ -233,13 +216,7 @@ def match_discrete(
 def solve_discrete(
     model: str, b: Builder, part: DiscretePart, solved: Mapping[Node, Node], states: set[Node]
 ) -> DiscretePart:
-    """Return the discrete part in terms of states, and each discrete value without the others.
-
-    Raises
-    ------
-    InputError
-        For discrete equations that need each other, or a reinit of something that is no state.
-    """
+    """Return the discrete part in terms of states, and each discrete value without the others."""
     # until the event the discrete variables were what they were; states are so still
     old = {d: b.symbol(f"pre({d.name})") for d in part.updates}
     solved = {**solved, **{limit: b.substitute(solved.get(v, v), dict(old)) for limit, v in part.limits.items()}}

@@ -72,34 +72,7 @@ def export_flat(
     platforms: Sequence[Platform] = (),
     stop: float | None = None,
 ) -> Path:
-    """Write the FMU of a flat model to ``out``.
-
-    Parameters
-    ----------
-    flat : FlatModel
-    out : path
-    quick : bool
-        Compile in less time to code that runs somewhat slower, one run at a time, and pack nothing: for candidates that
-        are tried and dropped. Laws that are switched off cost little, see :func:`~aero_bayes.export.codegen.generate`.
-    members : mapping of str to bytes, optional
-        Further files of the archive.
-    fmi : int
-        2 or 3: version of the standard.
-    platforms : sequence of Platform, optional
-        Machines that it has binaries for; this machine by default.
-    stop : float, optional
-        End of its default experiment in s.
-
-    Returns
-    -------
-    Path
-        ``out``.
-
-    Raises
-    ------
-    InputError
-        For a construct that the exporter cannot translate.
-    """
+    """Write the FMU of a flat model to ``out``."""
     out, name = Path(out), identifier(flat.name)
     source, description = _with_guid(*_source_and_description(flat, quick=quick, fmi=fmi, stop=stop))
     files = {} if quick else source_files(source, name, fmi)

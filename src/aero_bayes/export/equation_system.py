@@ -44,8 +44,7 @@ class ScalarVariable:
 class EquationSystem:
     """Residuals ``0 = r`` over symbols. ``der(x)`` is the symbol of that name; dependent parameters are resolved.
 
-    ``discrete`` is what happens in events. Between them its symbols are constant.
-    """
+    ``discrete`` is what happens in events. Between them its symbols are constant."""
 
     name: str
     builder: Builder
@@ -61,13 +60,7 @@ class EquationSystem:
 
 
 def translate(model: FlatModel) -> EquationSystem:
-    """Turn a flat model into residuals over symbols.
-
-    Raises
-    ------
-    InputError
-        For a construct that has no translation; the message names it, with file and line.
-    """
+    """Turn a flat model into residuals over symbols."""
     model = _solved_at_start(model)
     builder = Builder()
     time = builder.symbol("time")
@@ -177,8 +170,7 @@ def _residuals(model: FlatModel, scope: Scope, actions: EventActions, discrete: 
 def _solved_at_start(model: FlatModel) -> FlatModel:
     """Make states that stay as they start of parameters that initial equations determine (``fixed = false``).
 
-    Parameters that follow from them become variables.
-    """
+    Parameters that follow from them become variables."""
     open_ = {
         v.name for v in model.variables if v.variability == "parameter" and v.attributes.get("fixed") == Number(0.0)
     }
@@ -214,8 +206,7 @@ def _initial(
 ) -> tuple[dict[Node, Node], tuple[Node, ...]]:
     """Return what initial equations and algorithms say.
 
-    Values of discrete variables before the start, and residuals.
-    """
+    Values of discrete variables before the start, and residuals."""
     of = {s: s for s in discrete} | {scope.builder.symbol(f"pre({s.name})"): s for s in discrete}
     pairs: list[tuple[Node, Node]] = []
     with scope.events_in(None):

@@ -37,20 +37,7 @@ MAX_UNROLLED = 10_000
 
 
 class Evaluator(NameTable):
-    """Evaluates syntax trees where names mean ``values``.
-
-    Parameters
-    ----------
-    builder : Builder
-    functions : mapping
-        Functions of the model by their names.
-    values : dict
-    where : str
-        What messages name where no place in a file is known.
-    events : Events, optional
-        Collects what makes events; where it is None relations are taken as they are at any instant.
-    records : mapping, optional
-    """
+    """Evaluates syntax trees where names mean ``values``."""
 
     def __init__(
         self,

@@ -16,23 +16,7 @@ Origin = Literal["component", "connection", "flow", "binding", "added"]
 
 @dataclass(frozen=True)
 class FlatVariable:
-    """One variable, maybe an array.
-
-    Attributes
-    ----------
-    name : str
-        Full path, such as ``body.flange.w``.
-    type : str
-        ``Real``, ``Integer``, ``Boolean``, ``String``, or the name of an enumeration.
-    sizes : tuple of int
-        Of an array; empty for a number.
-    attributes : mapping
-        ``start``, ``fixed``, ``min``, ``max``, ``nominal`` as expressions over parameters, where they are given.
-    binding : Expression, optional
-        The value of a parameter or constant. Bindings of variables are equations.
-    place : Place, optional
-        Where it is declared.
-    """
+    """One variable, maybe an array."""
 
     name: str
     type: str = "Real"
@@ -60,8 +44,7 @@ class FlatEquation:
     """``left = right``; arrays element by element.
 
     ``component`` is the instance whose class states it; for a connection and a sum of flows the instance that holds
-    the connectors. ``place`` of these two is where the connector declares the variable.
-    """
+    the connectors. ``place`` of these two is where the connector declares the variable."""
 
     left: Expression
     right: Expression
@@ -120,8 +103,7 @@ class Argument:
 class Function:
     """A function of the model: its variables and the statements of its algorithm.
 
-    ``constructor`` marks the constructor of a record; ``external`` is the name of an external C function.
-    """
+    ``constructor`` marks the constructor of a record; ``external`` is the name of an external C function."""
 
     name: str
     inputs: tuple[Argument, ...]

@@ -30,8 +30,7 @@ def balanced_model(model: str, missing: int) -> str:
 def explain_imbalance(name: str, flat: FlatModel) -> InputError | None:
     """Return the error of a model that was flattened with :func:`balanced_model`.
 
-    None where its structure does not tell.
-    """
+    None where its structure does not tell."""
     system = translate(flat)
     b = system.builder
     unknowns = [b.symbol(v.name) for v in system.variables if v.name not in system.derivatives]

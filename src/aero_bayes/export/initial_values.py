@@ -17,8 +17,7 @@ def initial_values(
 ) -> tuple[tuple[Node, ...], AlgebraicLoop | None]:
     """Initial value of each state: its start attribute, or what initial equations and other fixed values give.
 
-    Where these are not linear, or hold in an algebraic loop, the start attributes are guesses for the loop returned.
-    """
+    Where these are not linear, or hold in an algebraic loop, the start attributes are guesses for the loop returned."""
     b = system.builder
     by_name = {v.name: v for v in system.variables}
     starts = {b.symbol(n): by_name[n].attributes.get("start", b.zero) for n in states}
@@ -70,10 +69,7 @@ def initial_values(
 def _owners(nearest: Sequence[Sequence[Node]], reach: Sequence[frozenset[Node]]) -> dict[Node, int]:
     """Return, for states, the equation that determines each.
 
-    Each equation has at most one, and as many have one as can.
-
-    ``nearest`` has the states of each equation in the order in which they are tried, ``reach`` those that it knows.
-    """
+    Each equation has at most one, and as many have one as can."""
     owner: dict[Node, int] = {}
 
     def place(k: int, seen: set[Node]) -> bool:

@@ -29,18 +29,7 @@ _SETS = (
 
 @dataclass(frozen=True)
 class LaneEquations:
-    """What the lane functions compute, in terms of these symbols.
-
-    Parameters
-    ----------
-    states, inputs : sequence of Node
-    time : Node
-    constants : dict of Node to str
-        What does not change in a run, and its place in the model's structure.
-    rates, outputs : sequence of Node
-    slopes : sequence of StoredValue
-        Entries of df/dx that are not zero, each with its index in the matrix by rows.
-    """
+    """What the lane functions compute, in terms of these symbols."""
 
     states: Sequence[Node]
     inputs: Sequence[Node]
@@ -107,14 +96,7 @@ class _LaneWriter(ExpressionWriter):
 
 
 def lane_functions(equations: LaneEquations, info: dict[str, int]) -> tuple[str, list[int]] | None:
-    """C source of the lane functions, and the places of the constants that they take; None for too large a model.
-
-    Parameters
-    ----------
-    equations : LaneEquations
-    info : dict of str to int
-        Further members of the table in ``native/lanes.h``.
-    """
+    """C source of the lane functions, and the places of the constants that they take; None for too large a model."""
     e = equations
     leaves = {s: f"LOAD(x, {i})" for i, s in enumerate(e.states)}
     leaves |= {s: f"LOAD(u, {i})" for i, s in enumerate(e.inputs)}

@@ -13,8 +13,7 @@ from aero_bayes.export.expression import Node
 class VariableLayout:
     """Which variable has which value reference: states, derivatives, inputs, parameters, dependent ones, outputs.
 
-    ``names`` of states are those of the outputs that equal them where there are any; ``aliases`` maps further names.
-    """
+    ``names`` of states are those of the outputs that equal them where there are any; ``aliases`` maps further names."""
 
     states: tuple[ScalarVariable, ...]
     state_paths: tuple[str, ...]
@@ -44,9 +43,7 @@ def lay_out(model: ExplicitModel, *, sharing: bool = True) -> VariableLayout:
     """Sort the variables that the FMU shows.
 
     Outputs that equal a state share its value reference; without ``sharing`` one of them does, and the others are
-    outputs of their own. Of the parameters of inner components only those that the
-    equations contain are shown, because only they act.
-    """
+    outputs of their own."""
     b = model.system.builder
     by_name = {v.name: v for v in model.system.variables}
     top = [v for v in model.system.variables if v.shown]

@@ -45,8 +45,7 @@ def _declaration_in(folder: Path) -> PackageDeclaration:
 def declaration_of(model: str, sources: Sequence[Path] = ()) -> PackageDeclaration:
     """Return what the package that a model is from, or is extended from in one of the sources, declares of it.
 
-    Nothing for a model that no declaration names. Raises InputError for a declaration that is not valid.
-    """
+    Nothing for a model that no declaration names. Raises InputError for a declaration that is not valid."""
     package, _, system = model.partition(".")
     for folder in (*rig_packages(), *sources):
         if folder.name == package and system in (found := _declaration_in(folder)).systems:
@@ -74,18 +73,7 @@ def declared_members(model: str, sources: Sequence[Path]) -> dict[str, bytes]:
 
 
 def copy_sources(folder: Path, sources: Sequence[Path]) -> list[Path]:
-    """Copy the shipped packages of rigs and further files into an empty folder, so that nothing beside them is read.
-
-    Returns
-    -------
-    list of Path
-        Files to load, the shipped packages first.
-
-    Raises
-    ------
-    InputError
-        For a source that is missing, is no Modelica file, or names a package that is there already.
-    """
+    """Copy the shipped packages of rigs and further files into an empty folder, so that nothing beside them is read."""
     loaded = []
     for package in rig_packages():
         shutil.copytree(package, folder / package.name)
@@ -115,13 +103,7 @@ def copy_sources(folder: Path, sources: Sequence[Path]) -> list[Path]:
 
 
 def library_roots(named: Sequence[Path] = ()) -> list[Path]:
-    """Folders that may hold packages: those named, those of MODELICAPATH, and OpenModelica's own.
-
-    Raises
-    ------
-    InputError
-        For a named folder that is not there.
-    """
+    """Folders that may hold packages: those named, those of MODELICAPATH, and OpenModelica's own."""
     for folder in named:
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder of Modelica packages")
@@ -136,13 +118,7 @@ def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -
     """Return the packages that the sources mention and ``roots`` hold: name and folder (or file).
 
     A package folder may carry its version (``Modelica 4.1.0``); of several the latest is taken. The standard
-    library comes with the packages that it needs.
-
-    Raises
-    ------
-    InputError
-        For the standard library, where it is needed and not found; says where to get it.
-    """
+    library comes with the packages that it needs."""
     mentioned = _packages_in(model)
     staged = set()
     shipped = {folder.name for folder in rig_packages()}

@@ -33,10 +33,7 @@ _MISREAD = re.compile(r"\bgetTable1DValue\w*\(tableID, \d+, 0\)")
 def link_packages(packages: Mapping[str, Path], mentioned: Iterable[str] = ()) -> Path:
     """Return a folder that holds just these packages under their plain names.
 
-    It stays where it is for the same packages, since a compiler may keep what it has read by its path. Of the standard
-    library it holds the parts that can be reached from the words ``mentioned``, which takes a third of the time to
-    read; all of it where other libraries are there too.
-    """
+    It stays where it is for the same packages, since a compiler may keep what it has read by its path."""
     root = packages.get("Modelica")
     parts: frozenset[str] = frozenset()
     stamp = ""

@@ -15,8 +15,7 @@ def linear_solve(
 ) -> list[Node] | None:
     """Gaussian elimination on expressions; pivots are constants where there are any, else of parameters alone.
 
-    None where a pivot may vanish when a branch is switched, so that only numbers can tell which pivot to take.
-    """
+    None where a pivot may vanish when a branch is switched, so that only numbers can tell which pivot to take."""
     b = system.builder
     n = len(right)
     parameters = {b.symbol(p.name) for p in system.parameters}

@@ -11,8 +11,7 @@ from aero_bayes.export.expression import Builder, Node
 def match(b: Builder, equations: Sequence[Node], unknowns: Sequence[Node]) -> tuple[list[int], list[int], list[int]]:
     """Give each equation an unknown (index), by augmenting paths.
 
-    Where one is left without: the equations of the smallest set that is one unknown short, and its unknowns.
-    """
+    Where one is left without: the equations of the smallest set that is one unknown short, and its unknowns."""
     index = {u: i for i, u in enumerate(unknowns)}
     incidence = [sorted(index[s] for s in b.symbols(e) if s in index) for e in equations]
     owner: list[int | None] = [None] * len(unknowns)

@@ -13,8 +13,7 @@ SOLVE_FUNCTION = "Modelica.Math.Matrices.solve"
 def without_solve(e: FlatEquation) -> FlatEquation:
     """Return the equation times the matrix that the library's ``solve`` inverts in it, where it stands in a sum.
 
-    The library calls LAPACK; here the equations are solved as all others are.
-    """
+    The library calls LAPACK; here the equations are solved as all others are."""
     matrix = _matrix(e.left) or _matrix(e.right)
     return e if matrix is None else replace(e, left=_times(matrix, e.left), right=_times(matrix, e.right))
 

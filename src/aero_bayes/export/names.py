@@ -10,15 +10,7 @@ from aero_bayes.export.arrays import Record, Value
 
 
 class NameTable:
-    """Values by name, and the records whose fields are variables of their own.
-
-    Parameters
-    ----------
-    values : dict
-        Values by name; an assignment changes it.
-    records : mapping
-        Names of the fields of record variables and record types, in order.
-    """
+    """Values by name, and the records whose fields are variables of their own."""
 
     def __init__(self, values: dict[str, Value], records: Mapping[str, tuple[str, ...]]) -> None:
         self.values = values
@@ -26,13 +18,7 @@ class NameTable:
         self._families: dict[str, list[str]] | None = None
 
     def named(self, name: str) -> Value:
-        """Return the value of a name: a variable, a record, a field of one, or that field of an array of records.
-
-        Raises
-        ------
-        KeyError
-            For a name that is not declared.
-        """
+        """Return the value of a name: a variable, a record, a field of one, or that field of an array of records."""
         if name in self.values:
             return self.values[name]
         if name in self.records:
@@ -56,13 +42,7 @@ class NameTable:
         return self._families.get(name, [])
 
     def assign(self, name: str, indices: Sequence[int], value: Value) -> None:
-        """Give a name, or the element at `indices` of an array, another value.
-
-        Raises
-        ------
-        KeyError
-            For an element of something that has no value yet.
-        """
+        """Give a name, or the element at `indices` of an array, another value."""
         owner, dot, last = name.rpartition(".")
         if dot and isinstance(whole := self.values.get(owner), Record) and not indices:
             at = whole.names.index(last)

@@ -33,13 +33,7 @@ C_ERROR = re.compile(r":\d+(?::\d+)?: (?:fatal )?error: (?P<message>[^\n]+)")
 
 
 def export_openmodelica(model: str, out: Path, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> Path:
-    """Write the FMU of ``model`` to ``out`` with ``omc``.
-
-    Raises
-    ------
-    InputError
-        Where ``omc`` is not on the PATH, or with the first error that it reports.
-    """
+    """Write the FMU of ``model`` to ``out`` with ``omc``."""
     compiler = shutil.which("omc")
     if compiler is None:
         raise InputError("omc (OpenModelica) is not on the PATH; install it or use the embedded exporter")

@@ -9,21 +9,7 @@ from aero_bayes.export.expression import Builder, Node
 
 
 class Operators:
-    """Applies operators to values.
-
-    Parameters
-    ----------
-    builder : Builder
-    events : Events, optional
-        Collects what makes events; where it is None relations are taken as they are at any instant.
-
-    Attributes
-    ----------
-    derivatives : dict of str to Node
-        The symbols ``der(x)`` that were made, by the name of x.
-    left_limits : dict of Node to Node
-        Symbols of what a continuous variable was until an event, and that variable.
-    """
+    """Applies operators to values."""
 
     def __init__(self, builder: Builder, events: Events | None) -> None:
         self.builder = builder
@@ -63,13 +49,7 @@ class Operators:
         return self.events is not None and symbol in self.events.piecewise_constant
 
     def pre(self, value: Value) -> Value:
-        """Return the value until the event: of a discrete variable ``pre(x)``, of a continuous one its left limit.
-
-        Raises
-        ------
-        LookupError
-            For what is not a variable.
-        """
+        """Return the value until the event: of a discrete variable ``pre(x)``, of a continuous one its left limit."""
         return arrays.mapped(self._pre, value)
 
     def _pre(self, node: Node) -> Node:

@@ -18,21 +18,7 @@ _ELF = ("-fPIC", "-shared", "-s", "-Wl,--build-id=none")
 
 @dataclass(frozen=True)
 class Platform:
-    """One kind of machine.
-
-    Parameters
-    ----------
-    name : str
-        What ``--platforms`` calls it.
-    folders : mapping of int to str
-        Folder of its binary inside ``binaries/``, by the version of FMI.
-    suffix : str
-        Of its libraries.
-    targets : tuple of str
-        What Zig calls it; macOS has two processors, whose libraries share one file.
-    flags : tuple of str
-        By which a library is linked.
-    """
+    """One kind of machine."""
 
     name: PlatformName
     folders: Mapping[int, str]
@@ -72,13 +58,7 @@ def this_machine() -> Platform:
 
 
 def platforms_called(names: str | Sequence[str]) -> tuple[Platform, ...]:
-    """Platforms by their names: ``all``, one, or several with commas between them; this machine's by default.
-
-    Raises
-    ------
-    InputError
-        For a name that is none, and where the compiler for another machine is not installed.
-    """
+    """Platforms by their names: ``all``, one, or several with commas between them; this machine's by default."""
     given = [n.strip() for n in names.split(",")] if isinstance(names, str) else list(names)
     given = [name for name in given if name]
     if given == ["all"]:
@@ -100,8 +80,7 @@ def zig_compiler(target: str) -> list[str]:
 def one_file(libraries: Mapping[str, bytes]) -> bytes:
     """Return a library for several processors of macOS, by Zig's name of each; a single one is returned as it is.
 
-    The form is Apple's ``fat_header``: numbers with the highest byte first, then each library at an aligned place.
-    """
+    The form is Apple's ``fat_header``: numbers with the highest byte first, then each library at an aligned place."""
     if len(libraries) == 1:
         return next(iter(libraries.values()))
     head = struct.pack(">II", 0xCAFEBABE, len(libraries))

@@ -15,8 +15,7 @@ class PreparedModel:
     """A model as its C source computes it: symbols, and expressions with as little work at a time step as possible.
 
     Parameters of inner components that nothing shows are replaced by their values, and divisions by parameters are
-    multiplications.
-    """
+    multiplications."""
 
     def __init__(self, switching: SwitchingModel, layout: VariableLayout) -> None:
         self.switching, self.layout, self.model = switching, layout, switching.model

@@ -33,22 +33,7 @@ _CAUSALITY: dict[str, Causality] = {"Input": "input", "Output": "output"}
 
 
 def read_structured(name: str, flat: Json, files: Mapping[str, Sequence[str]]) -> FlatModel:
-    """Return the flat model of rumoca's document.
-
-    Parameters
-    ----------
-    name : str
-        Full name of the model.
-    flat : dict
-        The document.
-    files : mapping
-        For each source's number its path and its text.
-
-    Raises
-    ------
-    InputError
-        For a construct that has no counterpart; names it, with file and line where they are known.
-    """
+    """Return the flat model of rumoca's document."""
     return _FlatModelReader(name, flat, files).model()
 
 

@@ -58,22 +58,7 @@ except Exception as error:
 
 
 def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> FlatModel:
-    """Flatten a Modelica model.
-
-    Parameters
-    ----------
-    model : str
-        Full name. The shipped packages of rigs are always there.
-    sources : sequence of Path
-        Further ``.mo`` files or package folders.
-    libraries : sequence of Path
-        Folders that hold packages, such as the Modelica Standard Library, besides those that are found by themselves.
-
-    Raises
-    ------
-    InputError
-        One line that says what rumoca found wrong, or which construct cannot be exported.
-    """
+    """Flatten a Modelica model."""
     check_model_name(model)
     with ScratchFolder() as root:
         files = copy_sources(root, sources)
@@ -121,8 +106,7 @@ def _longest(files: Sequence[Path], root: Path) -> str:
 def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Collection[str]) -> InputError | None:
     """Return what to say where the class is in none of the sources.
 
-    None where it may be, or where they cannot be read.
-    """
+    None where it may be, or where they cannot be read."""
     first = model.split(".")[0]
     shipped = [root / folder.name for folder in rig_packages() if folder.name == first]
     try:
@@ -140,8 +124,7 @@ def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Colle
 def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
     """Return the answer of rumoca on a model; read from the user's cache where it answered the same question before.
 
-    Answers that depend on libraries outside ``root`` are not kept, since nobody looks whether these change.
-    """
+    Answers that depend on libraries outside ``root`` are not kept, since nobody looks whether these change."""
 
     def ask() -> bytes:
         return json.dumps(_ask(model, root, files, libraries)).encode()

@@ -24,8 +24,7 @@ _UNARY = {"Minus": "neg", "DotMinus": "neg", "Not": "not"}
 class TreeReader:
     """Turns nodes into trees; ``here`` is the place that messages name.
 
-    Every kind of node that occurs is either read or named in an :class:`InputError`; nothing is skipped.
-    """
+    Every kind of node that occurs is either read or named in an :class:`InputError`; nothing is skipped."""
 
     def __init__(self, name: str, flat: Json, files: Mapping[str, Sequence[str]]) -> None:
         self.name = name

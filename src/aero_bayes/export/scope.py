@@ -33,8 +33,7 @@ class Scope(Evaluator):
     """Evaluates equations, algorithms and calls of functions, see :class:`Evaluator`.
 
     Branches that are not decided yet are both executed and merged: each variable gets a choice between its two values.
-    Loops are unrolled.
-    """
+    Loops are unrolled."""
 
     depth = 0
 

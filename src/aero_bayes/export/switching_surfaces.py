@@ -25,17 +25,7 @@ _POINTS = 3
 
 @dataclass(frozen=True)
 class Surface:
-    """Where ``difference`` is zero.
-
-    Attributes
-    ----------
-    difference : Node
-    relations : tuple of (int, bool)
-        The relations that change there, by their places in ``DiscretePart.relations``, and their truth where the
-        difference is positive.
-    rise : Node
-        The slope of the difference in time, in terms of the symbols ``rates`` for the derivatives of the states.
-    """
+    """Where ``difference`` is zero."""
 
     difference: Node
     relations: tuple[tuple[int, bool], ...]
@@ -46,8 +36,7 @@ class Surface:
 class SwitchingModel:
     """An explicit model, the surfaces on which it may slide, and the symbols of its states' derivatives there.
 
-    ``instant`` has the discrete variables that follow from the relations of the same instant alone.
-    """
+    ``instant`` has the discrete variables that follow from the relations of the same instant alone."""
 
     model: ExplicitModel
     surfaces: tuple[Surface, ...]
@@ -59,8 +48,7 @@ def find_surfaces(model: ExplicitModel) -> SwitchingModel:
     """Find the surfaces of a model; ``sign`` and relations without events become relations with events there.
 
     A surface is a difference of states, parameters and time whose slope changes with the relations of its own sign.
-    Differences of inputs are none: how fast an input moves is not known to an FMU.
-    """
+    Differences of inputs are none: how fast an input moves is not known to an FMU."""
     b = model.system.builder
     rates = tuple(b.symbol(f"rate#{i}") for i in range(len(model.states)))
     search = _Search(model)
@@ -177,8 +165,7 @@ class _Search:
     def may_slide(self, difference: Node, sides: Mapping[Node, tuple[Node, Node]]) -> bool:
         """Return whether the slope differs between both sides of a surface.
 
-        ``sides`` has each relation's values there.
-        """
+        ``sides`` has each relation's values there."""
         b = self.b
         if not self._can_be_surface(difference):
             return False

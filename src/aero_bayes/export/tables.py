@@ -36,13 +36,7 @@ def is_table_function(name: str) -> bool:
 def call_table(b: Builder, function: str, args: Sequence[Value], events: Events | None = None) -> Value | None:
     """Return the value of a function of a table, or None for another function.
 
-    A table over time makes an event at each of its instants where ``events`` are given.
-
-    Raises
-    ------
-    ShapeError
-        For a table on a file, or a smoothness other than straight lines and steps.
-    """
+    A table over time makes an event at each of its instants where ``events`` are given."""
     fields = _CONSTRUCTORS.get(function.removeprefix(_TYPES))
     if fields is not None:
         if args[0] != "NoName" or args[1] != "NoName":
@@ -79,8 +73,7 @@ def call_table(b: Builder, function: str, args: Sequence[Value], events: Events 
 def with_search_from_first_row(function: str, args: tuple[Expression, ...]) -> tuple[Expression, ...]:
     """Let the search for a row of ``TimeTable`` start at the first one and not at the last found.
 
-    It finds the same, and its number of turns is known.
-    """
+    It finds the same, and its number of turns is known."""
     at = _SEARCHES.get(function)
     return args if at is None or at >= len(args) else (*args[:at], Number(1.0), *args[at + 1 :])
 

@@ -69,21 +69,7 @@ def _begin(parent: int) -> None:
 
 @contextmanager
 def open_executor(dask: str | None = None, workers: int | None = None) -> Iterator[Executor]:
-    """Open this machine's cores, or the workers of a running Dask scheduler.
-
-    Parameters
-    ----------
-    dask : str, optional
-        Address of a scheduler, such as ``tcp://10.0.0.7:8786``, the path of its scheduler file, or ``local`` for a
-        cluster of processes that is started on this machine and ends with the block.
-    workers : int, optional
-        Processes on this machine; one a core by default.
-
-    Raises
-    ------
-    InputError
-        ``dask.distributed`` is not installed, or nobody answers at the address.
-    """
+    """Open this machine's cores, or the workers of a running Dask scheduler."""
     if dask is None:
         pool = LocalPool(workers)
         try:

@@ -26,15 +26,7 @@ CHUNK_RIGS = 256
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Posterior of a fleet's mean and spread.
-
-    Parameters
-    ----------
-    spreads, weights : ndarray, shape (t,)
-        Grid of τ, and the posterior share of each.
-    means, deviations : ndarray, shape (t,)
-        μ given τ is Gaussian with these.
-    """
+    """Posterior of a fleet's mean and spread."""
 
     spreads: FloatArray
     weights: FloatArray
@@ -91,21 +83,7 @@ def fit_population(centres: FloatArray, widths: FloatArray) -> Population:
 
 
 def stand_out(centres: FloatArray, widths: FloatArray, population: Population) -> tuple[FloatArray, FloatArray]:
-    """Tell how unlikely each rig is to come from the fleet that all the others form.
-
-    Parameters
-    ----------
-    centres, widths : ndarray, shape (n,)
-        Estimate and standard deviation of each rig.
-    population : Population
-
-    Returns
-    -------
-    p_values : ndarray, shape (n,)
-        Two-sided, in the prediction from the other rigs.
-    away : ndarray, shape (n,)
-        The same as a number of standard deviations, with its sign.
-    """
+    """Tell how unlikely each rig is to come from the fleet that all the others form."""
     # Without a rig that is far off the others may differ much less than with it.
     spreads = np.union1d(population.spreads, np.linspace(0.0, population.spreads[0], FINE_POINTS // 2))
     total = _sums(centres, widths, spreads)
@@ -124,8 +102,7 @@ def _terms(centres: FloatArray, widths: FloatArray, spreads: FloatArray) -> Floa
     """Compute each rig's part of what the posterior at each τ is made of, shape (4, n, t).
 
     They are summed over rigs, so that one rig can be taken out again: the precision, precision times centre, precision
-    times centre squared, and the logarithm of the variance.
-    """
+    times centre squared, and the logarithm of the variance."""
     variance, centre = widths[:, None] ** 2 + spreads**2, centres[:, None]
     return np.stack([1.0 / variance, centre / variance, centre**2 / variance, np.log(variance)])
 

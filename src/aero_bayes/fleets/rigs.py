@@ -33,10 +33,7 @@ class RigSection(Section):
 class FleetSection(Section):
     """``[fleet]``: the work on each rig, and the file of the table of rigs if it is another one.
 
-    ``work`` is one of the commands: fit, posterior, loop, or all three. ``rigs`` is a CSV file with the columns name,
-    train and test (several files are separated by semicolons) and one for each key that differs, such as
-    ``parameters.M.value``.
-    """
+    ``work`` is one of the commands: fit, posterior, loop, or all three."""
 
     work: Work = "fit"
     rigs: Path | None = None
@@ -99,13 +96,7 @@ class FleetPlan:
 
 
 def read_fleet(path: Path) -> FleetPlan:
-    """Read ``fleet.toml``: any configuration, with ``[fleet]`` and the rigs.
-
-    Raises
-    ------
-    InputError
-        The file or its table of rigs cannot be read, or there is no rig.
-    """
+    """Read ``fleet.toml``: any configuration, with ``[fleet]`` and the rigs."""
     document, folder = read_toml(path), path.parent.resolve()
     own = validated(FleetFile, {key: document.pop(key) for key in ("fleet", "rig") if key in document}, path)
     validated(Config, document, path)

@@ -18,23 +18,7 @@ MIN_LIKELIHOOD_SHARE = 0.05
 
 
 def fleet_row(name: str, result: RunJson, priors: Iterable[Parameter]) -> Row:
-    """Make the row of a finished rig.
-
-    Parameters
-    ----------
-    name : str
-    result : RunJson
-    priors : iterable of Parameter
-        Those that were searched, with the priors that the rig's posterior holds and the fleet's must not hold again.
-
-    Returns
-    -------
-    dict
-        ``parameters`` of the model and of what was added: by name ``value``, ``sd``, ``unit``, ``status``, ``log``
-        (whether positive by nature), and ``centre`` and ``width`` of the likelihood, Gaussian in the value or its
-        logarithm; ``over_floor``: the largest residual over the noise floor; ``outcome`` of the loop and ``effects``:
-        by each ``id`` those ``alike``, in ``words`` what each is; ``level`` of the verdict.
-    """
+    """Make the row of a finished rig."""
     searched, loop, words = {item.name: item for item in priors}, result.loop, result.effect_words()
     effects = loop.effects if loop else []
     wanted = {*searched, *(key for effect in effects for key in effect.parameters)}
@@ -71,8 +55,7 @@ def _parameter(entry: ParameterJson, item: Parameter | None) -> dict[str, Any]:
 def _without_prior(centre: float, sd: float, item: Parameter | None, *, log: bool) -> tuple[float, float] | None:
     """Compute centre and width of the likelihood: a Gaussian posterior over the prior's own curvature.
 
-    The fleet takes the place of the rig's prior; with both it would be counted once a rig. None if little is left.
-    """
+    The fleet takes the place of the rig's prior; with both it would be counted once a rig. None if little is left."""
     if item is None:
         return centre, sd
     value = min(max(math.exp(centre) if log else centre, item.lower), item.upper)

@@ -43,30 +43,7 @@ def run_tasks(
     until: Callable[[], bool] = lambda: False,
     progress: Progress = lambda count: None,
 ) -> None:
-    """Work on all tasks that the table does not hold yet, and write each row as it comes.
-
-    Parameters
-    ----------
-    tasks : iterable of Keyed
-        Read one by one, no faster than they are worked on.
-    attempt : callable
-        Task -> row, with the task's key under ``key``. What it raises becomes a row with ``key`` and ``error``. It must
-        give the same row wherever it runs.
-    table : Table
-    executor : concurrent.futures.Executor, optional
-        Where tasks run, one task a job; in this process by default. A task whose worker dies is tried again.
-    made_of : callable
-        Fingerprint of what a task is computed from; a row with another one is computed anew.
-    until : callable
-        No further task is begun once it says so.
-    progress : callable
-        Told how many tasks are done, one or more at a time.
-
-    Raises
-    ------
-    CannotFinishError
-        The executor takes no more tasks. What was done until then is kept.
-    """
+    """Work on all tasks that the table does not hold yet, and write each row as it comes."""
 
     def wanted() -> Iterator[Task]:
         for task in tasks:

@@ -37,23 +37,7 @@ MAX_LISTED_RIGS = 100
 def summarise_fleet(
     table: Table, *, work: str, seed: int, versions: Mapping[str, str]
 ) -> tuple[FleetJson, FleetColumns]:
-    """Summarise parameters over the rigs, the share of rigs with each effect, and outliers.
-
-    Parameters
-    ----------
-    table : Table
-        Of rows as :func:`aero_bayes.fleets.row.fleet_row` and :func:`aero_bayes.fleets.runner.failure` make them.
-    work : str
-    seed : int
-    versions : mapping of str to str
-
-    Returns
-    -------
-    FleetJson
-        As ``fleet.json`` holds it.
-    FleetColumns
-        A number a rig for everything that the page draws.
-    """
+    """Summarise parameters over the rigs, the share of rigs with each effect, and outliers."""
     every = list(table.rows())
     rows, failures = [row for row in every if "error" not in row], [row for row in every if "error" in row]
     names = [row["key"] for row in rows]
@@ -156,8 +140,7 @@ def _effects(rows: Sequence[Row]) -> list[FleetEffectJson]:
     """Estimate the share of rigs whose loop names each effect, the commonest first.
 
     A rig whose residual stays unexplained tells nothing of effects that it does not name. The share is binomial with
-    Jeffreys' prior; a name among others that do as well counts in equal parts.
-    """
+    Jeffreys' prior; a name among others that do as well counts in equal parts."""
     times = Counter(effect["id"] for row in rows for effect in row["effects"])
     conclusive = [row for row in rows if row["outcome"] in ("adequate", "extended")]
     words: dict[str, str] = {id_: text for row in rows for id_, text in row["words"].items()}

@@ -26,9 +26,7 @@ class Table:
     """Rows by key, in the order of their keys whatever the order in which they came.
 
     ``row`` holds what is the same however often and wherever it is computed; ``cost`` what it took, and where;
-    ``made_of`` a fingerprint of what it was computed from, so that a row made of something else is computed anew.
-    Raises InputError where the file is there and no such table.
-    """
+    ``made_of`` a fingerprint of what it was computed from, so that a row made of something else is computed anew."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -53,8 +51,7 @@ class Table:
     def put(self, row: Row, cost: Mapping[str, Any], made_of: str = "") -> None:
         """Write a row, which carries its key under ``key``, whole or not at all.
 
-        It is safe once :meth:`flush` was called, or the next row comes :data:`MAX_COMMIT_DELAY` later.
-        """
+        It is safe once :meth:`flush` was called, or the next row comes :data:`MAX_COMMIT_DELAY` later."""
         texts = (json.dumps(row, sort_keys=True), json.dumps(cost, sort_keys=True))
         if not self._database.in_transaction:
             self._database.execute("BEGIN")

@@ -33,21 +33,7 @@ _COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
 
 @dataclass(frozen=True)
 class RigTask:
-    """Everything that a worker needs; the files must be readable on its machine.
-
-    Parameters
-    ----------
-    rig : Rig
-    config : Config or str
-        Or what is wrong with the rig's settings.
-    work : {"fit", "posterior", "loop", "all"}
-    out : Path
-        The fleet's folder.
-    seed : int
-        The rig's own.
-    model : Path, optional
-        The FMU, or the one that was built from the class; its name is its hash.
-    """
+    """Everything that a worker needs; the files must be readable on its machine."""
 
     rig: Rig
     config: Config | str

@@ -103,13 +103,7 @@ def _write_json(result: FleetJson, path: Path) -> None:
 
 
 def tasks_of(plan: FleetPlan, out: Path, seed: int) -> Iterator[RigTask]:
-    """Make a task for each rig when its turn comes; every model is built once.
-
-    Raises
-    ------
-    InputError
-        Two rigs have one name; or settings or model of the first rig are wrong, as then all are.
-    """
+    """Make a task for each rig when its turn comes; every model is built once."""
     for name, times in Counter(rig.name for rig in plan.rigs).items():
         if times > 1:
             raise InputError(f"two rigs are called {name}")

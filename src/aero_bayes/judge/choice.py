@@ -17,28 +17,7 @@ from aero_bayes.simulation.interface import DelayTarget
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The chosen structure, and what it was chosen from.
-
-    Parameters
-    ----------
-    fitted : FittedModel
-    near : tuple of Structure
-        Material structures that the best one does not clearly beat, the chosen one first.
-    smaller : tuple of str
-        Terms that clearly lower the left-out error beside the chosen ones, and are not material.
-    comparison : Comparison
-        Of the structures that were fitted again without each block.
-    ranking : Comparison
-        Of all structures, by the closed form.
-    before, after : tuple of ResidualReport
-        What the first model and the chosen one leave.
-    explored : SearchResult
-    settings : ChoiceSettings
-    refused : tuple of Structure
-        Those that unseen readings refused before this one.
-    undecided : tuple of str
-        Terms of which one is missing, but the data do not tell at which place.
-    """
+    """The chosen structure, and what it was chosen from."""
 
     fitted: FittedModel
     near: tuple[Structure, ...]
@@ -73,8 +52,7 @@ class Choice:
     def alike(self, term: str) -> tuple[str, ...]:
         """Return a chosen term and those that the data do not tell from it, best first.
 
-        A curve at its port and a refinement hold it as a special case: they are not listed.
-        """
+        A curve at its port and a refinement hold it as a special case: they are not listed."""
         explored, rest = self.explored, set(self.structure.terms) - {term}
         others = [s for s in self._alternatives if rest < set(s.terms) and term not in s.terms]
         swapped = [next(iter(set(s.terms) - rest)) for s in sorted(others, key=lambda s: self.comparison.scores[s])]
@@ -91,9 +69,7 @@ class Choice:
         """Structures of the same size that the data do not tell from the chosen one, which comes first.
 
         They are those near it. As long as structure is left, they are those that are not materially worse, too: a
-        further missing effect may turn such a difference. So are those with a delay elsewhere in place of one that
-        moves an input: at other places a delay is solved by a rational approximation, which a step shows.
-        """
+        further missing effect may turn such a difference."""
         delays = {law_of(t) for t in self.structure.terms if self._moves_an_input(t)}
 
         def may_turn(structure: Structure) -> bool:
@@ -158,8 +134,7 @@ class Choice:
         """Return the next choice where unseen readings refuse this one; None where nothing is left.
 
         First come material structures with a part of its terms, then those that training readings do not tell from it:
-        the order is that of the training readings, and unseen ones only refuse.
-        """
+        the order is that of the training readings, and unseen ones only refuse."""
         refused = (*self.refused, self.structure)
         judge, first = self._judge, refused[0]
         parts = [
@@ -178,8 +153,7 @@ class Choice:
         """Return the choice with those terms only whose place, or whose law, all structures have that do as well.
 
         Of structures that do equally well one is taken whose terms are all told, if there is one. Else what is not told
-        is ``undecided``: one of these terms is missing, and the data do not tell at which place.
-        """
+        is ``undecided``: one of these terms is missing, and the data do not tell at which place."""
         rivals, fits = self._as_good(), self.explored.fits
         most = len(fits[self.structure].optimum.free)
         for s in sorted(rivals, key=lambda s: (s != self.structure, self.comparison.scores[s])):
@@ -196,8 +170,7 @@ class Choice:
     def _material_part(self, kept: Sequence[str]) -> Structure:
         """Return the best material structure of terms that are told, or of what refines them.
 
-        Without any, it is the one with all of them, unless the first model predicts better.
-        """
+        Without any, it is the one with all of them, unless the first model predicts better."""
         judge, required, refines = self._judge, set(self.settings.require), self.explored.refines
         told = required | set(kept)
 
@@ -214,8 +187,7 @@ class Choice:
     def _told_terms(self, structure: Structure, rivals: Sequence[Structure]) -> tuple[str, ...]:
         """Terms of a structure whose place or law is in all others.
 
-        A curve explains almost anything that a law leaves, so that beside a law it does not tell a further place.
-        """
+        A curve explains almost anything that a law leaves, so that beside a law it does not tell a further place."""
         required, curves = self.settings.require, self.explored.curves
         shared = [self._shared_terms(structure, s, rivals) for s in rivals]
         told = tuple(t for t in structure.terms if t in required or all(t in own for own in shared))
@@ -237,8 +209,7 @@ class Choice:
         """Its alternatives with no more parameters, or that predict better.
 
         Where only noise is left, those with more parameters have to do so by one standard error: else they are listed,
-        but do not keep the simpler one from being told.
-        """
+        but do not keep the simpler one from being told."""
         fits, comparison, own = self.explored.fits, self.comparison, self.structure
         most = len(fits[own].optimum.free)
 
@@ -253,8 +224,7 @@ class Choice:
         """Tell whether another term has this one's law, if at another place, or may be told beside it at its place.
 
         A curve claims its place only. Refinements of one law claim that law. Two other laws at one place are told as
-        alternatives if one can take the place of the other, all else the same, and is material there.
-        """
+        alternatives if one can take the place of the other, all else the same, and is material there."""
         explored, law = self.explored, law_of(other)
         if law == law_of(term) and term not in explored.curves:
             return True
@@ -269,18 +239,10 @@ class Choice:
         return any(s in rivals and self._judge.material(s) for s in beside)
 
     @property
-    def rivals(self) -> tuple[Structure, ...]:
-        """The chosen structure, and each that the data do not tell from it by a term in place of another."""
-        swaps = [self.structure.minus(t).plus(o) for t in self.structure.terms for o in self.alike(t)[1:]]
-        terms = {s.terms for s in swaps}
-        return (self.structure, *(s for s in self._alternatives if s.terms in terms))
-
-    @property
     def wins(self) -> float:
         """Share of resampled blocks in which the chosen structure is the best of its size.
 
-        Structures that hold it as a special case do not count.
-        """
+        Structures that hold it as a special case do not count."""
         explored = self.explored
         own = {explored.ports.get(t) for t in self.structure.terms}
 

@@ -29,22 +29,7 @@ FIRST_BLOCKS_STRIDE = 4
 
 @dataclass(eq=False)
 class Chooser:
-    """Chooses a structure of those that a search explored.
-
-    Parameters
-    ----------
-    settings : ChoiceSettings
-    fit : LocalFitSettings
-        Of the fits without a block.
-    complete : callable
-        Fits a structure without each of its terms where that is worse than it must be, and gives all that was found.
-    alone : callable
-        The same fit on the model that has no other terms, which is quicker to simulate.
-    map : Mapper
-        Does independent tasks, perhaps in parallel.
-    told : callable
-        Told the share of the refits that is done.
-    """
+    """Chooses a structure of those that a search explored."""
 
     settings: ChoiceSettings
     fit: LocalFitSettings
@@ -91,9 +76,7 @@ class Chooser:
         """Errors of structures that were fitted again without each block.
 
         Every few-th block is left out first. Structures that cannot be chosen, to judge by these, are not fitted
-        without the other blocks, unless they are among ``whole``. Where a structure was not fitted, the closed form
-        takes the place. A structure that cannot be simulated without a block is left out.
-        """
+        without the other blocks, unless they are among ``whole``."""
         noise, folds = explored.noise.noise, range(len(common.folds))
         fits = {s: explored.fits[s] for s in wanted}
         for s, fitted in fits.items():
@@ -137,8 +120,7 @@ def _is_beaten(structure: Structure, judge: Judge) -> bool:
     """Return whether a structure cannot be chosen, to judge by the first blocks.
 
     One with no more terms is clearly better; or without one of its terms, or with a coarser law in place of one, the
-    error is hardly larger.
-    """
+    error is hardly larger."""
     blocks, refines = judge.comparison, judge.explored.refines
     coarser = [structure.minus(t).plus(c) for t, c in refines.items() if t in structure.terms]
     if any(blocks.clearly_better(o, structure) for o in blocks.squares if len(o) <= len(structure) and o != structure):
@@ -153,8 +135,7 @@ def _is_beaten(structure: Structure, judge: Judge) -> bool:
 class _LeftOut:
     """Squared errors of one structure by fold, and the folds without which it was fitted; closed form in the others.
 
-    ``optimum`` is the fit that it was begun for, ``fitted`` the same on a model of its own.
-    """
+    ``optimum`` is the fit that it was begun for, ``fitted`` the same on a model of its own."""
 
     optimum: Optimum
     fitted: FittedModel
@@ -186,9 +167,7 @@ def worth_all_readings(explored: SearchResult, settings: ChoiceSettings) -> list
     """Structures, explored on a part of the recordings, that are worth a fit to all: the finalists and their likes.
 
     Their likes are the structures that the best one does not clearly beat, the best law in place of each curve, and the
-    best term of each place: which place it is, all readings may tell otherwise. So are those that do as well as the
-    best of their size, since the part may be too short to find a term material.
-    """
+    best term of each place: which place it is, all readings may tell otherwise."""
     judge = Judge(explored, rank(explored)[1], settings)
     found = [*finalists(judge), *judge.near()[:FINALISTS]]
     scores, ports = judge.comparison.scores, explored.ports
@@ -207,14 +186,7 @@ def worth_all_readings(explored: SearchResult, settings: ChoiceSettings) -> list
 
 
 def finalists(judge: Judge) -> list[Structure]:
-    """Structures that are worth a refit without each block.
-
-    Those near the best material structure; of each size the best material one and those that it does not materially
-    beat, since refits may turn what the closed form calls material; the best of each size by the closed form, a second
-    one if it is not far behind, and the best by the fit itself, which the closed form may misjudge; and what they must
-    be better than. Structures of other laws come first: the same laws at other places often predict the same, and
-    would leave no room for others. They take the room that is left, since what the data do not tell is listed.
-    """
+    """Structures that are worth a refit without each block."""
     ranking, explored = judge.comparison, judge.explored
     scores, fits, curves = ranking.scores, explored.fits, explored.curves
     base = [s for s in ranking.squares if set(s.terms) == set(judge.settings.require)]

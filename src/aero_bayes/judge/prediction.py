@@ -35,8 +35,7 @@ class Prediction:
     """A model's prediction of whole recordings.
 
     ``train`` and ``test`` hold an :class:`Error` by recording and output; ``fitted`` the outputs (n,) by recording and
-    output, on the recording's own samples.
-    """
+    output, on the recording's own samples."""
 
     train: Mapping[tuple[str, str], RmsError]
     test: Mapping[tuple[str, str], RmsError]
@@ -95,8 +94,7 @@ def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> 
     """Outputs that one prediction predicts significantly worse than another on unseen data.
 
     The test compares squared residuals reading by reading, corrected for autocorrelation (Diebold
-    and Mariano, 1995, J. Business and Economic Statistics 13, 253).
-    """
+    and Mariano, 1995, J. Business and Economic Statistics 13, 253)."""
     more: dict[str, float] = {}
     variance: dict[str, float] = {}
     for k, r in enumerate((*recordings.train, *recordings.test)):

@@ -14,8 +14,7 @@ class Recordings:
     """The recordings, and which part of them is fitted.
 
     ``fitted`` are the training recordings; without test recordings only their first parts. ``unseen_from`` is then the
-    time (s), by name, from which readings count as unseen.
-    """
+    time (s), by name, from which readings count as unseen."""
 
     train: tuple[Recording, ...]
     test: tuple[Recording, ...]
@@ -29,13 +28,7 @@ class Recordings:
     ) -> Recordings:
         """Check the recordings, and hold out the share ``held_out`` of each training one if there is no other test.
 
-        ``known`` are the outputs of the model.
-
-        Raises
-        ------
-        InputError
-            If no output was recorded that a model has, or if two training recordings have the same name.
-        """
+        ``known`` are the outputs of the model."""
         outputs = tuple(o for o in known if any(o in r.outputs for r in train))
         if not outputs:
             raise InputError(f"none of the outputs {', '.join(known)} was recorded")

@@ -34,10 +34,7 @@ class Unseen:
     """Predict whole recordings with models of a family.
 
     A recording that was not fitted gets the mean input delay of the fitted recordings. Its initial states are its first
-    readings plus the mean offset that the fitted recordings have. Where initial states are estimated, or a law acts on
-    their reading, they are estimated from the first :data:`INITIAL_STATE_SHARE` of the recording; those that a law
-    brought always are.
-    """
+    readings plus the mean offset that the fitted recordings have."""
 
     recordings: Recordings
     settings: CalibrationSettings
@@ -60,13 +57,7 @@ class Unseen:
         *,
         close: bool = False,
     ) -> Prediction:
-        """Predict all recordings with a fitted model; ``close`` keeps initial states close to their readings.
-
-        Raises
-        ------
-        CannotFinishError
-            If it cannot be simulated.
-        """
+        """Predict all recordings with a fitted model; ``close`` keeps initial states close to their readings."""
         whole, row, starts = self._on_whole_recordings(calibration, fit, close)
         rows, _ = self._with_estimated_starts(whole, row[np.newaxis], starts, fit)
         with self.open_simulator(whole.problem()) as simulator:
@@ -97,9 +88,7 @@ class Unseen:
         """Standard deviation of a prediction of what was not fitted, by recording and output, as root mean square.
 
         Parameters and initial states are moved by one standard deviation to both sides along each principal axis of
-        their covariance, and the changes of the outputs are added in squares. A motion that is sensitive to them is
-        predicted badly even by a complete model.
-        """
+        their covariance, and the changes of the outputs are added in squares."""
         whole, row, starts = self._on_whole_recordings(calibration, fit)
         rows, ends = self._with_estimated_starts(whole, row[np.newaxis], starts, fit)
         shared = [j for j, p in enumerate(whole.parameters) if p.recording is None]

@@ -26,21 +26,7 @@ MAX_PREDICTION_DEVIATIONS = 4.0
 def rejection_reason(
     before: Prediction, after: Prediction, recordings: Recordings, left: Sequence[ResidualReport]
 ) -> str | None:
-    """Say why the last fit or unseen data reject terms; None where they do not.
-
-    They are rejected if with them the last fit leaves about as much of every output, and structure; if the prediction
-    of an output gets significantly worse (two standard errors, with correlated readings) and by more than 5 %, or if
-    its error doubles; or if the residual is structured and the error of an output rises by 10 %, or the product over
-    outputs of the ratios of errors, by which structures are compared, does not fall by at least 10 %.
-
-    Parameters
-    ----------
-    before, after : Prediction
-        Without the terms and with them.
-    recordings : Recordings
-    left : sequence of ResidualReport
-        What the last fit leaves.
-    """
+    """Say why the last fit or unseen data reject terms; None where they do not."""
     structured = bool(structured_residuals(left))
     least, fitted = before.pooled("train"), after.pooled("train")
     if structured and fitted and all(fitted[o] > MAX_ERROR_RATIO * least[o] for o in fitted):
@@ -62,8 +48,7 @@ def rejection_reason(
 class LargeUnseenErrors:
     """Outputs whose error on unseen data is much larger than that of the fit: the ratio, by recording and output.
 
-    ``sensitive`` are those where the uncertainty of the parameters explains it, ``unexplained`` the others.
-    """
+    ``sensitive`` are those where the uncertainty of the parameters explains it, ``unexplained`` the others."""
 
     sensitive: Mapping[tuple[str, str], float]
     unexplained: Mapping[tuple[str, str], float]
@@ -78,23 +63,7 @@ def large_unseen_errors(
     before: Prediction,
     max_error_ratio: float,
 ) -> LargeUnseenErrors:
-    """Find outputs that an adequate fit predicts with a much larger error on unseen data.
-
-    Parameters
-    ----------
-    unseen : Unseen
-    calibration : Calibration
-    fit : Optimum
-        Of ``calibration``.
-    reports : sequence of ResidualReport
-        What the fit leaves.
-    floors : mapping of (recording, output) to float
-        Noise floors.
-    before : Prediction
-        Of the fit.
-    max_error_ratio : float
-        Largest error on unseen data over that where the model was fitted.
-    """
+    """Find outputs that an adequate fit predicts with a much larger error on unseen data."""
     adequate = {(r.recording, r.output): r.rms for r in reports if r.verdict == "adequate"}
     far: dict[tuple[str, str], float] = {}
     for (name, output), error in before.test.items():

@@ -16,13 +16,7 @@ from aero_bayes.language.tokens import Token, find_outside, one_line, skip_group
 def inline_base_classes(known: Sources, file: SourceFile, cls: ClassText) -> tuple[SourceFile, ClassText]:
     """Write a file of ``cls`` alone, with declarations and equations of base classes in place of ``extends``.
 
-    Names that mean something in the packages around a class are given in full.
-
-    Raises
-    ------
-    InputError
-        For a base class that is not in the sources, or a modifier that cannot be written out, such as ``redeclare``.
-    """
+    Names that mean something in the packages around a class are given in full."""
     text = standalone_text(known, file, cls)
     (own,) = read_classes(text)
     for clause in [s for s in own.declarations if s.first == "extends"]:

@@ -30,9 +30,7 @@ class SourceStatement:
     """An element that ends in a semicolon: a declaration, an extends clause, an equation.
 
     ``section`` is public, protected, equation, algorithm, or the last two with ``initial`` before them, or class for
-    a short class definition; ``inside`` names the compound equations around it. ``tokens`` exclude the semicolon,
-    ``end`` includes it.
-    """
+    a short class definition; ``inside`` names the compound equations around it."""
 
     section: str
     tokens: tuple[Token, ...]
@@ -78,8 +76,7 @@ class ComponentDeclaration:
 class ClassText:
     """A class with a body. Positions count characters of the source; ``start`` is that of its first prefix.
 
-    ``classes`` are those with a body inside it, ``class_names`` the names of all inside it.
-    """
+    ``classes`` are those with a body inside it, ``class_names`` the names of all inside it."""
 
     kind: str
     name: str
@@ -244,8 +241,7 @@ def _modifiers(tokens: Sequence[Token]) -> Modifiers:
 def annotation_arguments(tokens: Sequence[Token], name: str) -> Mapping[str, Expression]:
     """Return the named arguments of one entry of the annotation that some tokens hold: ``Placement(...)``.
 
-    None without it.
-    """
+    None without it."""
     inside = tokens[find_outside(tokens, _ANNOTATION) + 2 : -1]
     for part in split_outside(inside):
         if part and part[0].word == name:

@@ -71,13 +71,7 @@ def read_library(files: Iterable[Path]) -> ClassLibrary:
 def build_tree(
     library: ClassLibrary, name: str, given: Mapping[str, str] | None = None, depth: int = 0
 ) -> ComponentTree:
-    """Return the tree of a class; ``given`` are the full names of redeclared classes.
-
-    Raises
-    ------
-    KeyError
-        The library has no such class.
-    """
+    """Return the tree of a class; ``given`` are the full names of redeclared classes."""
     found, given = library[name], given or {}
     tree = ComponentTree(name, found.description)
     for base, modifiers in found.extended():

@@ -74,8 +74,7 @@ def _clean(total: Mapping[str, float]) -> Dimension:
 def dimension_of_unit(unit: str) -> Dimension | None:
     """Return exponents of the base units of a unit expression; None where it is empty or not understood.
 
-    A temperature in degC is one.
-    """
+    A temperature in degC is one."""
     known = base_units(_DEGREES.sub("K", unit)) if unit else None
     return None if known is None else {k: float(v) for k, v in known[1].items()}
 

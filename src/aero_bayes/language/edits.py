@@ -94,23 +94,7 @@ def add_equations(text: str, cls: ClassText, lines: Sequence[str]) -> list[TextE
 def insert_before_connector(
     text: str, connects: Sequence[SourceStatement], connector: str, chain: Sequence[tuple[str, str]]
 ) -> list[TextEdit]:
-    """Put components between a connector and what it is connected with.
-
-    Parameters
-    ----------
-    text : str
-        Modelica source.
-    connects : sequence of SourceStatement
-        Its connect clauses.
-    connector : str
-    chain : sequence of (str, str)
-        Near and far end of each component that comes between, each connected to the next.
-
-    Returns
-    -------
-    list of TextEdit
-        Empty where the connector is connected nowhere, under a condition or in a loop.
-    """
+    """Put components between a connector and what it is connected with."""
     found = [(s, end) for s in connects for end in s.ends if "".join(words_of(end)) == connector]
     if not found or any(s.inside for s, _ in found):
         return []
@@ -132,20 +116,7 @@ def rename_class(cls: ClassText, name: str) -> list[TextEdit]:
 def replace_names(
     tokens: Sequence[Token], new: Callable[[str], str | None], *, functions: bool = True
 ) -> list[TextEdit]:
-    """Replace the first part of references; names of modifiers and what follows a dot stay.
-
-    Parameters
-    ----------
-    tokens : sequence of Token
-    new : callable
-        Gives the text for a name, or None where it stays.
-    functions : bool
-        Replace also names before parentheses; without, such a name in a list is a modifier: ``i(start = 0)``.
-
-    Returns
-    -------
-    list of TextEdit
-    """
+    """Replace the first part of references; names of modifiers and what follows a dot stay."""
     edits = []
     for k, token in enumerate(tokens):
         if token.kind != "name" or (k > 0 and tokens[k - 1].word == "."):

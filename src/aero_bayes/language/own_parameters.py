@@ -11,14 +11,7 @@ from aero_bayes.language.tokens import Token
 
 
 class OwnClasses:
-    """The classes of the user's sources.
-
-    Parameters
-    ----------
-    classes : sequence of ClassText
-    model : str
-        Full name of the user's model.
-    """
+    """The classes of the user's sources."""
 
     def __init__(self, classes: Sequence[ClassText], model: str) -> None:
         self.by_name = {c.full_name.rpartition(".")[2]: c for c in classes}

@@ -33,13 +33,7 @@ _RELATION, _SUM, _POWER = 2, 3, 5
 
 
 def parse_expression(tokens: Sequence[Token], numbers: Mapping[str, int] | None = None) -> Expression:
-    """Return the tree of an expression; in it, ``numbers`` stand in the place of names.
-
-    Raises
-    ------
-    InputError
-        For what is no expression.
-    """
+    """Return the tree of an expression; in it, ``numbers`` stand in the place of names."""
     reader = _ExpressionParser(tokens, numbers or {})
     tree = reader.expression()
     if reader.word:

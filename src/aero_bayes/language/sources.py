@@ -160,13 +160,7 @@ def read_modelica_text(path: Path) -> str:
 
 
 def read_file(path: Path, name: str) -> SourceFile:
-    """Read one file; `name` is its path as the compiler names it.
-
-    Raises
-    ------
-    InputError
-        For what is not Modelica; names the file and the line.
-    """
+    """Read one file; `name` is its path as the compiler names it."""
     text = read_modelica_text(path)
     try:
         return SourceFile(name, text, read_classes(text))
@@ -175,24 +169,12 @@ def read_file(path: Path, name: str) -> SourceFile:
 
 
 def read_classes_of(source: Path) -> tuple[ClassText, ...]:
-    """Return all classes with a body in a Modelica file or in the folder of a package.
-
-    Raises
-    ------
-    InputError
-        For a file that is no Modelica; names it.
-    """
+    """Return all classes with a body in a Modelica file or in the folder of a package."""
     return tuple(cls for _, cls in reversed([*sources_in(modelica_files([source])).by_name.values()]))
 
 
 def main_class(source: Path) -> str:
-    """Find the full name of the one model of a source that no other class there uses.
-
-    Raises
-    ------
-    InputError
-        If there is none, or several; names them.
-    """
+    """Find the full name of the one model of a source that no other class there uses."""
     if not source.exists():
         raise InputError(f"{source}: no such file")
     found = [c for c in read_classes_of(source) if c.kind in ("model", "block", "class") and not c.partial]

@@ -47,13 +47,7 @@ class SourceLocation:
 
 @lru_cache(maxsize=4096)  # the same text is read at several stages; the result is immutable
 def tokenize(text: str, offset: int = 0, *, strict: bool = True) -> tuple[Token, ...]:
-    """Return tokens without comments and white space; ``offset`` is added to their positions.
-
-    Raises
-    ------
-    InputError
-        For a character that starts no token, with its line; unless ``strict`` is off, which passes over it.
-    """
+    """Return tokens without comments and white space; ``offset`` is added to their positions."""
     found: list[Token] = []
     at = 0
     while at < len(text):
@@ -96,13 +90,7 @@ def one_line(text: str) -> str:
 
 
 def skip_group(tokens: Sequence[Token], at: int, *, strict: bool = True) -> int:
-    """Return index after the bracket that closes the one at ``at``.
-
-    Raises
-    ------
-    InputError
-        Where none does; unless ``strict`` is off, which takes all that is left.
-    """
+    """Return index after the bracket that closes the one at ``at``."""
     depth = 0
     while at < len(tokens):
         if tokens[at].kind == "sign":

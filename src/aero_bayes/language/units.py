@@ -60,8 +60,7 @@ _FACTOR = re.compile(r"([A-Za-z]+|[1%])([+-]?\d+)?$")
 def base_units(unit: str) -> tuple[float, dict[str, int]] | None:
     """Return factor and exponents of the SI base units, or None where the expression is not understood.
 
-    ``unit`` follows the Modelica grammar: ``N.m.s2/rad2``, ``kg.m2``, ``1/V``, ``(m.s)/(kg)``.
-    """
+    ``unit`` follows the Modelica grammar: ``N.m.s2/rad2``, ``kg.m2``, ``1/V``, ``(m.s)/(kg)``."""
     total = dict.fromkeys(BASE, 0)
     scale = 1.0
     for symbol, power in symbols_of(unit) or [("", 0)]:
@@ -77,8 +76,7 @@ def base_units(unit: str) -> tuple[float, dict[str, int]] | None:
 def symbols_of(unit: str) -> list[tuple[str, int]]:
     """Return the symbols of a unit expression with their powers, ``N.s/m`` as N, s and 1/m.
 
-    None for what is not one.
-    """
+    None for what is not one."""
     found: list[tuple[str, int]] = []
     above, *below = unit.split("/")
     for part, sign in ((above, 1), *((p, -1) for p in below)):
@@ -102,8 +100,7 @@ def _symbol(name: str) -> tuple[float, dict[str, int]] | None:
 def to_modelica_unit(unit: str) -> str:
     """Return a unit as the Modelica grammar spells it: ``kg*m^2`` is ``kg.m2``, ``m3/s/V`` is ``m3/(s.V)``.
 
-    Empty where that cannot be done. A symbol that is not known stays.
-    """
+    Empty where that cannot be done. A symbol that is not known stays."""
     text = re.sub(r"\s*(\*\*|[*·⋅./^()])\s*", r"\1", unit.strip()).replace("**", "^")
     text = re.sub(r"[*·⋅\s]", ".", text).replace("²", "2").replace("³", "3").replace("µ", "u").replace("μ", "u")
     text = re.sub(r"\^(?:\(([+-]?\d+)\)|([+-]?\d+)(?![.\d]))", lambda m: m[1] or m[2], text)

@@ -35,17 +35,7 @@ _COMMA = frozenset({","})
 
 
 class BalanceWriter:
-    """Writes laws into balance equations.
-
-    Parameters
-    ----------
-    target : ClassWithLaws
-    known : Sources
-    flat : FlatModel
-        The model without the laws, in which the ports were found.
-    structure : AliasStructure
-        Of ``flat``.
-    """
+    """Writes laws into balance equations."""
 
     def __init__(self, target: ClassWithLaws, known: Sources, flat: FlatModel, structure: AliasStructure) -> None:
         self.target, self.known, self.flat, self.structure = target, known, flat, structure
@@ -66,7 +56,7 @@ class BalanceWriter:
         if text is None or len(text) > MAX_FORMULA_LENGTH:
             self.target.declare(placed, given, {})
             text = f"{placed.instance}.{placed.law.interface.output}"
-        self._term(placed.port, text, placed.law.sign)
+        self._term(placed.port, text, 1)
         if placed.neighbour is not None:
             self._term(placed.neighbour, f"{placed.instance}.q_2" if placed.law.kind == "overflow" else text, -1)
 
@@ -156,8 +146,7 @@ class BalanceWriter:
     ) -> tuple[Expression, Expression] | None:
         """Return both sides of an equation, or of a declaration with a value.
 
-        ``whole`` are the names of whole numbers.
-        """
+        ``whole`` are the names of whole numbers."""
         if s.section == "equation":
             return sides_of(s.core, whole)
         c = next((c for c in cls.components() if c.statement is s and c.binding), None)

@@ -16,19 +16,7 @@ KEY_MEANINGS = {
 
 @dataclass(frozen=True)
 class CandidateFilter:
-    """A filter of effects by id, law and port.
-
-    Parameters
-    ----------
-    effects : tuple of str, optional
-        Ids or laws that are accepted; all by default.
-    exclude : tuple of str
-        Ids, laws or ports that are rejected.
-    ports, laws : tuple of str, optional
-        The only ports and laws that are accepted; all by default.
-    require : tuple of str
-        Ids that are always accepted.
-    """
+    """A filter of effects by id, law and port."""
 
     effects: tuple[str, ...] | None = None
     exclude: tuple[str, ...] = ()

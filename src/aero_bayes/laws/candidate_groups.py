@@ -16,17 +16,7 @@ def refinements(placed: Mapping[str, PlacedLaw]) -> dict[str, str]:
 
 
 def candidate_groups(placed: Mapping[str, PlacedLaw]) -> tuple[tuple[str, ...], ...]:
-    """Return groups of ids. The candidates of one group are built into one model.
-
-    The groups are, in this order: all laws in replaceable models that can be combined; all laws without states; laws
-    with states, port by port, because states slow a simulation down; each law in a replaceable model that takes only
-    one; learned curves; refined learned curves.
-
-    Parameters
-    ----------
-    placed : mapping of str to PlacedLaw
-        By id.
-    """
+    """Return groups of ids. The candidates of one group are built into one model."""
     refined = refinements(placed)
     single = [id_ for id_, p in placed.items() if p.port.replaceable is not None and not can_be_combined(p)]
     curves = [id_ for id_, p in placed.items() if p.law.curve_input and id_ not in single]

@@ -15,15 +15,7 @@ from aero_bayes.unknown_names import closest_name
 
 
 def ports_with_laws(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
-    """Return all ports of a model: inputs, outputs, then balances in the order of their states.
-
-    Parameters
-    ----------
-    flat : FlatModel
-        The model. See :func:`~aero_bayes.ports.find.find_ports`.
-    laws : sequence of Law
-        Laws that :attr:`Port.laws` may name.
-    """
+    """Return all ports of a model: inputs, outputs, then balances in the order of their states."""
     return with_applicable_laws(find_ports(flat), laws)
 
 
@@ -84,15 +76,7 @@ def _is_no_amount(port: Port, law: Law) -> bool:
 
 
 def is_possible(law: Law, nominals: Mapping[str, float]) -> bool:
-    """Return whether a law can be, and be seen, in the range that the signals of a port visit.
-
-    Parameters
-    ----------
-    law : Law
-    nominals : mapping
-        Of the port, with the range of its signals (``v_low``, ``v_high``) and the share of it that is visited twice
-        (``v_twice``); a law is possible where it is not known.
-    """
+    """Return whether a law can be, and be seen, in the range that the signals of a port visit."""
     if law.curve_input and nominals.get(f"{law.curve_input}_twice", 1.0) < MIN_SHARE_VISITED_TWICE:
         return False
     for signal, wanted in ((law.both_signs, "both"), (law.nonnegative, "one")):
@@ -120,8 +104,7 @@ class Candidate:
     """A law that may act at a port.
 
     ``neighbour`` is the port that receives an exchanged or overflowing quantity, or the reaction of a force.
-    ``alias`` is a declared name.
-    """
+    ``alias`` is a declared name."""
 
     law: Law
     port: Port
@@ -137,8 +120,7 @@ class Candidate:
 def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
     """Return every applicable law at every port, port by port.
 
-    An exchange between two storages is listed once. It and an overflow go to the first neighbour.
-    """
+    An exchange between two storages is listed once. It and an overflow go to the first neighbour."""
     by_id = {p.id: p for p in ports}
     found: list[Candidate] = []
     joined: set[frozenset[str]] = set()
@@ -156,13 +138,7 @@ def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candida
 
 
 def declared_candidates(found: Sequence[Candidate], declared: PackageDeclaration) -> tuple[Candidate, ...]:
-    """Return the effects that a package declares, under their names, and learned curves in its replaceable models.
-
-    Raises
-    ------
-    InputError
-        For an effect with a law that is not among the candidates.
-    """
+    """Return the effects that a package declares, under their names, and learned curves in its replaceable models."""
     known = {c.id: c for c in found}
     for name, effect in declared.effects.items():
         if effect.law not in known:

@@ -26,19 +26,7 @@ from aero_bayes.laws.placed_law import PlacedLaw, identifier
 
 
 class ClassWithLaws:
-    """A class to which laws are added.
-
-    Parameters
-    ----------
-    known : Sources
-    user : tuple
-        The user's class and its file.
-    placed_laws : sequence of PlacedLaw
-    title : str
-        Name of the new class.
-    inherits : bool
-        Whether the base classes are written out, because something in them is edited.
-    """
+    """A class to which laws are added."""
 
     def __init__(
         self,
@@ -105,8 +93,7 @@ class ClassWithLaws:
     ) -> None:
         """Declare the class of a law and its component.
 
-        Inputs in ``given`` are bound at the component, those in ``inside`` are variables of the class.
-        """
+        Inputs in ``given`` are bound at the component, those in ``inside`` are variables of the class."""
         name = "".join(w[:1].upper() + w[1:] for w in placed.instance.split("_"))
         while name in self.enclosing_names or name in self.cls.class_names:
             name += "Law"
@@ -125,8 +112,7 @@ class ClassWithLaws:
     def copy_of(self, path: str) -> ComponentCopy:
         """Return the copy of the class of a component.
 
-        The classes of the components that contain it are copied as well.
-        """
+        The classes of the components that contain it are copied as well."""
         if path in self.copies:
             return self.copies[path]
         parent, _, name = path.rpartition(".")

@@ -17,8 +17,7 @@ class ComponentCopy:
     """A copy of the class of a component, with edits.
 
     ``origin`` is the original class in ``file``; ``text`` and ``cls`` are the copy. ``inputs`` are new inputs with
-    their bindings at the component.
-    """
+    their bindings at the component."""
 
     name: str
     file: SourceFile

@@ -36,8 +36,7 @@ _COMPOSING_ORDER: Mapping[Attachment, int] = {"input": 1, "output": 2}
 def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> LawModels:
     """Return each law as a flat model of its own, by kind and id. One run of the compiler flattens all of them.
 
-    ``sources`` are the packages of the laws, for laws that use functions or types of their package.
-    """
+    ``sources`` are the packages of the laws, for laws that use functions or types of their package."""
     lines = ["model LawsAtOnce"]
     for law in laws:
         name = _component_name(law)
@@ -90,17 +89,7 @@ def _flat_law(flat: FlatModel, instance: str, law: Law) -> FlatModel:
 
 
 def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatModel:
-    """Return a model with one law at one port. The parameters of the law become parameters of the model.
-
-    Parameters
-    ----------
-    flat : FlatModel
-    placed : PlacedLaw
-        Made for this model by :func:`~aero_bayes.laws.placed_law.place_law`. Its port may be of the model before other
-        laws were added.
-    models : mapping
-        From :func:`law_models`.
-    """
+    """Return a model with one law at one port. The parameters of the law become parameters of the model."""
     port, at = placed.port, placed.instance
     acts = Name(f"{at}.{placed.law.interface.output}")
     law = models[placed.law.kind, placed.law.id]
@@ -131,7 +120,7 @@ def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatMo
         )
         flat = set_parameter(flat, f"{at}.{p.name}", Name(placed.names[p.name]))
     if port.balance is not None:
-        flat = _add_to_balance(flat, port, acts, placed.law.sign)
+        flat = _add_to_balance(flat, port, acts, 1.0)
     if placed.neighbour is not None:
         out = Name(f"{at}.q_2") if placed.law.kind == "overflow" else acts
         flat = _add_to_balance(flat, placed.neighbour, out, -1.0)
@@ -182,8 +171,7 @@ def compose_laws(flat: FlatModel, placed_laws: Sequence[PlacedLaw], models: LawM
     """Return a model with several laws. At one input or output, the last one is the outermost.
 
     Laws at inputs come late, so that a law in a balance reads the input that acts there. Laws at outputs come last, so
-    that a law in a balance reads the quantity and not its reading.
-    """
+    that a law in a balance reads the quantity and not its reading."""
     for placed in sorted(placed_laws, key=lambda u: _COMPOSING_ORDER.get(u.port.attachment, 0)):
         flat = compose_law(flat, placed, models)
     return flat
@@ -194,24 +182,7 @@ def with_candidates(
 ) -> tuple[FlatModel, tuple[PlacedLaw, ...]]:
     """Build many candidates into one model, all switched off.
 
-    Laws that need the derivative of a reading are the innermost ones there.
-
-    Parameters
-    ----------
-    flat : FlatModel
-    found : sequence of Candidate
-    nominals : mapping of str to mapping of str to float
-        Nominal values by the id of the port.
-    models : mapping
-        Flat models of the laws, see :func:`law_models`.
-
-    Returns
-    -------
-    FlatModel
-        With all of them.
-    tuple of PlacedLaw
-        In the given order.
-    """
+    Laws that need the derivative of a reading are the innermost ones there."""
     placed_laws = place_laws(found, {v.name for v in flat.variables}, nominals)
     inner_first = sorted(placed_laws, key=lambda u: not u.law.needs_derivative)
     return compose_laws(flat, inner_first, models), placed_laws
@@ -220,8 +191,7 @@ def with_candidates(
 def with_probes(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, str]]:
     """Return the model with a probe input at every port, zero by default, and the name of each by the id of its port.
 
-    A probe is added to an input or an output. In a balance it drives, where a law would oppose.
-    """
+    A probe is added to an input or an output. In a balance it drives, where a law would oppose."""
     names: dict[str, str] = {}
     for port in ports:
         name = f"probe_{identifier(port.id)}"

@@ -32,21 +32,7 @@ _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 
 
 def couple(inner: Model, coupling: LawCoupling, out: Path, laws_out: Path) -> None:
-    """Write an FMU 2.0 for Model Exchange that is an FMU with laws around it.
-
-    Parameters
-    ----------
-    inner : Model
-        Any FMU with Model Exchange.
-    coupling : LawCoupling
-    out, laws_out : Path
-        Files of the coupled FMU, and of the FMU of the laws alone.
-
-    Raises
-    ------
-    InputError
-        For an FMU without Model Exchange, or laws that cannot be translated.
-    """
+    """Write an FMU 2.0 for Model Exchange that is an FMU with laws around it."""
     if inner.interface != "model exchange":
         raise InputError(
             f"{inner.path}: laws are put around an FMU with Model Exchange; this one has co-simulation only"
@@ -203,8 +189,7 @@ class _CoupledDescription:
     def _rate_depends(self, s: _Coupled) -> tuple[str, ...] | None:
         """Return dependencies of a derivative as the FMU states them.
 
-        None (all) where laws have states or read states.
-        """
+        None (all) where laws have states or read states."""
         inner = self.inner
         if inner.jacobian_pattern is None or self.laws.states or self.coupling.states:
             return None

@@ -26,19 +26,7 @@ INSIDE = "_inside"
 
 @dataclass(frozen=True)
 class LawCoupling:
-    """How the variables of an FMU are connected with those of a flat model of laws.
-
-    Attributes
-    ----------
-    flat : FlatModel
-        The laws. It has exactly the inputs and outputs below.
-    inputs : tuple
-        For each input of the FMU: the variable, its name in the coupled model, and the variable that sets it.
-    outputs : tuple
-        For each output on which laws act: the variable, the input of the laws, and the output of the coupled model.
-    states : tuple
-        For each state of the FMU that laws read: the variable, and the input of the laws.
-    """
+    """How the variables of an FMU are connected with those of a flat model of laws."""
 
     flat: FlatModel
     inputs: tuple[tuple[Variable, str, str], ...]
@@ -48,14 +36,7 @@ class LawCoupling:
 
 @dataclass(frozen=True, eq=False)
 class FmuBoundary:
-    """The boundary of an FMU: its ports, and flat models of laws at these.
-
-    Parameters
-    ----------
-    fmu_model : Model
-    laws : sequence of Law
-        Laws that :attr:`Port.laws` may name.
-    """
+    """The boundary of an FMU: its ports, and flat models of laws at these."""
 
     fmu_model: Model
     laws: Sequence[Law] = ()

@@ -31,19 +31,7 @@ def _imported_class(inner: Model) -> str:
 def wrapper_text(
     inner: Model, coupling: LawCoupling, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], name: str
 ) -> str:
-    """Return the Modelica model of an imported FMU with laws around it.
-
-    Parameters
-    ----------
-    inner : Model
-    coupling : LawCoupling
-        Its names of inputs and outputs become those of the Modelica model.
-    placed_laws : sequence of PlacedLaw
-        In the order in which they were composed; the last one at a signal is the outermost.
-    values : mapping
-        Fitted values of the FMU's own parameters.
-    name : str
-    """
+    """Return the Modelica model of an imported FMU with laws around it."""
     cls = _imported_class(inner)
     lines = [
         "within ;",
@@ -93,7 +81,7 @@ def _equations(
         for placed in placed_laws:
             if placed.port.balance is not None and placed.port.balance.equation == k:
                 read(placed)
-                terms += f" {'-' if placed.law.sign > 0 else '+'} {placed.instance}.{placed.law.interface.output}"
+                terms += f" - {placed.instance}.{placed.law.interface.output}"
         found.append(f"{PLANT}.{_reference(v.name)} = {signal}{terms}")
     for v in inner.outputs:
         if v.kind == "real":
@@ -129,18 +117,7 @@ def _reference(name: str) -> str:
 
 
 def write_ssp(inner: Model, laws: Path, coupling: LawCoupling, values: Mapping[str, float], out: Path) -> Path:
-    """Write the system of the FMU and the FMU of its laws, connected, as an SSP 1.0 archive.
-
-    Parameters
-    ----------
-    inner : Model
-    laws : Path
-        The FMU of the laws alone.
-    coupling : LawCoupling
-    values : mapping
-        Fitted values of the FMU's own parameters.
-    out : Path
-    """
+    """Write the system of the FMU and the FMU of its laws, connected, as an SSP 1.0 archive."""
     for prefix, uri in _NAMESPACES.items():
         ET.register_namespace(prefix, uri)
     root = _element(None, "ssd:SystemStructureDescription", version="1.0", name=out.stem)

@@ -20,25 +20,14 @@ from aero_bayes.language.tokens import Token
 from aero_bayes.language.values import evaluate_expression
 
 LawKind = Literal[
-    "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable", "formula"
+    "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
 ]  # fmt: skip
 ParameterAttribute = Literal["default", "minimum", "maximum", "nominal"]
 
 
 @dataclass(frozen=True)
 class LawInterface:
-    """The inputs and the output of a partial model that laws of one kind extend.
-
-    Parameters
-    ----------
-    kind : str
-    output : str
-        The variable that enters the model: a force, a flow, a voltage or a signal.
-    inputs : tuple of str
-        Variables of the model that a law may read.
-    nominals : mapping of str to str
-        Parameters of the partial model that hold the nominal values of a port, and the signal of each.
-    """
+    """The inputs and the output of a partial model that laws of one kind extend."""
 
     kind: LawKind
     output: str
@@ -88,8 +77,7 @@ class LawParameter:
     def unit(self, nominal_units: Mapping[str, str]) -> str:
         """Return the declared unit; else the one that follows from the units of the nominal values.
 
-        Empty if unknown.
-        """
+        Empty if unknown."""
         if self.declared_unit:
             return self.declared_unit
         if not names_in(self.nominal):
@@ -100,54 +88,7 @@ class LawParameter:
 
 @dataclass(frozen=True)
 class Law:
-    """A physical law that may be missing in a model, such as Coulomb friction, read from a Modelica class.
-
-    Parameters
-    ----------
-    id : str
-        Name of the class in snake case.
-    kind : str
-        The kind of port at which it acts.
-    model : str
-        Full name of the class.
-    description : str
-    parameters : tuple of LawParameter
-        Those that are fitted. The first is its magnitude: at its default the law has no effect.
-    nominals : mapping of str to float
-        Defaults of the parameters that receive the nominal values of a port.
-    used_inputs : frozenset of str
-        The inputs that occur in its equations.
-    required_units : mapping of str to str
-        Units that it needs of its inputs.
-    excluded_units : str
-        Units of a port, separated by spaces, at which it makes no sense.
-    refines : str
-        Id of the coarser law of which this one is a refinement. Empty if there is none.
-    curve_input : str
-        Of a learned curve, the input over which the curve is learned. Empty for any other law. A learned curve is
-        linear in its parameters and is tried last.
-    threshold : str
-        The parameter that decides from where on the law acts. Empty if there is none, or if it is the only parameter.
-    both_signs, nonnegative : str
-        An input that must take both signs in the recordings for the law to be seen, and one that must never fall below
-        zero where the law can act. Empty if there is none.
-    delay : str
-        Of a law that delays its input and does nothing else, the parameter that is the delay. Empty for any other law.
-    starts : tuple of LawParameter
-        By how much its own states begin beside the start that its equations give: ``start_h_2`` for ``h_2``. The search
-        leaves them at zero; each recording has its own in the model that is written.
-    absolute : str
-        An input that must be the motion of one body, not a difference of two. Empty if there is none.
-    interface : LawInterface
-    text : str
-        Its source, its own declarations and those of the partial model together.
-    cls : ClassText
-        The class in ``text``.
-    widths : mapping of str to float
-        Parameters that are not fitted but may be set, such as the width over which a step is smoothed.
-    constraint : str
-        Of a law for replaceable models, the constraining class that it extends.
-    """
+    """A physical law that may be missing in a model, such as Coulomb friction, read from a Modelica class."""
 
     id: str
     kind: LawKind
@@ -188,11 +129,6 @@ class Law:
         return bool(self.differentiated & set(self.interface.inputs))
 
     @property
-    def sign(self) -> int:
-        """Of its output in a balance: a law opposes a change, a formula is added to what drives it."""
-        return -1 if self.kind == "formula" else 1
-
-    @property
     def magnitude(self) -> LawParameter:
         """The parameter whose default switches the law off."""
         return self.parameters[0]
@@ -205,19 +141,7 @@ def shipped_laws() -> tuple[Law, ...]:
 
 
 def read_laws(sources: Sequence[Path]) -> tuple[Law, ...]:
-    """Read the laws of Modelica packages, in the order of their files and classes.
-
-    Parameters
-    ----------
-    sources : sequence of Path
-        ``.mo`` files or package folders. The partial models of the shipped package ``Laws`` need not be among them.
-
-    Raises
-    ------
-    InputError
-        For a law without a fitted parameter, or an attribute that is no expression in nominal values. The message
-        names file and class.
-    """
+    """Read the laws of Modelica packages, in the order of their files and classes."""
     own = list(modelica_files(sources))
     known = sources_in([*modelica_files([modelica_root() / "Laws" / "Interfaces"]), *own])
     by_name = {cls.name: cls for _, cls in reversed([*known.by_name.values()])}

@@ -25,22 +25,7 @@ def class_text(
     declarations: Sequence[str] = (),
     equations: Sequence[str] = (),
 ) -> list[str]:
-    """Return the lines of a model ``name`` that is the law.
-
-    Parameters
-    ----------
-    law : Law
-    name : str
-        Name of the class.
-    nominals : mapping
-        Nominal values of the port. Those that are not given keep their default.
-    signals : mapping
-        Expressions for inputs of the law, which become variables. The others stay inputs.
-    without : frozenset of str
-        Outputs and parameters of the partial model that are left out with the equations that give them.
-    declarations, equations : sequence of str
-        Further lines, such as connectors.
-    """
+    """Return the lines of a model ``name`` that is the law."""
     text, cls = law.text, law.cls
     found: dict[str, list[str]] = {"public": [], "protected": [], "initial equation": [], "equation": [*equations]}
     kept = [s for s in cls.statements if s.section in found and without.isdisjoint(words_of(s.tokens))]
@@ -61,21 +46,7 @@ def class_text(
 
 
 def formula(law: Law, *, nominals: Mapping[str, float], names: Mapping[str, str]) -> str | None:
-    """Return the output of a law as one expression, if its class has a single explicit equation.
-
-    Parameters
-    ----------
-    law : Law
-    nominals : mapping
-        All nominal values. Constants that follow from them become numbers.
-    names : mapping
-        Names in the model of the inputs and parameters of the law.
-
-    Returns
-    -------
-    str or None
-        None for a law with several equations or variables of its own.
-    """
+    """Return the output of a law as one expression, if its class has a single explicit equation."""
     if len(law.cls.equations) != 1:
         return None
     (equation,) = law.cls.equations

@@ -23,24 +23,7 @@ _WRITING_ORDER: Mapping[Attachment, int] = {"output": 0, "input": 1}
 def with_laws_written(
     known: Sources, user: tuple[SourceFile, ClassText], flat: FlatModel, placed_laws: Sequence[PlacedLaw], title: str
 ) -> ClassWithLaws:
-    """Return the user's class with laws.
-
-    Parameters
-    ----------
-    known : Sources
-    user : tuple
-        The user's class and its file.
-    flat : FlatModel
-        The model without the laws, in which the ports were found.
-    placed_laws : sequence of PlacedLaw
-    title : str
-        Name of the new class.
-
-    Raises
-    ------
-    InputError
-        Where the source has no place for a law.
-    """
+    """Return the user's class with laws."""
     structure = alias_structure(flat)
     target = ClassWithLaws(
         known, user, placed_laws, title, inherits=_edits_base_class(known, user[1], flat, placed_laws)

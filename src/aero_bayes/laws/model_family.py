@@ -12,8 +12,6 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
-from aero_bayes.laws.formula_places import FormulaPlace
-from aero_bayes.laws.formula_terms import FormulaTerms
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import DiffusionTarget, ParameterTarget, Problem, Simulator, StartTarget
 
@@ -25,19 +23,7 @@ MAGNITUDE_PRIOR_FACTOR = 3.0
 
 @dataclass(frozen=True)
 class CandidateTerm:
-    """A term that the model may lack.
-
-    Parameters
-    ----------
-    id : str
-    port : str
-        Name of its port.
-    starts : tuple of tuple of float
-        Starting values of its parameters in SI units, the magnitude first. A term without starting values is linear in
-        its parameters, and off where all are zero.
-    columns : tuple of int
-        Columns of its parameters in a calibration.
-    """
+    """A term that the model may lack."""
 
     id: str
     port: str
@@ -50,8 +36,7 @@ class ModelWithCandidates:
     """A model with candidate terms built in, all switched off.
 
     ``parameters`` are those of the candidates, one candidate after the other. ``candidates`` are the terms with the
-    number of parameters of each.
-    """
+    number of parameters of each."""
 
     model: Model
     parameters: tuple[Parameter, ...]
@@ -60,22 +45,7 @@ class ModelWithCandidates:
 
 @dataclass(frozen=True, eq=False)
 class ExtendedModel:
-    """A model with effects, written as Modelica and exported.
-
-    Parameters
-    ----------
-    name, path, text : str, Path, str
-        Of the written class.
-    diff : str
-        Unified diff from the class of the user.
-    model : Model
-    parameters : tuple of Parameter
-        Those of the effects.
-    names : mapping of str to tuple
-        For each effect by id, pairs of parameter names: in the model with candidates, and in this one.
-    widths : mapping of str to mapping
-        Smoothing widths of each effect by id.
-    """
+    """A model with effects, written as Modelica and exported."""
 
     name: str
     path: Path
@@ -88,37 +58,8 @@ class ExtendedModel:
 
 
 @dataclass(frozen=True, eq=False)
-class DisturbedModel:
-    """The first model with an unknown signal at each place.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        Of that model.
-    states : mapping of str to str
-        For each state of the first model, its name there.
-    signals : mapping of str to str
-        For each place, by its port, the state that is the unknown signal. It stands still at zero.
-    """
-
-    calibration: Calibration
-    states: Mapping[str, str]
-    signals: Mapping[str, str]
-
-
-@dataclass(frozen=True, eq=False)
 class CurveBasis:
-    """Basis functions of a learned curve, which is linear in its heights.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Values of the input over which the curve is learned, in ``x_unit``.
-    plain : ndarray, shape (n,)
-        The curve where all heights are zero, in ``unit``.
-    rows : ndarray, shape (k, n)
-        The basis functions: the change of the curve for a height of one.
-    """
+    """Basis functions of a learned curve, which is linear in its heights."""
 
     x: FloatArray
     x_unit: str
@@ -169,15 +110,6 @@ class ModelFamily(Protocol):
         """Return the basis functions of a learned curve."""
         ...
 
-    @property
-    def formulas(self) -> FormulaTerms:
-        """Formulas as further candidates."""
-        ...
-
-    def with_unknown_signals(self, calibration: Calibration, places: Sequence[FormulaPlace]) -> DisturbedModel:
-        """Return the base model with an unknown signal at each place."""
-        ...
-
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
         """Return the model with some candidates built in, switched off."""
         ...
@@ -220,22 +152,8 @@ def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, s
 def effect_parameter(
     name: str, unit: str, description: str, bounds: tuple[float, float], scale: float, default: float
 ) -> Parameter:
-    """Return the parameter of an effect, with its prior: normal about zero, log-uniform where its bounds are positive.
-
-    Parameters
-    ----------
-    name, unit, description : str
-    bounds : (float, float)
-        In the parameter's unit.
-    scale : float
-        Its nominal value, which the width of a normal prior follows.
-    default : float
-        Start of the search.
-
-    Returns
-    -------
-    Parameter
-    """
+    """Return the parameter of an effect, with its prior: normal about zero, log-uniform where its
+    bounds are positive."""
     low, high = bounds
     target = ParameterTarget(name)
     if low > 0.0:

@@ -16,13 +16,7 @@ from aero_bayes.language.tokens import tokenize, words_of
 def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:
     """Read the files and package folders of a model, and the shipped packages of rigs.
 
-    Of libraries, only the files are read that declare something in ``flat``, and the packages around these.
-
-    Raises
-    ------
-    InputError
-        For a file that is missing or is no Modelica. The message names it.
-    """
+    Of libraries, only the files are read that declare something in ``flat``, and the packages around these."""
     files: dict[str, SourceFile] = {}
     for source in (*rig_packages(), *map(Path, sources)):
         if not source.exists():
@@ -46,8 +40,7 @@ def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sour
 def reserved_names(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
     """Return names that a new variable must not have.
 
-    Those of variables of the model, and of loop indices in its sources.
-    """
+    Those of variables of the model, and of loop indices in its sources."""
     loops = set[str]()
     for path in modelica_files(sources):
         words = words_of(tokenize(read_modelica_text(path)))

@@ -17,25 +17,7 @@ _LIMITS: tuple[tuple[str, ParameterAttribute], ...] = (("min", "minimum"), ("max
 
 @dataclass(frozen=True)
 class PlacedLaw:
-    """A law at a port.
-
-    Attributes
-    ----------
-    instance : str
-        Name of the law's component.
-    names : mapping
-        For each fitted parameter of the law, its name in the model.
-    nominals : mapping
-        Nominal values of the port by the names of the partial model (``f_n``, ``v_n``, ...).
-    values : mapping
-        Values of parameters by their names in the law. The default, at which the law is off, where missing.
-    neighbour : Port, optional
-        The port that receives an exchanged or overflowing quantity, or the reaction of a force.
-    alias : str
-        A declared name.
-    moved_input : str
-        The recorded input that is moved in time in place of the law's equations. Empty if those are solved.
-    """
+    """A law at a port."""
 
     law: Law
     port: Port
@@ -110,22 +92,7 @@ def place_law(
     alias: str = "",
     with_starts: bool = False,
 ) -> PlacedLaw:
-    """Place a law at a port, under names that are not in use: ``F_c``, or ``F_c_v`` if that is in use.
-
-    Parameters
-    ----------
-    taken : collection of str
-        Names that the model uses already. Of a path, the first part counts.
-    neighbour : Port, optional
-        Needed for an exchange, an overflow or a law between two motions. Other laws ignore it.
-    with_starts : bool
-        Whether the starts of its own states are fitted, too.
-
-    Raises
-    ------
-    InputError
-        For an exchange without a neighbour.
-    """
+    """Place a law at a port, under names that are not in use: ``F_c``, or ``F_c_v`` if that is in use."""
     if law.kind == "exchange" and neighbour is None:
         raise InputError(f"{law.id}@{port.id}: an exchange needs a neighbour")
     neighbour = neighbour if has_reaction(law, port) else None
@@ -149,20 +116,7 @@ def place_law(
 def place_laws(
     found: Iterable[Candidate], taken: Collection[str], nominals: Mapping[str, Mapping[str, float]]
 ) -> tuple[PlacedLaw, ...]:
-    """Place candidates in one model, in the given order.
-
-    Parameters
-    ----------
-    found : iterable of Candidate
-    taken : collection of str
-        Names that the model uses already; the laws get others.
-    nominals : mapping of str to mapping of str to float
-        Nominal values by the id of the port.
-
-    Returns
-    -------
-    tuple of PlacedLaw
-    """
+    """Place candidates in one model, in the given order."""
     placed_laws: list[PlacedLaw] = []
     used = set(taken)
     for c in found:
@@ -180,13 +134,7 @@ def with_moved_input(placed: PlacedLaw, recorded: Collection[str]) -> PlacedLaw:
 
 
 def at_same_ports(placed_laws: Sequence[PlacedLaw], ports: Sequence[Port]) -> list[PlacedLaw]:
-    """Return the same laws at the ports of another model, found by their ids.
-
-    Raises
-    ------
-    CannotFinishError
-        If the other model lacks a port.
-    """
+    """Return the same laws at the ports of another model, found by their ids."""
     there = {p.id: p for p in ports}
     needed = {p.id for placed in placed_laws for p in (placed.port, placed.neighbour) if p is not None}
     if lost := sorted(needed - there.keys()):
@@ -207,3 +155,30 @@ def describe_law(law: Law, port: Port) -> str:
     if place is None or not place.description:
         return f"{about} at {port.id}"
     return f"{about} ({place.description[:1].lower()}{place.description[1:]})"
+
+
+#: Starting points of the parameters of a candidate.
+Starts = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class PlacedTerms:
+    """The laws that were placed as candidates of a loop, by id. They change while it goes on.
+
+    ``starts`` are starting values of their parameters; ``read`` names the output on which a law acts, by the variable
+    that the law reads in its place."""
+
+    placed: dict[str, PlacedLaw] = field(default_factory=dict)
+    starts: dict[str, Starts] = field(default_factory=dict)
+    read: dict[str, str] = field(default_factory=dict)
+
+    def add(self, placed: PlacedLaw, starts: Starts) -> None:
+        """Add a candidate."""
+        self.placed[placed.id] = placed
+        self.starts[placed.id] = starts
+        self.note_outputs(placed)
+
+    def note_outputs(self, placed: PlacedLaw) -> None:
+        """Keep the output on which a law acts."""
+        if placed.port.attachment == "output":
+            self.read[f"{placed.instance}.u"] = placed.port.signals["u"]

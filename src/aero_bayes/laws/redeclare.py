@@ -38,13 +38,7 @@ def redeclaring_class(base: str, name: str, placed_laws: Sequence[PlacedLaw]) ->
     """Return the lines of a model ``name`` that extends ``base`` and redeclares its replaceable models.
 
     Modifiers stand at the components (``bodyEffect(tau_c = tau_c)``) and not in the redeclaration, where rumoca drops
-    them.
-
-    Raises
-    ------
-    CannotFinishError
-        For several laws in one replaceable model, if the source does not show how to combine them.
-    """
+    them."""
     here: dict[str, list[PlacedLaw]] = {}
     for placed in placed_laws:
         here.setdefault(_place(placed).name, []).append(placed)

@@ -21,8 +21,7 @@ def laws_for_constraint(known: Sources, constraint: str) -> tuple[Law, ...]:
     """Return the laws for replaceable models with a constraining class, in the order of files and classes.
 
     A law is a class that extends the constraining class, and whose first own parameter with a nominal value is zero by
-    default.
-    """
+    default."""
     found: list[Law] = []
     if constraint not in known.by_name:
         return ()

@@ -18,14 +18,7 @@ _EQUALS = frozenset({"="})
 
 
 class SignalWriter:
-    """Writes laws at inputs, outputs and signals inside a class.
-
-    Parameters
-    ----------
-    target : ClassWithLaws
-    structure : AliasStructure
-        Of the model without the laws.
-    """
+    """Writes laws at inputs, outputs and signals inside a class."""
 
     def __init__(self, target: ClassWithLaws, structure: AliasStructure) -> None:
         self.target, self.structure = target, structure
@@ -137,8 +130,7 @@ class SignalWriter:
 def component_connections(cls: ClassText, name: str) -> list[tuple[SourceStatement, str]]:
     """Return the connections of a component's input, with what stands at the other end; none in a loop or condition.
 
-    What is connected otherwise too has no other end.
-    """
+    What is connected otherwise too has no other end."""
     found = []
     for s in cls.equations:
         ends = ["".join(words_of(end)) for end in s.ends]

@@ -46,21 +46,7 @@ def starting_values(
 ) -> tuple[tuple[float, ...], ...]:
     """Return starting values of the parameters of a law: all combinations of a few values of each.
 
-    Magnitudes have both signs where the bounds allow it.
-
-    Parameters
-    ----------
-    placed : PlacedLaw
-    effect : DeclaredEffect, optional
-        Starting values that a package declares replace the others.
-    highest : float
-        Largest absolute value of the inputs, to which declared shares refer.
-
-    Returns
-    -------
-    tuple of tuple of float
-        In SI units; empty for a learned curve.
-    """
+    Magnitudes have both signs where the bounds allow it."""
     if placed.law.curve_input:
         return ()
     if effect is not None and (effect.starts or effect.inverse_shares):

@@ -23,19 +23,7 @@ def state_aliases(model: Model) -> dict[str, str]:
 def states_by_base_name(
     model: Model, structure: AliasStructure, aliases: Mapping[str, str], outputs: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return the states of a model with laws, by names of the base model.
-
-    Parameters
-    ----------
-    model : Model
-        The model with laws.
-    structure : AliasStructure
-        Of the base model.
-    aliases : mapping of str to str
-        From :func:`state_aliases`, of the base model.
-    outputs : mapping of str to str
-        Outputs of the base model by the names of the variables that laws at them read.
-    """
+    """Return the states of a model with laws, by names of the base model."""
     found: dict[str, str] = {}
     for s in model.states:
         # the variable that a law at an output reads has the value that the output had without the law
@@ -48,19 +36,6 @@ def states_by_base_name(
 
 
 def state_names(base_model: Model, structure: AliasStructure, states: Mapping[str, str]) -> dict[str, str]:
-    """Return the name in a model with laws of each state of the base model.
-
-    Parameters
-    ----------
-    base_model : Model
-    structure : AliasStructure
-        Of the base model.
-    states : mapping of str to str
-        From :func:`states_by_base_name`; a state that is not found there keeps its name.
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """Return the name in a model with laws of each state of the base model."""
     known = {s.name: structure.of(s.name) for s in base_model.states if s.name in structure.variables}
     return {s: states.get(s, states.get(same, s)) for s, same in known.items()}

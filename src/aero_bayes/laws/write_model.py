@@ -20,8 +20,7 @@ from aero_bayes.laws.redeclare import redeclaring_class, split_by_replaceable
 class WrittenModel:
     """A written model: its name, file and text, and the unified diff from the class of the user.
 
-    To export it, give the sources of the original and ``path``.
-    """
+    To export it, give the sources of the original and ``path``."""
 
     name: str
     path: Path
@@ -40,33 +39,7 @@ def write_laws(
     """Write a model with laws to ``out_dir/<name>.mo``.
 
     If all laws are at connections, the model extends the class of the user. Otherwise it is a copy of that class, with
-    comments and layout kept. Laws in replaceable models are redeclared by a class that extends it, or the class with
-    the other laws, which comes first in the file. A library is never edited.
-
-    Parameters
-    ----------
-    sources : sequence of Path
-        The files and package folders that the model was loaded from.
-    model : str
-        Its full name.
-    flat : FlatModel
-        The model without the laws, in which the ports were found.
-    placed_laws : sequence of PlacedLaw
-        In the order in which :func:`~aero_bayes.laws.compose.compose_laws` gets them.
-    out_dir : path
-        Folder of the file.
-    name : str, optional
-        Name of the written class; by default the name of the model and those of the laws.
-
-    Returns
-    -------
-    WrittenModel
-
-    Raises
-    ------
-    InputError
-        Where the source has no place for a law, although the flat model has one.
-    """
+    comments and layout kept."""
     inside, others = split_by_replaceable(placed_laws)
     title = name or _name(model, placed_laws)
     base, text, before, old = model, "within ;\n", "", "/dev/null"

@@ -40,26 +40,7 @@ MAX_READING_DEVIATIONS = 5.0
 
 @dataclass(frozen=True, eq=False)
 class BaseFit:
-    """The first model, fitted to the recordings.
-
-    Parameters
-    ----------
-    plain : Calibration
-        A rotor's ripple is taken out of the readings. Initial values may be off their readings by a tenth of what the
-        output moves, since its sensor may be off.
-    fit : Optimum
-        Of ``plain``.
-    reports : tuple of ResidualReport
-        What it leaves.
-    floors : mapping of (recording, output) to float
-        Noise floors of all recordings, where they are known.
-    start_warnings : tuple of str
-        Warnings on initial values that are far from their readings.
-    found : Fit
-        The same with what is told of a fit.
-    diagnosis : Diagnosis
-        What may be behind what it leaves.
-    """
+    """The first model, fitted to the recordings."""
 
     plain: Calibration
     fit: Optimum
@@ -80,8 +61,7 @@ class BaseFit:
     ) -> Calibration:
         """The same recordings held against the model with terms; ``new`` are their parameters.
 
-        The starts of states that the terms brought have a value in each recording.
-        """
+        The starts of states that the terms brought have a value in each recording."""
         moved = context.family.transfer(self.plain, model)
         own = for_recordings(ParameterSet(tuple(new)), model, context.recordings.fitted)
         return replace(moved, parameters=moved.parameters.extended(own.items)).with_fixed(fixed or {})
@@ -90,8 +70,7 @@ class BaseFit:
 def fit_base_model(context: LoopContext, begin: Mapping[str, float] | None = None) -> BaseFit:
     """Fit the first model: led by the first readings, then with initial values that may be off them.
 
-    ``begin`` holds SI values by name from which the fit begins, in place of those that the parameters declare.
-    """
+    ``begin`` holds SI values by name from which the fit begins, in place of those that the parameters declare."""
     context.progress("building models", 0.0)
     model = context.family.base_model()
     context.statistics.end_stage("models")

@@ -40,28 +40,7 @@ MAX_REFUSALS = 3
 
 @dataclass(frozen=True, eq=False)
 class Conclusion:
-    """One way to end the loop.
-
-    Parameters
-    ----------
-    base : BaseFit
-        The first model at its best, its inputs read and its parameters freed as in the chosen structure.
-    choice : Choice
-    steps : tuple of Step
-    outcome : {"adequate", "extended", "unexplained"}
-    sentence : str
-    before, after : Prediction
-    written : ExtendedModel, optional
-    effects, smaller : tuple of FoundEffect
-        Those that are named, and smaller ones.
-    calibration : Calibration
-    refit : Optimum
-        The last fit, of ``calibration``.
-    reports : tuple of ResidualReport
-        What it leaves.
-    found : Fit
-        ``refit`` with what is told of a fit.
-    """
+    """One way to end the loop."""
 
     base: BaseFit
     choice: Choice
@@ -127,7 +106,6 @@ def _offer(context: LoopContext, base: BaseFit, choice: Choice) -> tuple[Conclus
         return _unexplained(base, choice, why, before, smaller), False
     if "Validation" not in settings.leave_out and not settings.structures.require:
         reason = rejection_reason(before, extended.after, context.recordings, extended.reports)
-        reason = reason or _far_off(context, base, choice, extended)
         if reason:
             why = f"{_explained(chosen)}, but {reason} {REFUSED_BY_UNSEEN}"
             return _unexplained(base, choice, why, before, smaller), False
@@ -141,25 +119,10 @@ def _offer(context: LoopContext, base: BaseFit, choice: Choice) -> tuple[Conclus
     ), True  # fmt: skip
 
 
-def _far_off(context: LoopContext, base: BaseFit, choice: Choice, extended: ExtendedFit) -> str:
-    """Say that terms with which only noise is left predict unseen data far worse; empty where they do not.
-
-    It refuses terms only where formulas were tried: of so many forms a wrong one may fit as well over what was visited.
-    """
-    if not choice.explored.formulas:
-        return ""
-    far = large_unseen_errors(
-        context.unseen, extended.calibration, extended.fit, extended.reports, base.floors, extended.after,
-        context.settings.max_error_ratio,
-    )  # fmt: skip
-    return f"the error on unseen data is far larger: {_ratios_text(far.unexplained)}." if far.unexplained else ""
-
-
 def _without_needless_term(context: LoopContext, base: BaseFit, choice: Choice, extended: ExtendedFit) -> Choice | None:
     """Return the choice without a term that the last fit or unseen readings refuse beside the others.
 
-    None where all hold.
-    """
+    None where all hold."""
     if len(choice.terms) < 2 or extended.smaller:
         return None
     for id_ in reversed(choice.terms):
@@ -292,9 +255,7 @@ def _effect_text(effect: FoundEffect, same: Sequence[str]) -> str:
     others = [other for other in same if other != effect.id]
     instead = " or ".join(others) if len(others) <= MAX_NAMED_ALTERNATIVES else f"one of {len(others)} others"
     if effect.kind == "catalogue":
-        seen = ", ".join(f"{name} from {low:.3g} to {high:.3g}" for name, (low, high) in effect.visited.items())
-        term = f"the term {effect.text} at {effect.port} ({effect.id}, seen for {seen})" if effect.text else effect.id
-        return term + (f" (or {instead}: the data cannot tell them apart)" if others else "")
+        return effect.id + (f" (or {instead}: the data cannot tell them apart)" if others else "")
     like = f", it looks like {effect.looks_like}" if effect.looks_like else ""
     return (
         f"an effect at {effect.port} that no law of the library describes (learned as a curve over {effect.over}{like}"

@@ -20,7 +20,6 @@ from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.progress import Progress, Watched
-from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 
@@ -28,8 +27,7 @@ from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 class LoopStatistics:
     """Time spent in each stage, the time limit, and counts of simulations; the only part of a loop that changes.
 
-    The search ends early where the progress that is ``watched`` is asked to end.
-    """
+    The search ends early where the progress that is ``watched`` is asked to end."""
 
     def __init__(self, watched: Watched | None = None) -> None:
         self.watched = watched or Watched()
@@ -80,8 +78,7 @@ class LoopStatistics:
 class LoopContext:
     """What all stages of a loop share.
 
-    ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1).
-    """
+    ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1)."""
 
     family: ModelFamily
     recordings: Recordings
@@ -102,8 +99,7 @@ class LoopContext:
         own = self.settings.fitting
         values = {**own.fixed, **(fixed or {})}
         settings = replace(own.calibration, outputs=self.recordings.outputs)
-        noise = NoiseModel(initial_sd=own.noise.initial_sd)
-        return calibrate(self.recordings.fitted, model, shared, fixed=values, noise=noise, settings=settings)
+        return calibrate(self.recordings.fitted, model, shared, fixed=values, settings=settings)
 
     def open(self, problem: Problem) -> Simulator:
         """A simulator on the loop's workers."""

@@ -25,9 +25,7 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     """Return the settings of a loop that begins at a fit: how it was fitted, its free parameters and its fixed values.
 
     Free ones keep their declared values, from which the search fits structures too. What the settings say themselves
-    counts. Inputs are read as the fit read them, unless that is left to the data. Whatever cost the fit minimised, the
-    loop fits by the posterior.
-    """
+    counts. Inputs are read as the fit read them, unless that is left to the data."""
     calibration, own = fit.calibration, settings.fit or fit.settings
     shared = [p for p in templates(calibration.parameters) if isinstance(p.target, ParameterTarget)]
     free = {calibration.parameters.items[j].name for j in fit.free}

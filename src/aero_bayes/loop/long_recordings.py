@@ -22,16 +22,7 @@ def on_beginnings(context: LoopContext, base: BaseFit, begin: Mapping[str, float
     """Return the loop on the beginnings of its recordings, as if no more had been recorded.
 
     The loop itself where no recording is long, or no beginning tells as much per reading as the whole. A short
-    recording beside long ones stays whole.
-
-    Parameters
-    ----------
-    context : LoopContext
-    base : BaseFit
-        The first model, fitted to all readings.
-    begin : mapping of str to float
-        SI values by name from which its fit began.
-    """
+    recording beside long ones stays whole."""
     fitted = context.recordings.fitted
     lengths = [r.rows for r in fitted]
     if max(lengths) <= 2 * FIRST_ROWS:
@@ -46,16 +37,7 @@ def on_beginnings(context: LoopContext, base: BaseFit, begin: Mapping[str, float
 
 
 def rows_that_tell_enough(objective: Objective, fit: Optimum, lengths: Sequence[int]) -> int:
-    """Return how many rows of each recording tell enough of the free parameters and of what is missing.
-
-    Parameters
-    ----------
-    objective : Objective
-    fit : Optimum
-        Of all readings.
-    lengths : sequence of int
-        Rows of each recording, of which the objective may have fewer readings.
-    """
+    """Return how many rows of each recording tell enough of the free parameters and of what is missing."""
     rows = FIRST_ROWS
     while rows < max(lengths):
         shares = [min(1.0, rows / own) for own in lengths]

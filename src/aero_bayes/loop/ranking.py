@@ -14,8 +14,7 @@ class StepCandidate:
     """A term beside those of the steps before: the left-out error with it over that without it.
 
     ``wins`` is the share of resampled blocks in which it is the best of its step; ``refitted`` whether it was fitted
-    again without each block, else its error is that of one Newton step.
-    """
+    again without each block, else its error is that of one Newton step."""
 
     id: str
     port: str
@@ -29,8 +28,7 @@ class StepCandidate:
 class Step:
     """What one term is worth beside those before it.
 
-    ``equivalent`` are terms that the data do not tell from the chosen one.
-    """
+    ``equivalent`` are terms that the data do not tell from the chosen one."""
 
     number: int
     candidates: tuple[StepCandidate, ...]

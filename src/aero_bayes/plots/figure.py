@@ -59,21 +59,7 @@ def draw_panels(
     figure: Figure | Axes | None = None,
     dark: bool = False,
 ) -> Figure:
-    """Draw panels one below the other over a common x axis.
-
-    Parameters
-    ----------
-    panels : sequence of Panel
-    x_label : str
-        Name and unit of the x axis.
-    legend : sequence of (str, str)
-        Colours and what they stand for.
-    title : str
-    figure : Figure or Axes, optional
-        To draw into, or whose place to take; a new one by default.
-    dark : bool
-        Colours for a dark ground.
-    """
+    """Draw panels one below the other over a common x axis."""
     colours = palette(dark)
     with matplotlib.rc_context(settings(colours)):
         height = 0.9 + sum(INCHES * panel.height + 0.32 for panel in panels)

@@ -25,23 +25,7 @@ def pairs_figure(
     figure: Figure | Axes | None = None,
     dark: bool = False,
 ) -> Figure:
-    """Draw marginal densities, the regions that hold 50 % and 90 % of every pair, and rank correlations.
-
-    Parameters
-    ----------
-    draws : mapping of str to ndarray, shape (ensembles, draws)
-        By parameter, in SI units.
-    units : mapping of str to str
-    parameters : sequence of str, optional
-        Which to show; by default at most eight, those in the strongest correlations.
-    figure : Figure, optional
-    dark : bool
-
-    Raises
-    ------
-    InputError
-        For a parameter that has no draws.
-    """
+    """Draw marginal densities, the regions that hold 50 % and 90 % of every pair, and rank correlations."""
     for name in parameters or ():
         if name not in draws:
             raise InputError(f"no draws of {name}; there are those of {', '.join(draws)}")

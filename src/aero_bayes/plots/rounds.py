@@ -15,13 +15,8 @@ from aero_bayes.report.loop_figures import fall, fall_text, rounds, short_label
 
 
 def rounds_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
-    """Draw by how much the error on left-out readings falls as bars: a row for each candidate, a column for each step.
-
-    Raises
-    ------
-    InputError
-        If the loop tried nothing.
-    """
+    """Draw by how much the error on left-out readings falls as bars: a row for each candidate, a
+    column for each step."""
     steps, _, ids = rounds(loop_json(loop))
     if not steps:
         raise InputError("the loop tried no candidate, so there are no steps to draw")

@@ -17,30 +17,7 @@ from aero_bayes.ports.scalar_equations import Origin, scalarised
 
 @dataclass(frozen=True)
 class AliasStructure:
-    """Classes of alias variables. Each class has the name of one of its members.
-
-    Parameters
-    ----------
-    flat : FlatModel
-        The scalarised model: rows of vector equations are equations of their own.
-    variables : dict of str to FlatVariable
-    same : dict of str to (str, int)
-        Class and sign of each variable.
-    rates : dict of str to str
-        By class, the class of its derivative.
-    states : tuple of str
-        Classes whose derivative occurs, in the order of declaration.
-    plain : frozenset of int
-        Indices of equations that only state that two variables are equal, or that one is the derivative of another.
-    origins : tuple
-        For each equation, the equation and row of the original model.
-    moving : mapping
-        Variables that differ by a constant, see :mod:`~aero_bayes.ports.common_motion`.
-    apart : dict of str to frozenset of str
-        For each variable that is the difference of two others, these two.
-    units : dict of str to str
-        Unit of a class without a declared unit, from the variables to which it is added.
-    """
+    """Classes of alias variables. Each class has the name of one of its members."""
 
     flat: FlatModel
     variables: dict[str, FlatVariable]

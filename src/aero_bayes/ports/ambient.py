@@ -16,9 +16,7 @@ def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator
     """Yield ports at differences of a state and an input.
 
     There is a port where the difference occurs in an equation, and for each storage of heat with each temperature that
-    is an input. An input that is the ambient level of one storage is so for all storages of the same unit. A difference
-    of motions that only defines another variable, such as a control error, is no port.
-    """
+    is an input. An input that is the ambient level of one storage is so for all storages of the same unit."""
     fed = _input_classes(s)
     apart = all_differences(s)
     levels = {s.of(p.signals["h"]): p.units["h"] for p in balances if p.kind == "storage"}

@@ -29,28 +29,7 @@ TERM = Name("")
 
 @dataclass(frozen=True)
 class Balance:
-    """A balance equation, and how an opposing term enters its residual ``left - right``.
-
-    Parameters
-    ----------
-    equation : int
-        Index of the equation in the flat model.
-    scale : Expression
-        The residual grows by ``scale`` times the term. For a vector equation it is the whole increment, in which
-        :data:`TERM` stands for the term.
-    unit : str
-        Unit of the term; empty if unknown.
-    row : tuple of int, optional
-        Of a vector equation, the row (from one) and the number of rows.
-    beside : tuple of Expression
-        Of a vector equation, the scalar terms in the same sum.
-    state : str
-        The state whose derivative the balance determines.
-    force : str
-        The output that the equation gives, where it is the sum of forces itself and determines no derivative.
-    sign : int
-        -1 where what opposes a motion is added to the force that the equation gives.
-    """
+    """A balance equation, and how an opposing term enters its residual ``left - right``."""
 
     equation: int
     scale: Expression
@@ -76,24 +55,7 @@ def find_balance(
     units: Mapping[str, str],
     row: RowIndex | None = None,
 ) -> Balance | None:
-    """Return the balance that an equation is; None if the derivative does not occur in it, or not linearly.
-
-    Parameters
-    ----------
-    flat : FlatModel
-    equation : int
-        Its index.
-    driver : callable
-        Whether an expression is the derivative that the balance drives.
-    values, units : mapping of str to float and str
-        Of the model's variables.
-    row : RowIndex, optional
-        Of a vector equation.
-
-    Returns
-    -------
-    Balance or None
-    """
+    """Return the balance that an equation is; None if the derivative does not occur in it, or not linearly."""
     e = flat.equations[equation]
     sides = e.left, e.right
     constants = frozenset(v.name for v in flat.variables if v.constant)

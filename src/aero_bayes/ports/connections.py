@@ -34,19 +34,7 @@ def _potential(s: AliasStructure, connector: str) -> str:
 
 
 def node_port(s: AliasStructure, state: str, position: str) -> Port | None:
-    """Find a port at a node whose potential is the state or its position, first at the state's own component.
-
-    Parameters
-    ----------
-    s : AliasStructure
-    state : str
-    position : str
-        State that is its integral; empty if there is none.
-
-    Returns
-    -------
-    Port or None
-    """
+    """Find a port at a node whose potential is the state or its position, first at the state's own component."""
     owner = owner_of(s, state)
     choices: list[tuple[bool, int, list[str], str]] = []
     for i, flows in _flow_sums(s):
@@ -77,17 +65,7 @@ def node_port(s: AliasStructure, state: str, position: str) -> Port | None:
 
 
 def connecting_components(s: AliasStructure, one: Port, other: Port) -> set[str]:
-    """Return components with a connector at each of two nodes, and without a state at either.
-
-    Parameters
-    ----------
-    s : AliasStructure
-    one, other : Port
-
-    Returns
-    -------
-    set of str
-    """
+    """Return components with a connector at each of two nodes, and without a state at either."""
     both: list[set[str]] = []
     for port in (one, other):
         motion = s.moving[f"{port.connectors[0]}.{port.potential}"][0]

@@ -40,8 +40,7 @@ def find_ports(flat: FlatModel) -> list[Port]:
     """Return all ports of a model: inputs, outputs, then balances in the order of their states.
 
     The port of a state is at a balance or a connection in the model's own class. If there is none, it is at the balance
-    inside a component. An output that is a force and depends on a speed is a balance as well.
-    """
+    inside a component. An output that is a force and depends on a speed is a balance as well."""
     s = alias_structure(flat)
     rated = _rated(flat, [v.name for v in s.flat.variables if _top(v, "output")])
     balances = list(_balances(s, flat))
@@ -127,9 +126,7 @@ def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, insi
     """Return a balance for each state, by maximum bipartite matching of states and equations (augmenting paths).
 
     Equations are those of the model's own class, or with ``inside`` those of its components. With coupled masses, an
-    equation contains several derivatives. It is preferred for a state whose derivative has a constant factor. Rows of a
-    vector equation are preferred for the states in their order.
-    """
+    equation contains several derivatives. It is preferred for a state whose derivative has a constant factor."""
     values = parameter_values(s.flat)
     units = {v.name: v.unit for v in s.flat.variables}
     flow = {v.name for v in s.flat.variables if v.flow}
@@ -173,8 +170,7 @@ def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, insi
 def _rows_of(s: AliasStructure, states: Sequence[str]) -> dict[tuple[int, str], int]:
     """Return the preferred row of each state in a vector equation.
 
-    The first row for the first of its states, and so on.
-    """
+    The first row for the first of its states, and so on."""
     found: dict[tuple[int, str], int] = {}
     for equation in {index for index, row, _ in s.origins if row}:
         whole = {n for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == equation for n in _driving(e)}
@@ -274,8 +270,7 @@ def driver_names(s: AliasStructure, state: str) -> list[str]:
 def is_driver(name: str, *, whole: bool = False) -> Driver:
     """Return a test whether an expression is the derivative of that name.
 
-    With ``whole``, also the array that has it.
-    """
+    With ``whole``, also the array that has it."""
 
     def same(word: str, name: str) -> bool:
         return word == name or (whole and word.partition("[")[0] == name.partition("[")[0])
@@ -344,8 +339,7 @@ def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
 def replaceable_ports(found: Sequence[ReplaceableModel], names: Mapping[str, str]) -> tuple[Port, ...]:
     """Return a port for each replaceable model.
 
-    Its id is the declared name, if it is unique, or its name in snake case.
-    """
+    Its id is the declared name, if it is unique, or its name in snake case."""
     own = [snake_case(one.name) for one in found]
     given = [names.get(name, name) for name in own]
     ids = [to if given.count(to) == 1 else name for name, to in zip(own, given, strict=True)]

@@ -26,12 +26,6 @@ def force_outputs(s: AliasStructure, taken: Collection[int]) -> Iterator[Port]:
     """Yield ports at outputs that are forces or torques and depend on one speed, or voltages and on one current.
 
     A law there is added to the force with the sign of what resists the speed, to the voltage with that of a resistance.
-
-    Parameters
-    ----------
-    s : AliasStructure
-    taken : collection of int
-        Equations that are balances of states, by their index in the flat model.
     """
     values = parameter_values(s.flat)
     units = {v.name: v.unit for v in s.flat.variables}
@@ -86,8 +80,7 @@ def _is_name(name: str) -> Driver:
 def _one_signal(s: AliasStructure, tree: Expression, wanted: Dimension) -> str:
     """Find the only difference of two variables of a dimension in an expression, else the only variable or input.
 
-    Empty if there is none, or more than one.
-    """
+    Empty if there is none, or more than one."""
 
     def fits(t: Expression) -> bool:
         known = isinstance(t, Name) and not t.subscripts and t.name in s.same

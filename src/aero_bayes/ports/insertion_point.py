@@ -33,25 +33,7 @@ MAX_WRITTEN_ROWS = 6
 
 @dataclass(frozen=True)
 class InsertionPoint:
-    """A sum on one side of an equation, to which a term can be appended.
-
-    Parameters
-    ----------
-    group : Expression
-        The sum.
-    sign : int
-        Sign (1 or -1) of an appended term that opposes a change.
-    side : int
-        1 on the left, -1 on the right.
-    like : tuple of Expression
-        Terms of the sum, which have the unit of the new one.
-    factors : tuple
-        Factors of the sum on its side, with their operators.
-    row : tuple of int, optional
-        Row of the term, if the sum is one of vectors.
-    loop : tuple, optional
-        If the equation is in a loop: the loop index, and its value for the term.
-    """
+    """A sum on one side of an equation, to which a term can be appended."""
 
     group: Expression
     sign: int
@@ -74,8 +56,7 @@ class InsertionPoint:
         """Return the dimension of the terms, from the first term whose variables all have a unit.
 
         Names are tried before products. Terms with numbers are tried last, because a number such as 9.81 may have a
-        dimension that is not written.
-        """
+        dimension that is not written."""
         others = [] if self.factors else [t for s in sides for _, t in summands(s)]
         terms = [*self.like, *(t for t in others if not has_number(t))]
         ordered = sorted(terms, key=lambda t: (has_number(t), not isinstance(t, Name)))
@@ -98,26 +79,7 @@ def find_insertion_point(
     values: Mapping[str, float],
     row: RowIndex | None = None,
 ) -> InsertionPoint | None:
-    """Find where an opposing term is inserted into an equation.
-
-    Parameters
-    ----------
-    sides : tuple of Expression
-        Left and right.
-    driver : callable
-        Whether an expression is the derivative that the balance determines, such as ``der(v)``.
-    constants : frozenset of str
-        Names of constants. In ``der(v) = (u - d * v) / m``, with constant m, the term enters the parentheses.
-    values : mapping
-        Values of parameters, for the sign of a factor. A missing one counts as positive.
-    row : tuple of int, optional
-        The row of a vector equation. In a side that is written element by element, the term enters that element.
-
-    Returns
-    -------
-    Entry or None
-        None if the derivative does not occur, or not linearly.
-    """
+    """Find where an opposing term is inserted into an equation."""
     rows = [None if row is not None and isinstance(s, Array) else row for s in sides]
     if row is not None:
         sides = element_of_row(sides[0], row), element_of_row(sides[1], row)

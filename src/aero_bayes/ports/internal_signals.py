@@ -17,8 +17,7 @@ def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
     """Yield ports at variables that an explicit equation computes from states and inputs, as in a controller.
 
     A variable that is computed from states alone is a signal only without feedback: if its states do not depend on it,
-    as from one filter to the next. A law at a signal acts as at an input: the rest of the model reads its output.
-    """
+    as from one filter to the next. A law at a signal acts as at an input: the rest of the model reads its output."""
     given = _explicit_variables(s, flat)
     inputs = {s.of(v.name) for v in flat.variables if v.causality == "input" and "." not in v.name}
     told = _determined(s, given)
@@ -64,8 +63,7 @@ def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
 def _determined(s: AliasStructure, given: Collection[str]) -> list[Determined]:
     """Return, for each equation its index, its variables, and the variables that it determines.
 
-    All of them if implicit.
-    """
+    All of them if implicit."""
     rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
     found: list[Determined] = []
     for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):

@@ -51,22 +51,7 @@ def port_nominals(
     """Compute nominal values by the id of the port, under the names of partial models of laws (``f_n``, ``v_n``, ...).
 
     The nominal value of a law's output in a balance is that of the largest term of the balance. Beside them stands the
-    range of each signal, ``v_low`` and ``v_high`` for ``v``, and the share of it that is visited twice, ``v_twice``.
-
-    Parameters
-    ----------
-    flat : FlatModel
-    ports : sequence of Port
-    calibration : Calibration
-        Of the model; its recordings are simulated.
-    fit : Optimum
-    open_simulator : callable
-
-    Returns
-    -------
-    dict of str to dict of str to float
-        By port, then by name; SI units.
-    """
+    range of each signal, ``v_low`` and ``v_high`` for ``v``, and the share of it that is visited twice, ``v_twice``."""
     ports = [p for p in ports if p.replaceable is None]
     structure, outputs, data = alias_structure(flat), _AddedOutputs(flat), calibration.data
     acting: dict[str, list[str]] = {}
@@ -170,8 +155,7 @@ class _AddedOutputs:
     ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
         """Return each expression over the recordings, by its name, and with ``undriven`` also without inputs.
 
-        Expressions that cannot be exported are left out.
-        """
+        Expressions that cannot be exported are left out."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "watched.fmu"
             try:
@@ -210,21 +194,7 @@ class _AddedOutputs:
 def simulated_signals(
     calibration: Calibration, names: Sequence[str], fit: Optimum, open_simulator: OpenSimulator
 ) -> dict[str, list[FloatArray]]:
-    """Simulate variables of a model at a fit.
-
-    Parameters
-    ----------
-    calibration : Calibration
-    names : sequence of str
-        Variables that the model has as outputs.
-    fit : Optimum
-    open_simulator : callable
-
-    Returns
-    -------
-    dict of str to list of ndarray, shape (n,)
-        By name, an array a recording, in the variable's SI unit.
-    """
+    """Simulate variables of a model at a fit."""
     data = calibration.data.with_experiments(
         replace(e, outputs=tuple(names), measured=None) for e in calibration.data.experiments
     )

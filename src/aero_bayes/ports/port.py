@@ -20,49 +20,7 @@ KELVIN: Mapping[str, float] = {"K": 0.0, "degC": -273.15, "Cel": -273.15}
 
 @dataclass(frozen=True)
 class Port:
-    """A place in a model where a term may be missing.
-
-    Attributes
-    ----------
-    id : str
-        Name of the input, output or state; at a connection the name of the connector. If a state has the name of an
-        output, the port at the output is ``output_<name>``. If there is a port at the node of a connector, the port in
-        series before it is ``series_<connector>``.
-    kind : str
-        Kind of law: ``input``, ``output``, ``reading`` (an output whose derivative is not known), ``motion``,
-        ``storage``, ``electrical`` or ``replaceable``.
-    attachment : str
-        How a law is attached: at an ``input``, an ``output`` or an internal ``signal``, as a term in an ``equation``,
-        as an element at a ``node`` or in ``series``, or by a ``redeclare`` of a replaceable model.
-    unit : str
-        Unit of a law's output: of a force, a flow, a voltage, or the signal itself. Empty if unknown.
-    units : mapping
-        Units of the variables of a law, such as ``v`` and ``x``.
-    place : SourceLocation, optional
-        File and line of the declaration or the equation.
-    states : tuple of str
-        Names of the states in the equation.
-    signals : mapping
-        The inputs of a law by the names in its partial model: a variable of the flat model, or the difference of two
-        (:func:`signal_expression`).
-    balance : Balance, optional
-        The balance equation that a term enters.
-    connectors : tuple of str
-        At a connection, its connectors; the first is the one of the port.
-    flow, potential : str
-        Local names of the flow variable and the potential of the connectors.
-    neighbours : tuple of str
-        For a storage, the ids of other storages of the same unit; those come first whose balance has a state in common.
-        For a port between two motions, the other motion, on which the reaction acts.
-    laws : tuple of str
-        Ids of the applicable laws.
-    defining_equation : int, optional
-        For an internal signal, the index of the equation or connection that defines it.
-    replaceable : ReplaceableModel, optional
-        The replaceable model.
-    counts : bool
-        Whether nothing in the balance of a storage depends on its level, which only counts what flows in.
-    """
+    """A place in a model where a term may be missing."""
 
     id: str
     kind: PortKind

@@ -17,8 +17,7 @@ from aero_bayes.ports.quantities import is_relative_motion, owner_of, unit_in
 def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
     """Yield ports for two motions whose difference of positions or speeds occurs in the model's own class.
 
-    At connections, these are two motions that a component connects, unless its distance is a port already.
-    """
+    At connections, these are two motions that a component connects, unless its distance is a port already."""
     moving = [p for p in balances if p.kind == "motion" and p.balance is not None]
     apart, known = (
         all_differences(s),

@@ -16,8 +16,7 @@ class CombinationRule:
     """How several laws are combined in one replaceable model.
 
     All laws get the inputs and parameters in ``handed``, and are connected in parallel at the connectors in ``shared``.
-    They are connected in series at the two connectors in ``series``, or by the input and output in ``signal``.
-    """
+    They are connected in series at the two connectors in ``series``, or by the input and output in ``signal``."""
 
     handed: tuple[str, ...] = ()
     shared: tuple[str, ...] = ()
@@ -27,21 +26,7 @@ class CombinationRule:
 
 @dataclass(frozen=True)
 class ReplaceableModel:
-    """A replaceable model of a system.
-
-    Parameters
-    ----------
-    name, description : str
-    constraint : str
-        Full name of the constraining class.
-    default : str
-        Full name of the default class.
-    components : tuple of str
-        Paths of the components of that class, such as ``thruster_1.rotorEffect``.
-    place : SourceLocation
-    combination : CombinationRule, optional
-        None if the source does not show how to combine several laws.
-    """
+    """A replaceable model of a system."""
 
     name: str
     description: str
@@ -70,8 +55,7 @@ def find_replaceable_models(known: Sources, model: str) -> tuple[ReplaceableMode
 def _declared(known: Sources, file: SourceFile, cls: ClassText, s: SourceStatement) -> ReplaceableModel | None:
     """Return a statement ``replaceable model Name = Default constrainedby Partial "description"``.
 
-    None for any other.
-    """
+    None for any other."""
     words = [t.word for t in s.tokens]
     kind = next((k for k in ("model", "block") if k in words[:4]), "")
     if s.section != "class" or "replaceable" not in words[:3] or not kind:

@@ -23,15 +23,7 @@ Origin = tuple[int, int, int]
 
 
 def scalarised(flat: FlatModel) -> tuple[FlatModel, tuple[Origin, ...]]:
-    """Return the model with scalar variables ``x[1]`` for the elements of arrays, and scalar equations.
-
-    Returns
-    -------
-    FlatModel
-        Equations that cannot be scalarised are unchanged.
-    tuple
-        For each of its equations, its origin.
-    """
+    """Return the model with scalar variables ``x[1]`` for the elements of arrays, and scalar equations."""
     whole = tuple((i, 0, 1) for i in range(len(flat.equations)))
     if not any(v.sizes for v in flat.variables):
         return flat, whole

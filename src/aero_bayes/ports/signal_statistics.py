@@ -30,8 +30,7 @@ def signal_nominal(parts: Sequence[FloatArray]) -> float:
 def visited_range(signal: str, parts: Sequence[FloatArray]) -> dict[str, float]:
     """Return the range of a signal but for rare extremes, by ``<signal>_low`` and ``<signal>_high``.
 
-    Empty without values.
-    """
+    Empty without values."""
     if not parts:
         return {}
     low, high = np.quantile(np.concatenate(parts), (1.0 - NOMINAL_QUANTILE, NOMINAL_QUANTILE))
@@ -72,8 +71,7 @@ def _turning_points(signal: FloatArray, least: float) -> FloatArray:
 def possible_directions(places: Sequence[FloatArray], speed: Mapping[str, float]) -> dict[str, float]:
     """Return the range of a speed, without a direction in which the place does not move.
 
-    A place may be recorded where its speed is only simulated, by a fit that lacks an effect.
-    """
+    A place may be recorded where its speed is only simulated, by a fit that lacks an effect."""
     span = float(np.ptp(np.concatenate(places)))
     up = max(float(np.max(x - np.minimum.accumulate(x))) for x in places)
     down = max(float(np.max(np.maximum.accumulate(x) - x)) for x in places)
@@ -88,8 +86,7 @@ def possible_directions(places: Sequence[FloatArray], speed: Mapping[str, float]
 def relative_change(inputs: Sequence[InputSignal], time: float) -> float:
     """Compute the change of an input within ``time`` (s), over its nominal value.
 
-    Changes that are at least as large make up half of the sum of all changes.
-    """
+    Changes that are at least as large make up half of the sum of all changes."""
     size = signal_nominal([s.values for s in inputs])
     moved = [np.abs(np.interp(s.time + time, s.time, s.values) - s.values) for s in inputs]
     steps = np.sort(np.concatenate(moved)) if moved else np.zeros(0)

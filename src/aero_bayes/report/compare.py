@@ -26,25 +26,7 @@ Runs = Mapping[str, RunDirectory]
 
 
 def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path:
-    """Return one page that sets runs side by side.
-
-    Parameters
-    ----------
-    directories : sequence of path
-        Two to six finished runs.
-    out : path
-        The page to write.
-
-    Returns
-    -------
-    Path
-        ``out``.
-
-    Raises
-    ------
-    InputError
-        Too few or too many runs, or one that cannot be read.
-    """
+    """Return one page that sets runs side by side."""
     if not 2 <= len(directories) <= len(SERIES):
         raise InputError(f"{len(directories)} runs cannot be compared; expected 2 to {len(SERIES)} directories")
     runs = dict(zip(_names([Path(d) for d in directories]), map(RunDirectory.read, directories), strict=True))
@@ -88,8 +70,7 @@ def _shared(runs: Runs) -> dict[str, dict[str, ParameterJson]]:
 def _interval_plate(runs: Runs) -> Plate | None:
     """Return a row for each parameter that two runs estimate.
 
-    Values and 90 % intervals, each row on a scale of its own.
-    """
+    Values and 90 % intervals, each row on a scale of its own."""
     rows = {
         name: known
         for name, entries in _shared(runs).items()

@@ -46,10 +46,7 @@ def named(signals: Sequence[str]) -> str:
 def summed(run: RunDirectory, recording: str, *terms: tuple[int, str]) -> tuple[FloatArray, Source] | None:
     """Return a sum of series of one recording (sign, ``group/signal``), and where the script finds it.
 
-    None if one is absent.
-
-    A series that is nowhere finite counts as absent.
-    """
+    None if one is absent."""
     full: Terms = tuple((sign, f"{group}/{recording}/{name}") for sign, key in terms
                         for group, _, name in [key.partition("/")])  # fmt: skip
     if any(key not in run.series for _, key in full):

@@ -50,9 +50,7 @@ class Line:
     """A curve; NaN values break it.
 
     ``cloud`` draws a noisy series as the area between its extremes, ``trend`` adds its slow part; ``held`` holds each
-    value to the next. A ``label`` names it in legends, tables and under the cursor; ``rms`` has a table state its size
-    and not its mean.
-    """
+    value to the next."""
 
     x: FloatArray
     y: FloatArray
@@ -101,9 +99,7 @@ class Panel:
     """One pair of axes: what is drawn, and how it is named.
 
     ``title`` stands above the panel and names the quantity with its unit; ``levels`` are dashed horizontal lines;
-    ``ticks`` is about how many values the y axis names, none for 0. ``factor`` is what the values of layers with a
-    source have been multiplied with.
-    """
+    ``ticks`` is about how many values the y axis names, none for 0."""
 
     title: str
     layers: tuple[Layer, ...]
@@ -146,24 +142,7 @@ def _columns_for(width: float) -> int:
 
 
 def draw(panels: Sequence[Panel], width: float, alt: str, x_label: str) -> Markup:
-    """Draw panels one below the other over a common x axis.
-
-    Parameters
-    ----------
-    panels : sequence of Panel
-        From top to bottom; heights in CSS pixels.
-    width : float
-        Width of the drawing in CSS pixels: the size at which its text has its true size.
-    alt : str
-        What the figure shows, for a screen reader.
-    x_label : str
-        Name and unit of the common x axis.
-
-    Returns
-    -------
-    Markup
-        An ``<svg>`` element.
-    """
+    """Draw panels one below the other over a common x axis."""
     height = sum(panel.height + _TITLE for panel in panels) + _GAP * (len(panels) - 1) + _FOOT
     canvas = Canvas(width, height, alt)
     x_limits = _x_limits(panels)

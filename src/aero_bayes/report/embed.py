@@ -18,13 +18,7 @@ _TIME_BITS = 22
 
 
 def embedded(series: Mapping[str, FloatArray]) -> Markup:
-    """Write all series as JSON, safe within a ``<script>`` element.
-
-    Parameters
-    ----------
-    series : mapping of str to ndarray, shape (n,)
-        NaN is a gap. Values are rounded to a 2**18th of the series' range.
-    """
+    """Write all series as JSON, safe within a ``<script>`` element."""
     packed = {key: pack_series(values, _TIME_BITS if _increases(values) else BITS) for key, values in series.items()}
     return Markup(json.dumps(packed, separators=(",", ":")).replace("<", "\\u003c"))
 
@@ -32,10 +26,7 @@ def embedded(series: Mapping[str, FloatArray]) -> Markup:
 def pack_series(values: FloatArray, bits: int = BITS) -> dict[str, object]:
     """Return a series as base64 of deflated byte planes of the differences between whole numbers.
 
-    Zero stands for a gap.
-
-    Evenly spaced values are only described.
-    """
+    Zero stands for a gap."""
     size = len(values)
     known = np.isfinite(values)
     low, high = (float(np.min(values[known])), float(np.max(values[known]))) if known.any() else (0.0, 0.0)

@@ -22,8 +22,7 @@ _STRETCHES = 12
 class Plate:
     """A figure: drawings for wide and narrow screens, its alternative text and table.
 
-    Figures of one ``link`` zoom together; ``keys`` are the series that the script draws from.
-    """
+    Figures of one ``link`` zoom together; ``keys`` are the series that the script draws from."""
 
     wide: Markup
     narrow: Markup | None
@@ -46,20 +45,7 @@ def plate(
     link: str = "",
     width: float = WIDE_WIDTH,
 ) -> Plate:
-    """Make panels a figure. One as wide as the page is drawn a second time, for phones.
-
-    Parameters
-    ----------
-    panels : sequence of Panel
-    alt : str
-        What the figure shows, in a sentence.
-    x_label : str
-    caption, legend : Markup, tuple
-        Legend entries are (colour, label).
-    link : str
-        Name of the recording, for figures over its time.
-    width : float
-    """
+    """Make panels a figure. One as wide as the page is drawn a second time, for phones."""
     keys = frozenset(
         key for p in panels for layer in p.layers
         if layer.source for key in layer.source.keys
@@ -72,8 +58,7 @@ def plate(
 def data_table(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None:
     """Return the labelled layers of a figure as a table.
 
-    Means over equal stretches of the x axis, RMS for residuals.
-    """
+    Means over equal stretches of the x axis, RMS for residuals."""
     shown = [
         (panel, layer) for panel in panels for layer in panel.layers if isinstance(layer, Line | Band) and layer.label
     ]

@@ -46,8 +46,7 @@ class ParameterColumn:
     """A parameter of every rig: value and width (n,) of its own data, value in the light of the fleet, the curve.
 
     Widths are standard deviations of the value, or of its logarithm where ``shared.log``; ``curve`` is the fleet's
-    distribution function as (values, shares below).
-    """
+    distribution function as (values, shares below)."""
 
     values: FloatArray
     widths: FloatArray

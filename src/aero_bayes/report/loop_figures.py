@@ -44,8 +44,7 @@ def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
 def rounds_plates(loop: LoopJson, words: Mapping[str, str]) -> list[Plate]:
     """Return a row for each candidate, a column for each round, bars of how far the error falls.
 
-    The best, then all others.
-    """
+    The best, then all others."""
     steps, ids, shown = rounds(loop)
     if not steps:
         return []

@@ -20,7 +20,6 @@ from aero_bayes.report import (
     experiment,
     findings,
     listed_values,
-    loop_evidence,
     loop_figures,
     loop_story,
     overview,
@@ -61,23 +60,7 @@ class RecordingPlates:
 
 
 def write_run_page(directory: Path | str) -> Path:
-    """Draw ``DIR/report.html`` from the run's ``result.json``, ``series.npz`` and ``posterior.nc``.
-
-    Parameters
-    ----------
-    directory : path
-        What a command wrote with ``--out``. Only ``result.json`` must be there; the page shows what there is.
-
-    Returns
-    -------
-    Path
-        The page: a single file that loads nothing from elsewhere.
-
-    Raises
-    ------
-    InputError
-        No ``result.json`` in the directory, or one of the files is damaged.
-    """
+    """Draw ``DIR/report.html`` from the run's ``result.json``, ``series.npz`` and ``posterior.nc``."""
     run = RunDirectory.read(directory)
     target = run.path / "report.html"
     page = render(run)
@@ -100,20 +83,7 @@ def fill(
     results: Sequence[RunJson],
     scripts: Sequence[str] = SCRIPTS,
 ) -> str:
-    """Return a page from its template.
-
-    Parameters
-    ----------
-    template : str
-    context : mapping
-        What the template shows. The series that its figures are drawn from are put into the page.
-    series : mapping of str to ndarray, shape (n,)
-        All that figures may ask for.
-    results : sequence of RunJson
-        The runs that the page is about: they say what the names of effects and signals stand for.
-    scripts : sequence of str
-        Parts of the page's script.
-    """
+    """Return a page from its template."""
     environment = _environment().overlay()
     words = {id_: text for result in results for id_, text in result.effect_words().items()}
     signals = {name for result in results for name in result.signals}
@@ -229,9 +199,6 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "errors": loop_story.before_after_table(run, loop), "shift": loop_story.shift_table(run, loop),
         "equivalents": loop.equivalent, "separate": loop.separate,
         "smaller": loop_story.smaller_table(loop),
-        "structures": loop_evidence.structures_words(loop), "averaged": loop_evidence.averaged_table(run, loop),
-        "process_noise": loop_evidence.process_noise_table(run, loop),
-        "process_noise_words": loop_evidence.process_noise_words(loop),
         "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
     }  # fmt: skip
 

@@ -153,8 +153,7 @@ def _marginal(canvas: Canvas, draws: FloatArray, left: float, top: float, cell: 
 def regions(across: FloatArray, up: FloatArray, bins: int = 44) -> tuple[FloatArray, tuple[float, float]]:
     """Compute the smoothed density of draws over their ranges, and the levels within which 90 % and 50 % of them lie.
 
-    Its shape is (bins + 2, bins + 2), with an empty rim.
-    """
+    Its shape is (bins + 2, bins + 2), with an empty rim."""
     counts, _, _ = np.histogram2d(up, across, bins=bins, range=(span(up), span(across)))
     smooth = np.pad(gaussian_filter(counts, 2.0, mode="nearest"), 1)
     ranked = np.sort(smooth.ravel())[::-1]

@@ -20,8 +20,7 @@ SERIES = tuple(f"s{number}" for number in range(1, 7))
 class Canvas:
     """A drawing under construction, in CSS pixels from the top left corner.
 
-    Colours are names of the page's CSS variables. Coordinates are rounded to a tenth of a pixel.
-    """
+    Colours are names of the page's CSS variables. Coordinates are rounded to a tenth of a pixel."""
 
     def __init__(self, width: float, height: float, alt: str) -> None:
         self._size = width, height
@@ -130,8 +129,7 @@ def _rounded(values: FloatArray) -> list[str]:
 def _polyline(x: FloatArray, y: FloatArray) -> str:
     """Write the path data of every piece between gaps: its first point, then steps, in tenths of a pixel.
 
-    Points that change nothing are left out.
-    """
+    Points that change nothing are left out."""
     points = np.asarray(np.round(np.column_stack([x, y]), 1), dtype=np.float64)
     known = np.isfinite(points).all(axis=1)
     path = []

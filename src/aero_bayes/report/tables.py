@@ -45,24 +45,7 @@ class Column:
 def html_table(
     columns: Sequence[Column | str], rows: Sequence[Sequence[object]], caption: str = "", marked: Sequence[int] = ()
 ) -> Markup:
-    """Return a table that scrolls sideways on a narrow screen, every cell escaped unless it is Markup.
-
-    Parameters
-    ----------
-    columns : sequence of Column or str
-        Headings; a plain text is a left-aligned column.
-    rows : sequence of sequences
-        Cells; the first of each row is its heading.
-    caption : str
-        What the table holds, for screen readers and as its visible title.
-    marked : sequence of int
-        Rows to emphasise.
-
-    Returns
-    -------
-    Markup
-        The table within its scrolling frame.
-    """
+    """Return a table that scrolls sideways on a narrow screen, every cell escaped unless it is Markup."""
     heads = [column if isinstance(column, Column) else Column(column) for column in columns]
     head = Markup("").join(
         Markup('<th scope="col" class="{}">{}</th>').format(c.align, c.title) if c.title else Markup("<td></td>")
@@ -86,8 +69,7 @@ def html_table(
 def parameter_table(parameters: Mapping[str, ParameterJson]) -> Markup:
     """Write value, 90 % interval, unit, prior and status of every parameter.
 
-    What was fixed, ended on a bound, or is not determined by the data never shows an interval.
-    """
+    What was fixed, ended on a bound, or is not determined by the data never shows an interval."""
     rows = []
     for name, stated in sorted(parameters.items(), key=lambda item: _RANKS.get(item[1].status or "", 1)):
         shown, sure = parameter_quantity(stated)

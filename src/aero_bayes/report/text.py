@@ -79,22 +79,7 @@ class RoundedValue:
 def rounded_value(
     value: float | None, low: float | None, high: float | None, unit: str, digits: int = 2
 ) -> RoundedValue:
-    """Round a value to two digits of its interval's half-width; without an interval, to four digits.
-
-    Parameters
-    ----------
-    value, low, high : float or None
-        Estimate and the ends of its interval.
-    unit : str
-        Unit as a model writes it (``kg.m2``, ``ohm``).
-    digits : int
-        Digits of the half-width to keep.
-
-    Returns
-    -------
-    RoundedValue
-        Texts; ``unit`` carries the power of ten, if one is needed.
-    """
+    """Round a value to two digits of its interval's half-width; without an interval, to four digits."""
     sizes = [abs(x) for x in (value, low, high) if x is not None and math.isfinite(x) and x != 0]
     largest = max(sizes, default=1.0)
     power = 0 if 1e-3 <= largest < 1e5 else 3 * math.floor(math.log10(largest) / 3)

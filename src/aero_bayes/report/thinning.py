@@ -11,20 +11,7 @@ from aero_bayes.arrays import FloatArray
 def envelope(time: FloatArray, values: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
     """Thin a series to the least and the greatest value of every time column.
 
-    A dropped sample can hide a spike; the extremes of each column, joined by lines, look as the whole series does.
-
-    Parameters
-    ----------
-    time, values : ndarray, shape (n,)
-        Increasing times and values; NaN values are gaps.
-    columns : int
-        Number of equal time columns, about one for each pixel.
-
-    Returns
-    -------
-    time, values : ndarray, shape (<= 2 * columns,)
-        Unchanged where the series is already that short. A column without any value is one NaN (a gap).
-    """
+    A dropped sample can hide a spike; the extremes of each column, joined by lines, look as the whole series does."""
     if len(time) <= 2 * columns:
         return time, values
     starts = _column_starts(time, columns)
@@ -44,19 +31,7 @@ def envelope(time: FloatArray, values: FloatArray, columns: int) -> tuple[FloatA
 def band_envelope(
     time: FloatArray, low: FloatArray, high: FloatArray, columns: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Thin a band to its least lower and greatest upper edge of every time column.
-
-    Parameters
-    ----------
-    time, low, high : ndarray, shape (n,)
-        Increasing times and the band's edges.
-    columns : int
-        Number of equal time columns.
-
-    Returns
-    -------
-    time, low, high : ndarray, shape (<= columns,)
-    """
+    """Thin a band to its least lower and greatest upper edge of every time column."""
     if len(time) <= columns:
         return time, low, high
     starts = _column_starts(time, columns)
@@ -67,20 +42,7 @@ def band_envelope(
 
 
 def column_means(time: FloatArray, values: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the mean of every time column: the slow part of a noisy series.
-
-    Parameters
-    ----------
-    time, values : ndarray, shape (n,)
-        Increasing times and values; NaN values are gaps.
-    columns : int
-        Number of equal time columns.
-
-    Returns
-    -------
-    time, means : ndarray, shape (<= columns,)
-        NaN for a column without any value.
-    """
+    """Compute the mean of every time column: the slow part of a noisy series."""
     starts = _column_starts(time, columns)
     sizes = np.add.reduceat(np.isfinite(values).astype(np.float64), starts)
     sums = np.add.reduceat(np.where(np.isfinite(values), values, 0.0), starts)

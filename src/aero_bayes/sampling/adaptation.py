@@ -29,8 +29,7 @@ class SurrogateDensity:
     """Prior times surrogate likelihood, plus a small share of the proposal, as one log-density.
 
     A chain is stuck where this density is far below the target. The share of the proposal, whose tails are heavy,
-    prevents that where nothing was evaluated. ``level`` is the logarithm of the integral of the first part.
-    """
+    prevents that where nothing was evaluated. ``level`` is the logarithm of the integral of the first part."""
 
     surrogate: Surrogate
     level: float
@@ -44,8 +43,7 @@ class SurrogateDensity:
     def log_density(self, points: FloatArray, prior: Density, temperature: float = 1.05) -> FloatArray:
         """Return the log-density, not normalised, shape (n,); minus infinity outside the prior's support.
 
-        An independence sampler needs a proposal with heavier tails than its target, hence a temperature above one.
-        """
+        An independence sampler needs a proposal with heavier tails than its target, hence a temperature above one."""
         total = np.array(prior(points))
         inside = np.isfinite(total)
         some = points[inside]
@@ -59,11 +57,7 @@ class Adaptation:
     """Proposal and surrogate that the moves use.
 
     ``surrogate_density`` is None until enough points are known; ``steps`` of an independence sampler on it make the end
-    nearly independent of the start. ``acceptance`` is the share of its draws that the target would accept, and
-    ``longest_stay`` the number of draws after which nearly every point has been left; both are those of the surrogate
-    before, estimated from points that it was not fitted to, and ``acceptance`` is zero where the proposal alone does
-    better. ``good_rounds`` counts rounds in succession in which both were good. ``frozen`` is True for the kept chain.
-    """
+    nearly independent of the start."""
 
     proposal: WarpedStudentT
     surrogate_density: SurrogateDensity | None = None
@@ -89,8 +83,7 @@ def scan_axes(density: Density, proposal: WarpedStudentT) -> WarpedStudentT:
     """Evaluate the density along every axis through the centre of a proposal, and warp the proposal to these profiles.
 
     Each axis takes about twenty evaluations. They show margins that end at a bound, and tails that are heavier than the
-    curvature at the mode suggests. The proposal is unchanged if the density is zero at its centre.
-    """
+    curvature at the mode suggests. The proposal is unchanged if the density is zero at its centre."""
     d = proposal.mean.size
     first = np.array([-t for t in _FIRST_DISTANCES[::-1]] + list(_FIRST_DISTANCES))
     places = np.insert((np.eye(d)[:, None, :] * first[None, :, None]).reshape(-1, d), 0, 0.0, axis=0)
@@ -132,20 +125,7 @@ def adapt(
     late: tuple[FloatArray, FloatArray],
     seen: tuple[FloatArray, FloatArray],
 ) -> Adaptation:
-    """Fit proposal and surrogate again after another round of burn-in.
-
-    Parameters
-    ----------
-    adaptation : Adaptation
-        Of the round before.
-    prior : callable
-    fresh : tuple of ndarray, (n, d) and (n,)
-        Points of the walkers in this round, and their log-density: they tell how good ``adaptation`` is.
-    late : tuple of ndarray, (k, d) and (k,)
-        Those of the second half of burn-in: the proposal is fitted to them.
-    seen : tuple of ndarray, (m, d) and (m,)
-        All evaluated points: the surrogate is fitted to those near the mode.
-    """
+    """Fit proposal and surrogate again after another round of burn-in."""
     d, dof = adaptation.proposal.mean.size, adaptation.proposal.dof
     lowest = late[1].max() - 0.5 * float(chdtri(d, 1e-7)) - 10.0
     points, values = late[0][late[1] >= lowest], late[1][late[1] >= lowest]
@@ -182,8 +162,7 @@ def independence_acceptance(log_ratio: FloatArray) -> float:
     """Estimate the acceptance rate of an independence sampler of p that proposes from s, from log(s / p) at draws of p.
 
     It is the expectation of min(r, r') over pairs of draws, divided by that of r. The largest ratios are trimmed: they
-    come from the tails and do not contribute.
-    """
+    come from the tails and do not contribute."""
     ratio = np.sort(_ratios(log_ratio))
     n = ratio.size
     return float(ratio @ (2.0 * (n - np.arange(n)) - 1.0) / (n * ratio.sum()))
@@ -192,8 +171,7 @@ def independence_acceptance(log_ratio: FloatArray) -> float:
 def steps_to_leave(log_ratio: FloatArray) -> float:
     """Estimate the number of proposals from q after which nearly every chain has moved, from log(q / s) at draws of s.
 
-    At a point of weight w = s / q, over its mean under q, about w proposals are needed.
-    """
+    At a point of weight w = s / q, over its mean under q, about w proposals are needed."""
     ratio = _ratios(log_ratio)
     return 1.5 * float(ratio.mean() / np.quantile(ratio, 0.003))
 

@@ -37,12 +37,7 @@ def _plain_r_hat(chains: FloatArray) -> float:
 
 
 def r_hat(samples: FloatArray) -> float:
-    """Compute the rank-normalised split R-hat, the larger of bulk and folded.
-
-    Parameters
-    ----------
-    samples : ndarray, shape (ensembles, steps, walkers)
-    """
+    """Compute the rank-normalised split R-hat, the larger of bulk and folded."""
     ensembles, steps, walkers = samples.shape
     half = steps // 2
     if half < 2:
@@ -56,14 +51,7 @@ def r_hat(samples: FloatArray) -> float:
 def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
     """Compute the steps per independent sample of one walker, the larger of two estimates.
 
-    Walkers are centred on the mean of all, so that one that stays where it is counts for little.
-
-    Parameters
-    ----------
-    samples : ndarray, shape (ensembles, steps, walkers)
-    coupled : bool
-        Whether walkers of one ensemble move by each other's positions; otherwise there is only the first estimate.
-    """
+    Walkers are centred on the mean of all, so that one that stays where it is counts for little."""
     _, steps, walkers = samples.shape
     variance = float(np.var(samples))
     if variance == 0.0 or steps < 4:

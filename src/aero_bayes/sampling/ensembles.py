@@ -26,8 +26,7 @@ _TAIL_TEMPERATURE = 2.0
 class Ensembles:
     """All ensembles, their random states, and the points of the present phase.
 
-    The phases are rounds of burn-in, ``settle`` steps that are thrown away, and the kept chain.
-    """
+    The phases are rounds of burn-in, ``settle`` steps that are thrown away, and the kept chain."""
 
     def __init__(self, density: Density, proposal: WarpedStudentT, settings: SampleSettings, moves: MakeMoves) -> None:
         self.density, self.prior = density, log_prior_of(density)

@@ -28,27 +28,7 @@ def laplace_evidence(fit: Fit) -> float:
 def importance_posterior(
     fit: Fit, simulator: Simulator, size: int, rng: np.random.Generator, *, rounds: int = 8, dof: float = 8.0
 ) -> WeightedSample:
-    """Sample the posterior of a fit by importance from its Laplace approximation, improved from round to round.
-
-    Parameters
-    ----------
-    fit : Fit
-    simulator : Simulator
-        Of the fit's own calibration.
-    size : int
-        Draws of the first two rounds together; as many effective draws, over 5, are enough.
-    rng : Generator
-    rounds : int
-        Most rounds of half of ``size`` draws.
-    dof : float
-        Degrees of freedom of the Student proposals.
-
-    Returns
-    -------
-    WeightedSample
-        Points are search coordinates of the free parameters, then logarithms of the noise parameters. Trust it only
-        where ``reliable``; otherwise sample.
-    """
+    """Sample the posterior of a fit by importance from its Laplace approximation, improved from round to round."""
     first = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, dof)
 
     def enough(found: WeightedSample) -> bool:

@@ -25,8 +25,7 @@ class WeightedSample:
     """Weighted draws of a density.
 
     ``points`` (n, d); ``weights`` (n,), summing to one; ``pareto_k`` the shape of the weights' tail, reliable below
-    0.7; ``log_evidence`` the logarithm of the density's integral; ``ess`` the effective number of draws.
-    """
+    0.7; ``log_evidence`` the logarithm of the density's integral; ``ess`` the effective number of draws."""
 
     points: FloatArray
     weights: FloatArray
@@ -74,26 +73,7 @@ class WeightedSample:
 def importance_sample(
     density: Callable[[FloatArray], FloatArray], proposal: WarpedStudentT, size: int, rng: np.random.Generator
 ) -> WeightedSample:
-    """Draw from a proposal and weigh by a density.
-
-    Parameters
-    ----------
-    density : callable
-        Log-density of points (n, d), shape (n,); it need not be normalised.
-    proposal : WarpedStudentT
-    size : int
-        Draws.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    WeightedSample
-
-    Raises
-    ------
-    ValueError
-        If the density vanishes at every draw.
-    """
+    """Draw from a proposal and weigh by a density."""
     points = proposal.sample(np.random.RandomState(np.random.MT19937(int(rng.integers(2**63)))), size)
     ratio = density(points) - proposal.log_density(points)
     ratio = np.where(np.isnan(ratio), -np.inf, ratio)
@@ -114,31 +94,7 @@ def adaptive_importance_sample(
     enough: Callable[[WeightedSample], bool],
     rounds: int = 8,
 ) -> WeightedSample:
-    """Draw in rounds, each proposal fitted to the weighted draws so far; every draw counts in the end.
-
-    A draw of any round is weighed against the mixture of all proposals (adaptive multiple importance sampling; Cornuet,
-    Marin, Mira and Robert, 2012, Scandinavian Journal of Statistics 39, 798), so that the first, widest ones still
-    cover the tails.
-
-    Parameters
-    ----------
-    density : callable
-        Log-density, (n, d) to (n,), that need not be normalised.
-    proposal : WarpedStudentT
-        Of the first round.
-    size : int
-        Draws a round.
-    rng : Generator
-    enough : callable
-        Whether to stop; asked after every round but the first.
-    rounds : int
-        Most rounds.
-
-    Raises
-    ------
-    ValueError
-        If the density vanishes at every draw.
-    """
+    """Draw in rounds, each proposal fitted to the weighted draws so far; every draw counts in the end."""
     proposals, used = [proposal], []
     points, values = np.empty((0, proposal.mean.size)), np.empty(0)
     for turn in range(rounds):
@@ -160,19 +116,7 @@ def adaptive_importance_sample(
 
 
 def pareto_smooth(log_weights: FloatArray) -> tuple[FloatArray, float]:
-    """Replace the largest weights by the expected order statistics of the Pareto tail fitted to them.
-
-    Parameters
-    ----------
-    log_weights : ndarray, shape (n,)
-
-    Returns
-    -------
-    smoothed : ndarray, shape (n,)
-        Logarithms on the scale of what was given, none above its largest.
-    shape : float
-        Estimated shape k of the tail; infinite where there are too few weights to tell.
-    """
+    """Replace the largest weights by the expected order statistics of the Pareto tail fitted to them."""
     n = log_weights.size
     size = int(min(0.2 * n, 3.0 * math.sqrt(n)))
     top = float(np.max(log_weights))
@@ -195,8 +139,7 @@ def pareto_smooth(log_weights: FloatArray) -> tuple[FloatArray, float]:
 def _fit_pareto(excess: FloatArray) -> tuple[float, float]:
     """Estimate shape and scale of a generalised Pareto distribution from increasing excesses, shape (n,).
 
-    A quasi-Bayesian mean over a grid of the likelihood's profile, with the shape shrunk a little towards one half.
-    """
+    A quasi-Bayesian mean over a grid of the likelihood's profile, with the shape shrunk a little towards one half."""
     n = excess.size
     grid = 30 + int(math.sqrt(n))
     quartile = excess[int(n / 4 + 0.5) - 1] if n >= 4 else excess[0]

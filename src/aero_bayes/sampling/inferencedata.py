@@ -60,8 +60,7 @@ def _groups(posterior: PosteriorDraws) -> tuple[dict[str, dict[str, Any]], dict[
 def _prior(posterior: PosteriorDraws) -> dict[str, Any]:
     """Return it as many draws from the priors of the parameters as a chain has.
 
-    The noise has none that can be drawn from.
-    """
+    The noise has none that can be drawn from."""
     fit = posterior.fit
     part = ParameterSet(tuple(fit.calibration.parameters.items[j] for j in fit.free))
     drawn = part.sample_prior(np.random.default_rng(posterior.seed), posterior.draws.shape[1])

@@ -31,9 +31,7 @@ class Chain:
     """What sampling gave.
 
     ``points`` has shape (ensembles, steps, walkers, d), ``log_density`` (ensembles, steps, walkers); ``diagnoses`` one
-    entry a dimension. ``evaluations`` counts points inside the prior's support, tuning included. ``converged`` is False
-    unless every criterion was met; ``reason`` says which was not.
-    """
+    entry a dimension. ``evaluations`` counts points inside the prior's support, tuning included."""
 
     points: FloatArray
     log_density: FloatArray
@@ -78,31 +76,7 @@ def run_chain(
     moves: MakeMoves = standard_moves,
     progress: Progress | None = None,
 ) -> Chain:
-    """Draw from a density until the criteria are met or a limit is reached.
-
-    Parameters
-    ----------
-    density : callable
-        Vectorised log-density: points (n, d) to (n,), minus infinity where there is none. If it has a method
-        ``log_prior`` of the same form, that part is taken as costing nothing.
-    proposal : WarpedStudentT
-        First approximation of the density, whose widened draws the ensembles start from; corners lie along its axes.
-    settings : SampleSettings
-    seed : int
-    checkpoint : Checkpoint or Path, optional
-        Kept up to date; the same run (seed, settings, ``identity``) goes on from there, bit by bit.
-    identity : str
-        What makes the density this one and no other (hashes of model and data).
-    moves : callable, optional
-        Makes the moves; the standard mix by default.
-    progress : callable, optional
-        Told a phase, how far it is (0 to 1), and a line of text; the chain ends where it returns True.
-
-    Raises
-    ------
-    CannotFinishError
-        If no starting point of finite density can be found.
-    """
+    """Draw from a density until the criteria are met or a limit is reached."""
     began, ensembles = time.perf_counter(), Ensembles(density, proposal, settings, moves)
     key = digest("chain", seed, settings.identity, identity, proposal.mean)
     kept = Checkpoint.at(checkpoint)

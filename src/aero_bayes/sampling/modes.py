@@ -48,8 +48,7 @@ class ModeDraws:
 def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:
     """Fit at each mode, the reported one first; ``simulator`` is of its calibration's problem.
 
-    A mode that leads back to another one under the noise of the fit is left out.
-    """
+    A mode that leads back to another one under the noise of the fit is left out."""
     objective = objective_of(fit.calibration, simulator)
     parameters = objective.parameters
     settings = LocalFitSettings(floors=fit.calibration.data.floors, hold_noise=True)
@@ -69,17 +68,7 @@ def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:
 
 
 class Region:
-    """The joint log-posterior around one mode: minus infinity at points that are nearer to another one.
-
-    Parameters
-    ----------
-    joint : JointTarget
-        Of the mode's own fit.
-    fits : sequence of Fit
-        All modes; distances are in standard deviations of each.
-    own : int
-        Which of them.
-    """
+    """The joint log-posterior around one mode: minus infinity at points that are nearer to another one."""
 
     def __init__(self, joint: JointTarget, fits: Sequence[Fit], own: int) -> None:
         self.joint, self.own = joint, own
@@ -149,8 +138,7 @@ def mode_shares(
     """Compute how likely each mode is, shape (k,): by importance sampling from what its chain has learnt.
 
     Laplace's approximation, as the fit has it, where the weights of a mode's draws are not reliable, and where readings
-    count as fewer since noise does not describe the residual.
-    """
+    count as fewer since noise does not describe the residual."""
     temperature = likelihood_temperature(fits[0].optimum)
     laplace = [fit.optimum.laplace(fit.calibration.parameters, temperature)[1] for fit in fits]
     shares = np.exp(np.array(laplace) - max(laplace))
@@ -168,8 +156,7 @@ def mixed(
 ) -> tuple[FloatArray, FloatArray, list[int]]:
     """Mix draws (e, n, d) and densities (e, n) of all modes in random order, each by its share; count those of each.
 
-    ``parts`` has those of each mode.
-    """
+    ``parts`` has those of each mode."""
     size = min(points.shape[1] / share for (points, _), share in zip(parts, shares, strict=True) if share > 0.0)
     counts = [round(float(share) * min(size, max(p.shape[1] for p, _ in parts))) for share in shares]
     taken = [np.linspace(0, p.shape[1] - 1, n).astype(np.int64) for (p, _), n in zip(parts, counts, strict=True)]

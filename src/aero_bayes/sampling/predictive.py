@@ -30,25 +30,7 @@ def posterior_predictive(
     stored: int = 600,
     blocks: int = 2000,
 ) -> tuple[Predictive, ...]:
-    """Predict each recording from posterior draws.
-
-    Parameters
-    ----------
-    joint : JointTarget
-    points : ndarray, shape (draws, d)
-    band_factors : ndarray, shape (m,)
-        Half-width of the bands in standard deviations of a reading, by output.
-    rng : numpy.random.Generator
-    stored : int
-        Sample times of which whole draws are kept.
-    blocks : int
-        Blocks of equal length that a recording is cut into.
-
-    Raises
-    ------
-    CannotFinishError
-        If no draw can be simulated.
-    """
+    """Predict each recording from posterior draws."""
     if joint.target.objective.filters:
         return _filtered(joint, points[:, : len(joint.target.free)], band_factors, rng, stored, blocks)
     free = len(joint.target.free)

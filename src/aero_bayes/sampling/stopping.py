@@ -32,8 +32,7 @@ class StoppingDecision:
 def decide(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> StoppingDecision:
     """Apply the stopping rule to kept points, shape (ensembles, steps, walkers, d).
 
-    ``coupled`` says whether a walker moves by where others of its ensemble are.
-    """
+    ``coupled`` says whether a walker moves by where others of its ensemble are."""
     # Walkers that depend on each other count as one series: that of their mean. It must be longer to be judged.
     length, dimension = max(settings.lengths, MIN_AUTOCORRELATION_TIMES if coupled else 0.0), points.shape[-1]
     if points.shape[1] < 8:

@@ -77,8 +77,7 @@ class ListedValuesJson(JsonTable):
 class FitJson(JsonTable):
     """The best fit; ``rms`` by role and output, ``interpolation`` of each input between its samples.
 
-    ``values`` are the listed values of parameters that were each fitted, likeliest first.
-    """
+    ``values`` are the listed values of parameters that were each fitted, likeliest first."""
 
     cost_eq6: JsonNumber = None
     rms: dict[str, dict[str, JsonNumber]] = {}
@@ -97,8 +96,7 @@ class NoiseJson(JsonTable):
     """Noise of an output: white plus correlated over ``tau_s``.
 
     ``kind`` says how it differs from reading to reading: ``relative`` has the standard deviation
-    ``base + per_unit |y|``, ``student`` the scale ``base`` and ``freedom`` degrees of freedom.
-    """
+    ``base + per_unit |y|``, ``student`` the scale ``base`` and ``freedom`` degrees of freedom."""
 
     sd: JsonNumber
     rho: JsonNumber

@@ -21,8 +21,6 @@ class FleetParameterJson(JsonTable):
     """A parameter over the fleet.
 
     ``mean`` is the fleet's typical value, ``next`` the prediction for a rig not seen yet, both in the parameter's unit.
-    ``spread`` is how much rigs differ, one standard deviation: of the natural logarithm where ``log`` (0.1 is 10 %),
-    else in the unit. ``rigs`` says how many rigs' data tell of it; with too few there are no ranges.
     """
 
     unit: str = ""
@@ -36,8 +34,7 @@ class FleetParameterJson(JsonTable):
 class FleetEffectJson(JsonTable):
     """An effect over the fleet: rigs whose loop named it, and the share of such rigs where a loop came to an end.
 
-    A rig whose data cannot tell it from other effects counts for a part of the share.
-    """
+    A rig whose data cannot tell it from other effects counts for a part of the share."""
 
     id: str
     summary: str = ""

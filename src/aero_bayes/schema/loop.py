@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson, QuantilesJson
+from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson
 from aero_bayes.schema.estimate import ResidualJson
 
 
@@ -22,8 +22,7 @@ class EffectJson(JsonTable):
     """An effect; ``id`` is ``law@port`` or an id of a library.
 
     ``share`` is the error on left-out readings with it over that without it, in the output ``share_of``; ``wins`` the
-    share of resampled blocks in which its structure is the best; ``looks_like`` the law that comes near a curve.
-    """
+    share of resampled blocks in which its structure is the best; ``looks_like`` the law that comes near a curve."""
 
     id: str
     port: str
@@ -40,9 +39,6 @@ class EffectJson(JsonTable):
     over: str = ""
     looks_like: str = ""
     curve: CurveJson | None = None
-    text: str = ""
-    visited: dict[str, list[float]] = {}
-    alternatives: list[str] = []
 
 
 class CandidateJson(JsonTable):
@@ -76,51 +72,13 @@ class ShiftJson(JsonTable):
     in_sd: JsonNumber
 
 
-class StructureWinsJson(JsonTable):
-    """One of the structures that the data do not tell apart: its terms, and how often it is the best of them."""
-
-    terms: list[str]
-    wins: JsonNumber
-
-
-class AveragedParameterJson(JsonTable):
-    """A parameter of the first model under the chosen structure, and under the mixture of all."""
-
-    chosen: QuantilesJson
-    mixture: QuantilesJson
-
-
-class AveragedStructuresJson(JsonTable):
-    """The structures that the data do not tell apart, the chosen one first; parameters that all of them have."""
-
-    structures: list[StructureWinsJson]
-    parameters: dict[str, AveragedParameterJson] = {}
-
-
-class LoopProcessNoiseJson(JsonTable):
-    """Process noise of what the laws leave: the states that it drives, and the parameters of the model with it.
-
-    ``explains`` is whether the filter's innovations are white; ``equivalent`` are other states that gain as much.
-    """
-
-    states: list[str]
-    explains: bool
-    sentence: str = ""
-    log_evidence_gain: JsonNumber = None
-    needed: JsonNumber = None
-    equivalent: list[list[str]] = []
-    parameters: dict[str, ParameterJson] = {}
-    innovations: dict[str, dict[str, ResidualJson]] = {}
-
-
 RmsByRole = dict[str, dict[str, JsonNumber]]
 
 
 class LoopJson(JsonTable):
     """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
 
-    ``smaller`` are effects that help and are not material; ``blocks`` of readings were left out in turn.
-    """
+    ``smaller`` are effects that help and are not material; ``blocks`` of readings were left out in turn."""
 
     outcome: Literal["adequate", "extended", "unexplained"]
     sentence: str = ""
@@ -137,8 +95,6 @@ class LoopJson(JsonTable):
     steps: list[StepJson] = []
     shifts: dict[str, ShiftJson] = {}
     whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
-    averaged: AveragedStructuresJson | None = None
-    process_noise: LoopProcessNoiseJson | None = None
     blocks: int = 0
     separate: list[str] = []
     story: list[str] = []

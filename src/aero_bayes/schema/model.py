@@ -26,8 +26,7 @@ class ComponentJson(JsonTable):
     """A part of the model, its place in the diagram (two opposite corners) and its icon.
 
     ``terminal`` says whether it is an input, an output or a connector of the model; ``marked`` that an effect was added
-    there.
-    """
+    there."""
 
     name: str
     type: str

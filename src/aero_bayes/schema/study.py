@@ -24,8 +24,7 @@ class StudyJson(JsonTable):
     """A section of the page: curves of one output over time, a table, and sentences.
 
     The curves are the keys ``NAME/time``, ``NAME/measured`` and ``NAME/LABEL`` of ``series.npz``, where ``NAME`` is
-    ``name``. The row whose number in column ``smallest_in`` is the smallest is emphasised.
-    """
+    ``name``. The row whose number in column ``smallest_in`` is the smallest is emphasised."""
 
     name: str
     title: str

@@ -34,21 +34,7 @@ MAX_LOSS = 0.5
 
 @dataclass(eq=False)
 class StructureSearch:
-    """Beam search.
-
-    Parameters
-    ----------
-    cache : ModelCache
-    library : Library
-    settings : StructureSettings
-    fit_settings : LocalFitSettings
-        Of each local fit.
-    floors : mapping of (recording, output) to float
-        Noise floors where they are known.
-    parts : Parts
-        Edits, start rules and restarts.
-    control : SearchControl
-    """
+    """Beam search."""
 
     cache: ModelCache
     library: Library
@@ -63,18 +49,11 @@ class StructureSearch:
         self._expanded: set[Structure] = set()
         self._restarted: set[tuple[str, Structure]] = set()
         self._level_count = 0
-        self._proposed_values: Mapping[str, Mapping[str, float]] = {}
         self._ended = ""
         self._completed: set[Structure] = set()
 
     def run(self, root: FittedModel) -> SearchResult:
-        """Search from the fit of the first model.
-
-        Raises
-        ------
-        CannotFinishError
-            If the model cannot be simulated with what is required.
-        """
+        """Search from the fit of the first model."""
         self._begin(root)
         if not self._known.noise.exact:
             self._restart([], "the first model")
@@ -85,17 +64,7 @@ class StructureSearch:
         """Fit the structures that are worth it of those that were explored on a part of the recordings to all of them.
 
         They are fitted under the noise that the best one leaves on the part. Where that is only noise, but more is left
-        on the whole, the search goes on there.
-
-        Parameters
-        ----------
-        root : FittedModel
-            The first model, fitted to all readings.
-        explored : SearchResult
-            Of a search on a part of the recordings.
-        worth : iterable of Structure
-            Some of these.
-        """
+        on the whole, the search goes on there."""
         self._begin(root, explored.noise)
         self._candidates.skipped |= dict.fromkeys(explored.skipped)
         self._ended = explored.ended
@@ -125,29 +94,10 @@ class StructureSearch:
         if noise is None:
             self._known.update_noise()
 
-    def offer(self, starts: Mapping[str, Mapping[str, float]]) -> SearchResult:
-        """Try further terms, built into one model, beside the first model and the best structure of listed laws.
-
-        Each comes with SI values by name from which a fit begins, its own and those of the first model.
-        """
-        group, self._proposed_values = tuple(starts), starts
-        self.library = replace(self.library, groups=(*self.library.groups, group), proposed=group)
-        best = next(
-            (f for f in self._result().ranked if not set(f.terms) & set(self.library.curves)), self._known.best()
-        )
-        targets = {s.plus(id_): s for s in dict.fromkeys((self._known.required, best.structure)) for id_ in group}
-        tried = self._fit_larger({s: o for s, o in targets.items() if len(s) <= self.settings.max_effects}, "formulas")
-        self._known.update_noise()
-        self._restart(tried, "formulas")
-        if not self._known.noise.adequate:
-            self._expand_all()
-        return self._result()
-
     def complete(self, fitted: FittedModel) -> SearchResult:
         """Fit what the choice of a structure has to be compared with, as far as that was not done.
 
-        These are the sub-structures with one term left out, and :meth:`_at_the_same_port`.
-        """
+        These are the sub-structures with one term left out, and :meth:`_at_the_same_port`."""
         structure = fitted.structure
         if structure in self._completed:
             return self._result()
@@ -164,8 +114,7 @@ class StructureSearch:
         """Return the same with another law at the port of each term, and what is left without it.
 
         In place of a curve that is each law: one alone was compared with it when each was tried alone. In place of a
-        law it is each refinement of another one, since refinements are not offered where only noise is left.
-        """
+        law it is each refinement of another one, since refinements are not offered where only noise is left."""
         explored, library, found = self._result(), self.library, dict[Structure, Structure]()
         for id_ in structure.terms:
             is_law, rest = id_ not in library.curves, structure.minus(id_)
@@ -202,7 +151,7 @@ class StructureSearch:
         return SearchResult(
             dict(self._known.fits), self._known.best(), self._known.order(), self._known.noise, self.floors,
             self.cache.ports, self.library.refines, self.library.curves, tuple(self._candidates.skipped),
-            self._ended, self.library.proposed,
+            self._ended,
         )  # fmt: skip
 
     # which structures to expand
@@ -262,7 +211,6 @@ class StructureSearch:
         found = {s: self._candidates.base_of(s, origin, self.library) for s, origin in targets.items()}
         bases = {s: base for s, base in found.items() if base is not None}
         rules = (*self.parts.start_rules, *([KnownTerms(self._known.best_values())] if self.parts.known_terms else []))
-        rules = (*rules, KnownTerms(self._proposed_values))
         for base in bases.values():
             base.prepare()
         searches = [Task(partial(starting_points, rules, f, s), f.model.objective.outcomes) for s, f in bases.items()]
@@ -291,8 +239,7 @@ class StructureSearch:
     def _may_matter(self, base: FittedModel, starts: Sequence[Start], best: float) -> bool:
         """Tell whether a start predicts enough of the gain up to the log-likelihood of the best of its level.
 
-        Beside other terms it must be a share of what is left, too.
-        """
+        Beside other terms it must be a share of what is left, too."""
         predicted = _max_gain(starts)
         if base.terms and predicted < least_gain_beside_terms(base):
             return False

@@ -15,16 +15,7 @@ from aero_bayes.search.structure import Structure
 
 @dataclass(eq=False)
 class CandidateFits:
-    """Fits of explored structures on models with further candidate terms.
-
-    Parameters
-    ----------
-    cache : ModelCache
-    known : ComparedFits
-        The explored structures.
-    skipped : dict of str to None
-        Terms with which a model cannot be simulated, even switched off; it is added to.
-    """
+    """Fits of explored structures on models with further candidate terms."""
 
     cache: ModelCache
     known: ComparedFits

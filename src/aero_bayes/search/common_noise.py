@@ -24,16 +24,7 @@ from aero_bayes.sensors.whiteness import residual_correlation_time
 
 @dataclass(frozen=True, eq=False)
 class CommonNoise:
-    """The noise under which structures are compared.
-
-    Parameters
-    ----------
-    noise : FitNoise
-    structured : tuple of str
-        Outputs whose residual sensors do not explain.
-    reports : tuple of ResidualReport
-        Of the residual that the noise was taken from, under the noise as estimated.
-    """
+    """The noise under which structures are compared."""
 
     noise: FitNoise
     structured: tuple[str, ...]
@@ -51,14 +42,7 @@ class CommonNoise:
 
 
 def common_noise(fitted: FittedModel, floors: Mapping[tuple[str, str], float]) -> CommonNoise:
-    """Return the noise of a fit, for all structures that are compared with it.
-
-    Parameters
-    ----------
-    fitted : FittedModel
-    floors : mapping of (recording, output) to float
-        FitNoise floors of the readings, in the output's unit, where they are known.
-    """
+    """Return the noise of a fit, for all structures that are compared with it."""
     objective, optimum = fitted.model.objective, fitted.optimum
     calibration, parts = objective.calibration, _by_output(fitted)
     white: dict[str, NoiseKind] = {o: "white" for o in parts if calibration.noise.kind(o) == "white"}

@@ -25,23 +25,7 @@ MAX_NOISE_UPDATES = 3
 
 @dataclass(eq=False)
 class ComparedFits:
-    """The best fit of each structure so far, all under the noise that the best structure leaves.
-
-    Parameters
-    ----------
-    first : FittedModel
-        The first model.
-    required : Structure
-        What the best structure must contain.
-    noise : CommonNoise
-        Under which structures are compared.
-    settings : StructureSettings
-    fit_settings : LocalFitSettings
-        Of each local fit.
-    floors : mapping of (recording, output) to float
-        Noise floors where they are known.
-    control : SearchControl
-    """
+    """The best fit of each structure so far, all under the noise that the best structure leaves."""
 
     first: FittedModel
     required: Structure

@@ -45,16 +45,7 @@ class Comparison:
     """Errors of structures on the same left-out readings.
 
     The score of a structure is the sum over outputs of the logarithm of its squared error, so that no output outvotes
-    another. Standard errors are of differences, over resampled blocks.
-
-    Parameters
-    ----------
-    squares : mapping of Structure to ndarray, shape (blocks, m)
-        Sums of squared errors by block and output.
-    outputs : tuple of str, length m
-    least : ndarray, shape (m,)
-        Sum of squared errors of an output up to which it counts as predicted without error.
-    """
+    another. Standard errors are of differences, over resampled blocks."""
 
     squares: Mapping[Structure, FloatArray]
     outputs: tuple[str, ...]
@@ -120,8 +111,7 @@ class Comparison:
         """Return whether one structure predicts better, clearly or by so much that one standard error is enough.
 
         The error of an output is then at most ``min_share`` of what it is with the other: by chance such a fall is
-        rare, unless it rests on few blocks.
-        """
+        rare, unless it rests on few blocks."""
         much = self.much_better(one, other, min_share)
         return self.likely_better(one, other) if much else self.clearly_better(one, other)
 
@@ -147,8 +137,7 @@ class Comparison:
         """Return the structure with the fewest terms of those that the best one does not beat.
 
         This is the rule of one standard error (Breiman, Friedman, Olshen and Stone, 1984, Classification and
-        Regression Trees, 3.4.3).
-        """
+        Regression Trees, 3.4.3)."""
         best = self.best(among)
         near = [s for s in among if s == best or not self.better(best, s, min_share)]
         return min(near, key=lambda s: (len(s), len(s.freed), self.scores[s], s.terms))

@@ -52,8 +52,6 @@ class EditContext:
         Whether it is the best structure so far.
     near : tuple of Structure
         The best structures of the size of the best one.
-    states : tuple of str
-        States of the first model that process noise may drive.
     """
 
     fitted: FittedModel
@@ -67,7 +65,6 @@ class EditContext:
     interpolation_is_free: bool
     best: bool
     near: tuple[Structure, ...] = ()
-    states: tuple[str, ...] = ()
 
     @property
     def structure(self) -> Structure:
@@ -86,8 +83,7 @@ class AddTerm:
     """Each law of the library at each port that it fits.
 
     Refinements are offered only where structure is left. A term whose slope the free parameters imitate is not
-    offered; nor is one that promises hardly anything beside other terms.
-    """
+    offered; nor is one that promises hardly anything beside other terms."""
 
     def neighbours(self, context: EditContext) -> Iterable[Structure]:
         needless = {d.id for d in context.directions if d.confounded}
@@ -172,8 +168,7 @@ class InputInterpolation:
     """The inputs read the other way between their samples: held, or along straight lines.
 
     The best structures of the same size are tried so, too: else the best one is compared with others that read the
-    inputs wrongly.
-    """
+    inputs wrongly."""
 
     def neighbours(self, context: EditContext) -> Iterable[Structure]:
         if context.best and context.interpolation_is_free:
@@ -183,22 +178,10 @@ class InputInterpolation:
                 yield replace(structure, other_interpolation=not structure.other_interpolation)
 
 
-class AddProcessNoise:
-    """Process noise of each state, if no law and no curve explains the residual."""
-
-    def neighbours(self, context: EditContext) -> Iterable[Structure]:
-        if not context.adequate:
-            for state in context.states:
-                if state not in context.structure.process_noise:
-                    yield replace(context.structure, process_noise=(*context.structure.process_noise, state))
-
-
 #: The edits of a search, in the order in which they are asked.
 EDITS: tuple[Edit, ...] = (
     DropTerm(), InputInterpolation(), FreeParameter(), AddTerm(), AddCurve(), AddPair(), RefineTerm(), ReplaceTerm(),
 )  # fmt: skip
-#: The edits of the structure that was chosen. A random force explains whatever a missing law would: it is tried last.
-LAST_EDITS: tuple[Edit, ...] = (AddProcessNoise(),)
 
 
 def port_of(id_: str) -> str:
@@ -214,12 +197,7 @@ def with_term(context: EditContext, structure: Structure, id_: str) -> Structure
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """What the magnitude of a term changes to first order, once the free parameters have readjusted.
-
-    ``readjusted_sensitivity`` (N,) is the change in units of the noise, ``slope`` its product with the residual,
-    ``step_bounds`` how far the magnitude may go down and up, ``confounded`` whether the free parameters do the same,
-    ``gain`` the largest gain in log-likelihood that a nominal shape promises; infinite where slopes do not tell.
-    """
+    """What the magnitude of a term changes to first order, once the free parameters have readjusted."""
 
     id: str
     readjusted_sensitivity: FloatArray
@@ -233,8 +211,7 @@ def term_directions(fitted: FittedModel) -> list[Direction]:
     """Directions of the terms at hand that a fit does not have, their shapes at their first nominal values.
 
     Beside other terms the other nominal shapes are tried too, where the first promises hardly anything: simulations
-    with a magnitude of zero are the quickest.
-    """
+    with a magnitude of zero are the quickest."""
     candidates = [c for id_, c in fitted.model.candidates.items() if id_ not in fitted.terms and c.starts]
     found = {d.id: d for d in _directions(fitted, candidates, 0)}
     most = max((len(_shapes(c)) for c in candidates), default=0) if fitted.terms else 0

@@ -32,24 +32,11 @@ def one_by_one(tasks: Sequence[Task[R]], told: Callable[[float], object]) -> lis
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """What may be added to a model.
-
-    Parameters
-    ----------
-    groups : sequence of sequences of str
-        Terms that are best simulated on one model.
-    refines : mapping of str to str
-        For each term that refines another, that one.
-    curves : tuple of str
-        Terms that learn a curve.
-    proposed : tuple of str
-        Formulas, which were proposed from what the listed laws leave.
-    """
+    """What may be added to a model."""
 
     groups: Sequence[Sequence[str]]
     refines: Mapping[str, str]
     curves: tuple[str, ...]
-    proposed: tuple[str, ...] = ()
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -64,8 +51,7 @@ class SearchControl:
     """How a search is run: its time limit, the map over independent fits, and the report of its progress.
 
     ``time_is_up`` says whether the time limit has passed. ``map`` does independent tasks, perhaps in parallel, with the
-    same results. ``report`` is called with what is being done and its share.
-    """
+    same results. ``report`` is called with what is being done and its share."""
 
     time_is_up: Callable[[], bool] = lambda: False
     map: Mapper = one_by_one
@@ -77,9 +63,7 @@ class SearchResult:
     """All that a search found: every structure fitted under one noise, and the best of them.
 
     ``order`` holds the left-out errors of all by one Newton step. ``ports`` is the port of each term, ``curves`` those
-    that are learned. ``skipped`` are terms with which the model cannot be simulated; ``ended`` is what was being done
-    when the time limit passed, empty where the search was completed. ``formulas`` are terms that no library lists.
-    """
+    that are learned."""
 
     fits: Mapping[Structure, FittedModel]
     best: FittedModel
@@ -91,15 +75,14 @@ class SearchResult:
     curves: tuple[str, ...] = ()
     skipped: tuple[str, ...] = ()
     ended: str = ""
-    formulas: tuple[str, ...] = ()
 
     def laws_in_place_of(self, term: str, rest: Structure, among: Iterable[Structure]) -> list[Structure]:
         """Structures that have, beside the terms of another, one listed law at the port of a term."""
-        unlisted, port = {*self.curves, *self.formulas}, self.ports.get(term)
+        port = self.ports.get(term)
 
         def is_law_there(structure: Structure) -> bool:
             new = structure.new_terms(rest) if structure.contains(rest) else ()
-            return len(new) == 1 and new[0] not in unlisted and self.ports.get(new[0]) == port
+            return len(new) == 1 and new[0] not in self.curves and self.ports.get(new[0]) == port
 
         return [s for s in among if is_law_there(s)]
 

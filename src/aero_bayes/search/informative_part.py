@@ -29,13 +29,7 @@ def informative_share(fitted: FittedModel) -> float:
     """Return the smallest share of each recording, from its beginning, that tells as much per reading as the whole.
 
     The information is Fisher's, of the free parameters and of the magnitudes of the candidates that the model has, at
-    the fit. 1 where no beginning does.
-
-    Parameters
-    ----------
-    fitted : FittedModel
-        The first model at its best, on a model with candidates.
-    """
+    the fit. 1 where no beginning does."""
     model = fitted.model
     candidates = [c for c in model.candidates.values() if c.starts and c.id not in fitted.terms]
     point = with_nominal_shapes(fitted, candidates)
@@ -53,20 +47,7 @@ def informative_share(fitted: FittedModel) -> float:
 def tells_enough(
     objective: Objective, found: Evaluation, noise: Mapping[str, OutputNoise], shares: Sequence[float], least: int = 1
 ) -> bool:
-    """Return whether the beginnings of the recordings tell as much per reading as the whole.
-
-    Parameters
-    ----------
-    objective : Objective
-    found : Evaluation
-        Of all readings, with slopes.
-    noise : mapping of str to OutputNoise
-        Of each output.
-    shares : sequence of float
-        The share of each recording that is looked at.
-    least : int
-        Readings that the beginnings have at least.
-    """
+    """Return whether the beginnings of the recordings tell as much per reading as the whole."""
     parts = list(_compared(objective, found, noise, shares))
     readings = sum(count for count, _, _ in parts)
     inside = np.sum([part for _, part, _ in parts], axis=0)
@@ -80,8 +61,7 @@ def _compared(
 ) -> Iterator[tuple[int, FloatArray, FloatArray]]:
     """Yield, for each series its readings in the part, and the information in the part and in the whole.
 
-    The information (k + m,) is that of each of the k columns, and the squared residual of each of the m outputs.
-    """
+    The information (k + m,) is that of each of the k columns, and the squared residual of each of the m outputs."""
     assert found.slopes is not None
     for series, by, r in zip(objective.series, found.slopes, found.residual, strict=True):
         rows = objective.calibration.data.experiments[series.experiment].time.size

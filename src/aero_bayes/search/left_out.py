@@ -32,21 +32,7 @@ MAX_REFIT_STEPS = 8
 
 @dataclass(frozen=True, eq=False)
 class CommonBlocks:
-    """The readings that are left out in turn, the same for all structures.
-
-    Parameters
-    ----------
-    outputs : tuple of str, length m
-    folds : tuple of tuples of ndarray of int
-        Blocks of readings that are left out together, as columns of the whitened slopes: one block of time, or the
-        blocks of a whole recording.
-    owner : ndarray of int, shape (N,)
-        The output of each reading.
-    least : ndarray, shape (m,)
-        Sum of squared errors of an output up to which it counts as predicted without error, in units of the noise.
-    whole : bool
-        Whether the blocks are whole recordings.
-    """
+    """The readings that are left out in turn, the same for all structures."""
 
     outputs: tuple[str, ...]
     folds: tuple[tuple[Readings, ...], ...]
@@ -59,13 +45,7 @@ class CommonBlocks:
         """Cut the readings so that no structure's parameters hang on one block.
 
         Blocks of time hold equal shares of readings and of leverage, averaged over the structures. Whole recordings
-        are left out where there are three or more.
-
-        Parameters
-        ----------
-        fits : sequence of FittedModel
-            Under one noise.
-        """
+        are left out where there are three or more."""
         objective, noise = fits[0].model.objective, fits[0].optimum.noise
         series, calibration = objective.series, objective.calibration
         recordings = sorted({s.experiment for s in series})
@@ -103,8 +83,7 @@ class CommonBlocks:
     def moving(self, fitted: FittedModel) -> list[int]:
         """Places among the free columns of those that move when a block is left out.
 
-        Initial values and delays of a recording stay where it is left out whole: nothing else determines them.
-        """
+        Initial values and delays of a recording stay where it is left out whole: nothing else determines them."""
         items = fitted.model.objective.parameters.items
         return [k for k, j in enumerate(fitted.optimum.free) if not self.whole or items[j].recording is None]
 
@@ -130,9 +109,7 @@ def refitted_errors(fitted: FittedModel, common: CommonBlocks, fold: int, settin
     """Squared errors (blocks, m) of one fold, predicted by a fit to all other readings.
 
     Where a simulation after the Newton step meets what was predicted there, as closely as a fit would end, that is the
-    fit. Else it starts there, or at the optimum of all readings where the step leaves more. Infinite where the model
-    cannot be simulated.
-    """
+    fit. Else it starts there, or at the optimum of all readings where the step leaves more."""
     optimum, readings, moving = fitted.optimum, common.readings(fold), common.moving(fitted)
     own, failed = fitted.model.objective, np.full((len(common.folds[fold]), len(common.outputs)), math.inf)
     columns = [optimum.free[k] for k in moving]
@@ -153,22 +130,7 @@ def refitted_errors(fitted: FittedModel, common: CommonBlocks, fold: int, settin
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
-    """A simulation after the Newton step of a fit without a fold.
-
-    Parameters
-    ----------
-    coordinates : ndarray, shape (p,)
-    residual : ndarray, shape (N,)
-        Whitened, of all readings.
-    is_better : bool
-        Whether it leaves less of the other readings than the optimum of all.
-    remaining_decrease : float
-        At most so much lower is the cost at the optimum without the fold, as far as its curvature is the same: half of
-        the squared error of the linearisation, and what the fit to all readings was short of its optimum. Infinite at
-        a bound.
-    unit : float
-        Mean square of what the fit leaves, at most one.
-    """
+    """A simulation after the Newton step of a fit without a fold."""
 
     coordinates: FloatArray
     residual: FloatArray

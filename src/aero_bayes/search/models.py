@@ -27,15 +27,7 @@ MIN_MAGNITUDE = 1e-9
 
 @dataclass(frozen=True)
 class FitNoise:
-    """The noise under which structures are fitted and compared.
-
-    Parameters
-    ----------
-    outputs : mapping of str to OutputNoise
-        Of the fits: it weighs the outputs.
-    temperature : float
-        Log-likelihoods are divided by it for the comparison, so that readings count as effective samples.
-    """
+    """The noise under which structures are fitted and compared."""
 
     outputs: Mapping[str, OutputNoise]
     temperature: float = 1.0
@@ -43,18 +35,7 @@ class FitNoise:
 
 @dataclass(frozen=True, eq=False)
 class CandidateModel:
-    """One simulated model that has candidate terms built in, switched off, held against the recordings.
-
-    Parameters
-    ----------
-    objective : Objective
-    candidates : mapping of str to Candidate
-        The candidate terms by id, with the columns of their parameters.
-    free_base_columns : tuple of int
-        Columns of the first model's parameters that are free.
-    open : callable
-        Opens a simulator of a part of the recordings.
-    """
+    """One simulated model that has candidate terms built in, switched off, held against the recordings."""
 
     objective: Objective
     candidates: Mapping[str, CandidateTerm]
@@ -76,13 +57,7 @@ class CandidateModel:
         return parameters.to_search(np.array(start))
 
     def fit(self, structure: Structure, start: FloatArray, noise: FitNoise, settings: LocalFitSettings) -> FittedModel:
-        """Local fit of a structure from search coordinates.
-
-        Raises
-        ------
-        CannotFinishError
-            If the model cannot be simulated at the start.
-        """
+        """Local fit of a structure from search coordinates."""
         end = local_fit(self.objective, start, self.free(structure.terms), noise=noise.outputs, settings=settings)
         return FittedModel(self, structure, end, noise.temperature)
 
@@ -199,23 +174,7 @@ class FittedModel:
 
 @dataclass(frozen=True, eq=False)
 class ModelSource:
-    """Where candidate models come from.
-
-    Parameters
-    ----------
-    family : Family
-        Composes the first model with terms.
-    plain : Calibration
-        Of the first model.
-    free_base_columns : tuple of int
-        Columns of ``plain`` that are free.
-    open_objective : callable
-        Holds a calibration against the recordings, on a simulator of its own.
-    open : callable
-        Opens a simulator.
-    interpolation_is_free : bool
-        Whether the data decide the interpolation of the inputs.
-    """
+    """Where candidate models come from."""
 
     family: ModelFamily
     plain: Calibration
@@ -233,13 +192,7 @@ class ModelCache:
         self._built: dict[tuple[Structure, frozenset[str]], CandidateModel] = {}
 
     def of(self, structure: Structure, extra: Collection[str] = ()) -> CandidateModel:
-        """Return the model for a structure, with ``extra`` candidate terms built in.
-
-        Raises
-        ------
-        CannotFinishError
-            If the inputs cannot be read the other way.
-        """
+        """Return the model for a structure, with ``extra`` candidate terms built in."""
         setting, wanted = structure.minus(*structure.terms), frozenset((*structure.terms, *extra))
         extra_terms_are_free = self.source.family.extra_terms_are_free
         for (other, ids), built in self._built.items():
@@ -276,11 +229,6 @@ class ModelCache:
         """The port of each term that was built in."""
         return {id_: c.port for model in self._built.values() for id_, c in model.candidates.items()}
 
-    def beside(self, held: ParameterSet) -> ModelCache:
-        """Models with further parameters, which stay fixed."""
-        plain = replace(self.source.plain, parameters=self.source.plain.parameters.extended(tuple(held)))
-        return ModelCache(replace(self.source, plain=plain))
-
     def on_beginning(self, share: float) -> ModelCache:
         """Return the same models on the first ``share`` of each recording."""
         plain = self.source.plain
@@ -296,13 +244,7 @@ class ModelCache:
 
 def with_setting(plain: Calibration, own: tuple[int, ...], structure: Structure) -> tuple[Calibration, tuple[int, ...]]:
     """The first model's calibration with the parameters freed and the inputs read as a structure says, and the columns
-    that are free.
-
-    Raises
-    ------
-    CannotFinishError
-        If the inputs cannot be read the other way.
-    """
+    that are free."""
     if structure.other_interpolation:
         other = with_other_interpolation(plain)
         if other is None:

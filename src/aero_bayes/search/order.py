@@ -15,13 +15,7 @@ from aero_bayes.search.structure import Structure
 
 
 class LeftOutOrder:
-    """Compares fits under one noise by one Newton step for each block that is left out.
-
-    Parameters
-    ----------
-    like : FittedModel
-        By which the readings are cut into blocks.
-    """
+    """Compares fits under one noise by one Newton step for each block that is left out."""
 
     def __init__(self, like: FittedModel) -> None:
         self._blocks = CommonBlocks.of([like])

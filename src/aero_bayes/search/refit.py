@@ -23,8 +23,7 @@ def refit(
 ) -> Optimum | None:
     """Fit a structure locally from several points (p,) on the model of ``base``; the best, under its noise.
 
-    Where all end below ``base``, which is a part of the structure, the fit begins there, new terms off.
-    """
+    Where all end below ``base``, which is a part of the structure, the fit begins there, new terms off."""
     ends = own_noise_fits(base, structure, points, fit)
     if all(end.log_likelihood < base.optimum.log_likelihood for end in ends):
         ends += own_noise_fits(base, structure, [base.optimum.coordinates], fit)
@@ -39,23 +38,7 @@ def own_noise_fits(
     """Return where local fits of a structure from several points end.
 
     The noise of each is the one that it leaves itself, so that the weight of the priors and of the outputs among each
-    other does not depend on how bad another model is. The results are given under the noise of ``base``. A fit that
-    converges to an optimum that an earlier point led to is stopped.
-
-    Parameters
-    ----------
-    base : FittedModel
-        On a model that has the terms of the structure.
-    structure : Structure
-    points : sequence of ndarray, shape (p,)
-        Search coordinates.
-    fit : LocalFitSettings
-
-    Returns
-    -------
-    list of Optimum
-        In the order of the points, without those that failed or were stopped.
-    """
+    other does not depend on how bad another model is. The results are given under the noise of ``base``."""
     objective, noise = base.model.objective, base.optimum.noise
     own, ends = replace(fit.least_squares(objective.outputs), hold_noise=False), list[Optimum]()
     free = base.model.free(structure.terms)
@@ -77,8 +60,7 @@ def settle(fitted: FittedModel, fit: LocalFitSettings) -> Optimum:
 def fit_anew(like: FittedModel, point: FloatArray, fit: LocalFitSettings) -> Optimum | None:
     """Fit the structure and the model of ``like`` from a point (p,), under its own noise and then under the common one.
 
-    None where that fails.
-    """
+    None where that fails."""
     ends = own_noise_fits(like, like.structure, [point], fit)
     return settle(replace(like, optimum=ends[0]), fit) if ends else None
 

@@ -24,21 +24,7 @@ MIN_STEP_RATIO, MAX_STEP_RATIO = 0.05, 3.0
 
 @dataclass(frozen=True, eq=False)
 class ResponseLine:
-    """The straight line from a fit through a tried point, in the space of whitened residuals.
-
-    Parameters
-    ----------
-    point : ndarray, shape (p,)
-        Search coordinates of the tried point.
-    readjustment : ndarray, shape (f,)
-        Change of the free parameters that compensates the change, by Gauss-Newton.
-    squared_length : float
-        Squared length of the change after this readjustment.
-    length_before : float
-        Length of the change before.
-    best_step : float
-        Step, in units of the tried one, at which the line comes closest to the readings.
-    """
+    """The straight line from a fit through a tried point, in the space of whitened residuals."""
 
     point: FloatArray
     readjustment: FloatArray
@@ -62,20 +48,7 @@ class ResponseLine:
 
 
 class LinearResponse:
-    """Gauss-Newton readjustment of the free parameters about a point.
-
-    Parameters
-    ----------
-    objective : Objective
-    base : Optimum
-        An optimum, or another point that was evaluated with slopes.
-
-    Notes
-    -----
-    With whitened residual ``r`` and slopes ``S`` the step of the free parameters is ``(S S' + P)^-1 S r``, where ``P``
-    is the curvature of their priors. Delays are left out: readings move over a jump of the input all at once, which no
-    slope describes.
-    """
+    """Gauss-Newton readjustment of the free parameters about a point."""
 
     def __init__(self, objective: Objective, base: Optimum) -> None:
         self.objective, self.base = objective, base
@@ -97,8 +70,7 @@ class LinearResponse:
         """Return a predicted gain in log-likelihood if the rest of the residual were white noise.
 
         Under the present noise, which includes the structure of the residual, no gain exceeds half of the effective
-        samples. Under the noise that the right term leaves it may be much larger.
-        """
+        samples. Under the noise that the right term leaves it may be much larger."""
         whole = 0.5 * float(self.base.whitened.residual @ self.base.whitened.residual)
         share = min(gain / max(whole, 1e-300), 1.0 - 1e-9)
         return -0.5 * self.base.whitened.readings * math.log1p(-share)
@@ -151,14 +123,7 @@ class LinearResponse:
     def readjusted_slopes(
         self, point: FloatArray, columns: Sequence[int]
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Slopes by further columns, before and after the free parameters have readjusted.
-
-        Returns
-        -------
-        tuple of ndarray, optional
-            The change by each column after (q, n) and before (q, n), and the readjustment (q, f); None where the point
-            cannot be simulated.
-        """
+        """Slopes by further columns, before and after the free parameters have readjusted."""
         free, own = list(self.base.free), self.base.whitened.slopes
         found = self.objective.evaluate(point, [*free, *columns])
         if found is None or found.slopes is None:

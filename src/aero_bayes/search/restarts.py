@@ -27,8 +27,7 @@ class GrowingHorizon:
     """Fit the beginning of the recordings first, then longer and longer parts (progressive horizon).
 
     An oscillating or slowly decaying motion has few local optima only while the recording is short.
-    Parameters of the first model that ended on a bound begin at their starting values.
-    """
+    Parameters of the first model that ended on a bound begin at their starting values."""
 
     def refit(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         model, known = fitted.model, fitted.optimum.coordinates
@@ -46,8 +45,7 @@ class GrowingHorizon:
 class DeclaredValues:
     """Fit all parameters from the declared values of the first model's.
 
-    A fit that lacks a term may have moved them far off, and the fit with the term that began there may have stayed.
-    """
+    A fit that lacks a term may have moved them far off, and the fit with the term that began there may have stayed."""
 
     def refit(self, fitted: FittedModel, settings: LocalFitSettings) -> FittedModel | None:
         declared = fitted.at_declared_values

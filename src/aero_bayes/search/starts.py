@@ -62,8 +62,7 @@ def starting_points(rules: Sequence[StartRule], fitted: FittedModel, structure: 
     """Collect the starts of all rules.
 
     The start with the best simulated gain comes first, because a simulation may refute a linear prediction. The
-    others follow by their predicted gain.
-    """
+    others follow by their predicted gain."""
     found = [start for rule in rules for start in rule.starts(fitted, structure)]
     found.sort(key=lambda s: -s.predicted_gain)
     confirmed = max(found, key=lambda s: s.simulated_gain, default=None)
@@ -80,11 +79,7 @@ class NominalValues:
     """Local fits with a term at its nominal parameters: a few steps from the likeliest, and more from the best of them.
 
     They begin at the fit and, where no term is in it yet, at the declared values of the first model's parameters: a fit
-    that lacks a term may have moved them to where the term has no effect. Which nominal parameters are the likeliest is
-    told by a simulation of each and a Gauss-Newton step along the line through it. The response to a law with a
-    threshold is not linear: its grid of magnitudes is refined by bisection about the best point. If every trial
-    magnitude overshoots the residual, retry at 30 % of it.
-    """
+    that lacks a term may have moved them to where the term has no effect."""
 
     def starts(self, fitted: FittedModel, structure: Structure) -> Iterable[Start]:
         candidate = _single_new_term(fitted, structure)
@@ -210,8 +205,7 @@ class Tangent:
     """One Newton step along all parameters of the new terms together, and half of it.
 
     For terms that are linear in their parameters, such as learned curves, and for pairs of terms that explain much
-    together and little alone.
-    """
+    together and little alone."""
 
     def starts(self, fitted: FittedModel, structure: Structure) -> Iterable[Start]:
         new = [fitted.model.candidates[t] for t in structure.new_terms(fitted.structure)]
@@ -246,15 +240,7 @@ class Tangent:
 def with_nominal_shapes(
     fitted: FittedModel, candidates: Sequence[CandidateTerm], shapes: Sequence[tuple[float, ...]] | None = None
 ) -> FloatArray:
-    """Search coordinates of a fit with the shapes of some candidates at nominal values, magnitudes off.
-
-    Parameters
-    ----------
-    fitted : FittedModel
-    candidates : sequence of CandidateTerm
-    shapes : sequence of tuple of float, optional
-        Values in SI units; the first nominal ones by default.
-    """
+    """Search coordinates of a fit with the shapes of some candidates at nominal values, magnitudes off."""
     parameters = fitted.model.objective.parameters
     values = parameters.from_search(fitted.optimum.coordinates)
     first = [c.starts[0][1:] if c.starts else () for c in candidates]
@@ -266,13 +252,7 @@ def with_nominal_shapes(
 
 @dataclass(frozen=True)
 class KnownTerms:
-    """The values that the new terms have in other fits.
-
-    Parameters
-    ----------
-    values : mapping of str to mapping of str to float
-        SI values of a term's parameters by name, by the term's id.
-    """
+    """The values that the new terms have in other fits."""
 
     values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 

@@ -24,24 +24,7 @@ def describe_sensors(
     *,
     subtracted: bool,
 ) -> dict[str, Json]:
-    """Describe ripple and quantisation by output, as they go into result.json.
-
-    Parameters
-    ----------
-    outputs : sequence of str, length m
-    recordings : sequence of (time (n,), readings (n, m), fitted (n, m))
-    ripple : mapping of str to mapping of str to Ripple
-        Ripple by recording and output.
-    subtracted : bool
-        Whether the ripple was subtracted from the readings before the fit.
-
-    Returns
-    -------
-    dict
-        For each output with one of them: ``ripple`` by recording (amplitude and log-evidence of each order, noise with
-        and without it), and ``encoder`` (step, rounding error, and whether the exact likelihood is better than the
-        Gaussian one) of the first recording that is quantised.
-    """
+    """Describe ripple and quantisation by output, as they go into result.json."""
     table: dict[str, Json] = {}
     for column, output in enumerate(outputs):
         entry: Json = {}

@@ -8,8 +8,8 @@ describes slow errors of the sensor or of the model. :mod:`aero_bayes.sensors.wh
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -27,22 +27,7 @@ _MAX_STEP_DEVIATION = 1e-3
 
 @dataclass(frozen=True)
 class OutputNoise:
-    """Noise of one output.
-
-    Parameters
-    ----------
-    sd_white : float
-        Standard deviation of the white part, in the unit of the output.
-    sd_ou : float
-        Stationary standard deviation of the Ornstein-Uhlenbeck process; 0 for none.
-    tau : float
-        Its correlation time in s; 0 for none.
-    white_identified : bool
-        False where the data cannot tell the white part from none, and where it is one of the parameters.
-    model_error : bool
-        True for a residual that no noise describes, so that the model must be wrong. ``sd_white`` is then the root mean
-        square of the residual, and is not estimated.
-    """
+    """Noise of one output."""
 
     sd_white: float
     sd_ou: float = 0.0
@@ -105,10 +90,6 @@ class NoiseModel:
     process: Mapping[str, float | Literal["estimated"]] = field(default_factory=dict)
     initial_sd: Mapping[str, float] = field(default_factory=dict)
 
-    def with_process(self, states: Iterable[str]) -> NoiseModel:
-        """Return the same with process noise of some states, whose diffusion is estimated."""
-        return replace(self, process={state: "estimated" for state in states})
-
     def kind(self, output: str) -> NoiseKind:
         """Return the correlation over time that an output's noise may have."""
         declared = self.declared(output)
@@ -128,21 +109,7 @@ class NoiseModel:
 
 @dataclass(frozen=True, eq=False)
 class SampleTimes:
-    """When one output of one recording was read.
-
-    Parameters
-    ----------
-    index : ndarray, shape (n,)
-        The samples that hold a reading.
-    time : ndarray, shape (n,)
-        Their times in s.
-    interval : float
-        Median time step in s.
-    even : bool
-        Whether all time steps equal the median.
-    spread : ndarray, shape (n,), optional
-        Standard deviation of each reading's noise over that of the output; one for all where it is not given.
-    """
+    """When one output of one recording was read."""
 
     index: NDArray[np.int_]
     time: FloatArray
@@ -152,21 +119,7 @@ class SampleTimes:
 
     @classmethod
     def of(cls, time: FloatArray, values: FloatArray, spread: FloatArray | None = None) -> SampleTimes:
-        """Take times (n,) at which ``values`` (n,) are not NaN, with the relative spread (n,) of their noise.
-
-        Parameters
-        ----------
-        time : ndarray, shape (n,)
-            In s.
-        values : ndarray, shape (n,)
-            NaN in gaps.
-        spread : ndarray, shape (n,), optional
-            Relative size of the noise at each time.
-
-        Returns
-        -------
-        SampleTimes
-        """
+        """Take times (n,) at which ``values`` (n,) are not NaN, with the relative spread (n,) of their noise."""
         index = np.flatnonzero(np.isfinite(values))
         seen, own = time[index], None if spread is None else spread[index]
         if seen.size < 2:

@@ -18,14 +18,7 @@ MAX_CORRELATION_SHARE = 0.02
 
 
 def is_model_error(noise: OutputNoise, longest: float) -> bool:
-    """Tell whether the correlated part of a noise lasts too long, and is too large, to be that of a sensor.
-
-    Parameters
-    ----------
-    noise : OutputNoise
-    longest : float
-        Duration of the longest recording in s.
-    """
+    """Tell whether the correlated part of a noise lasts too long, and is too large, to be that of a sensor."""
     # A search limits the correlation time: at its limit it is too long.
     too_long = noise.tau >= (1.0 - 1e-6) * MAX_CORRELATION_SHARE * longest > 0.0
     return too_long and noise.sd_ou > noise.sd_white
@@ -41,19 +34,7 @@ def update_output_noise(
 ) -> OutputNoise:
     """Find the noise of one output over several recordings that maximises Whittle's likelihood.
 
-    This is the quick estimate with which a search updates the noise between its steps.
-
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (n_e,)
-        Without gaps, at the readings of ``samplings``; where these have a spread, the noise is that of spread one.
-    floor : float
-        Least white standard deviation, such as the step of a quantised sensor over the square root of 12.
-    longest : float, optional
-        Greatest correlation time in s; :data:`MAX_CORRELATION_SHARE` of the longest recording by default.
-    start : OutputNoise, optional
-        An earlier estimate, from which the search begins as well.
-    """
+    This is the quick estimate with which a search updates the noise between its steps."""
     powers = [
         BinnedPeriodogram.of(s.equalised(r), s.time, s.interval, s.even)
         for r, s in zip(residuals, samplings, strict=True)
@@ -70,21 +51,7 @@ def estimate_noise(
     guess: OutputNoise | None = None,
     floor: float = 0.0,
 ) -> OutputNoise:
-    """Estimate the noise of one output over several recordings by maximum likelihood.
-
-    Parameters
-    ----------
-    times, residuals : sequences of ndarray, shape (n_e,)
-        Sample times and residuals of each recording; NaN where there is no reading.
-    kind : {"white", "ou", "auto"}
-        ``auto`` compares the two by BIC. A part that is correlated for longer than :data:`MAX_CORRELATION_SHARE` of the
-        longest recording, and larger than the white part, is model error. The estimate is then ``model_error``, with
-        the root mean square of the residual.
-    guess : OutputNoise, optional
-        An earlier estimate, from which the search begins.
-    floor : float
-        Least white standard deviation, such as the step of a quantised sensor over the square root of 12.
-    """
+    """Estimate the noise of one output over several recordings by maximum likelihood."""
     samplings = [SampleTimes.of(t, r) for t, r in zip(times, residuals, strict=True)]
     pairs = [(r[s.index], s) for r, s in zip(residuals, samplings, strict=True) if s.size]
     count = sum(r.size for r, _ in pairs)

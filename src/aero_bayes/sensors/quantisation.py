@@ -34,23 +34,8 @@ def quantum(values: FloatArray) -> float:
 def thin_constant_readings(
     time: FloatArray, values: FloatArray, longest: float = 0.5, keep: int = 3, spacing: float = 2.5
 ) -> NDArray[np.bool_]:
-    """Return which readings to keep where a reading is constant for long, because equal readings are not independent.
-
-    Parameters
-    ----------
-    time, values : ndarray, shape (n,)
-        Times in s; NaN in gaps.
-    longest : float
-        Readings that are equal for less than this, in s, are all kept.
-    keep : int
-        Least number of readings that are kept of a constant stretch.
-    spacing : float
-        Time in s between kept readings, which are evenly spread.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
+    """Return which readings to keep where a reading is constant for long, because equal readings
+    are not independent."""
     use = np.isfinite(values)
     index = np.flatnonzero(use)
     if index.size == 0:
@@ -69,20 +54,7 @@ def thin_constant_readings(
 
 @dataclass(frozen=True)
 class Quantisation:
-    """Quantisation of an output, as its residual shows it.
-
-    Parameters
-    ----------
-    step : float
-    error : OutputNoise
-        Rounding error of the fitted signal.
-    share : float
-        Share of the rounding error in the variance of the residual.
-    sd : float
-        Standard deviation of the noise before rounding, by the exact likelihood.
-    gain : float
-        Log-likelihood ratio of the exact likelihood to the Gaussian one.
-    """
+    """Quantisation of an output, as its residual shows it."""
 
     step: float
     error: OutputNoise
@@ -111,23 +83,7 @@ def rounding_error(time: FloatArray, fitted: FloatArray, step: float, zero: floa
     """Estimate the rounding error of a signal (n,), as noise: the least noise that an encoder has.
 
     The error of a signal that crosses many steps between samples is white, with standard deviation ``step / sqrt(12)``.
-    That of a slow signal is correlated for as long as the signal takes for a step.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        In s.
-    fitted : ndarray, shape (n,)
-        The signal.
-    step : float
-        Of the encoder, in the unit of the signal.
-    zero : float
-        A value that the encoder can show.
-
-    Returns
-    -------
-    OutputNoise
-    """
+    That of a slow signal is correlated for as long as the signal takes for a step."""
     error = zero + step * np.round((fitted - zero) / step) - fitted
     return estimate_noise([time], [error], "auto")
 
@@ -136,18 +92,6 @@ def interval_log_density(reading: FloatArray, predicted: FloatArray, sd: FloatAr
     """Compute the log-density of a quantised reading: log of its probability over ``step``. Arrays of any shape.
 
     It tends to the Gaussian log-density of ``reading - predicted`` if ``step`` is much less than ``sd``. Zero for NaN.
-
-    Parameters
-    ----------
-    reading, predicted : ndarray
-    sd : ndarray or float
-        Standard deviation of the prediction.
-    step : float
-        Of the quantisation.
-
-    Returns
-    -------
-    ndarray
     """
     centre, half = np.abs(np.asarray(reading - predicted)) / sd, 0.5 * step / np.asarray(sd)
     upper, lower = log_ndtr(half - centre), log_ndtr(-half - centre)
@@ -157,20 +101,7 @@ def interval_log_density(reading: FloatArray, predicted: FloatArray, sd: FloatAr
 
 
 def describe_quantisation(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quantisation | None:
-    """Describe the quantisation of readings (n,) of a fitted signal (n,); None if they are continuous.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        In s.
-    readings : ndarray, shape (n,)
-        NaN in gaps.
-    fitted : ndarray, shape (n,)
-
-    Returns
-    -------
-    Quantisation or None
-    """
+    """Describe the quantisation of readings (n,) of a fitted signal (n,); None if they are continuous."""
     step = quantisation_step(readings)
     if step is None:
         return None
@@ -186,8 +117,7 @@ def describe_quantisation(time: FloatArray, readings: FloatArray, fitted: FloatA
 def _gaussian_on_grid(residual: FloatArray, sd: float, step: float) -> float:
     """Compute the Gaussian log-likelihood of residuals on a grid of ``step``, normalised to a sum of one over the grid.
 
-    Without normalisation, a constant signal would seem too likely.
-    """
+    Without normalisation, a constant signal would seem too likely."""
     reach = math.ceil(6.0 * sd / step) + 1
     ladder = step * np.arange(-reach, reach + 1)
     rungs = -0.5 * ((residual[:, None] + ladder) / sd) ** 2

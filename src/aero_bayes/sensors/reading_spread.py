@@ -39,21 +39,7 @@ MAX_EM_STEPS = 50
 
 @dataclass(frozen=True)
 class SpreadModel:
-    """How large the noise of each reading is.
-
-    Parameters
-    ----------
-    kind : {"constant", "relative", "student"}
-    base : float
-        Standard deviation at a reading of zero (extrapolated, so that it may be negative), or the scale of Student's
-        t, in the unit of the output.
-    per_unit : float
-        Growth of the standard deviation with the size of the reading.
-    freedom : float
-        Degrees of freedom of Student's t.
-    least : float
-        Smallest standard deviation over the readings.
-    """
+    """How large the noise of each reading is."""
 
     kind: SpreadKind
     base: float
@@ -65,8 +51,7 @@ class SpreadModel:
     def widening(self) -> float:
         """Factor of the standard deviation that corrects the information of the weights for heavy tails.
 
-        Student's t has the Fisher information ``(nu + 1) / (nu + 3)`` over that of its weights.
-        """
+        Student's t has the Fisher information ``(nu + 1) / (nu + 3)`` over that of its weights."""
         return 1.0 if math.isinf(self.freedom) else math.sqrt((self.freedom + 3.0) / (self.freedom + 1.0))
 
     def log_density(self, residual: FloatArray, predicted: FloatArray) -> FloatArray:
@@ -81,8 +66,7 @@ class SpreadModel:
     def spread(self, residual: FloatArray, predicted: FloatArray) -> FloatArray:
         """Compute the relative standard deviation (n,) of each reading.
 
-        For heavy tails the inverse root of its weight.
-        """
+        For heavy tails the inverse root of its weight."""
         if self.kind == "student":
             z = residual / self.base
             return np.asarray(np.sqrt((self.freedom + z * z) / (self.freedom + 1.0)))
@@ -96,14 +80,7 @@ class SpreadModel:
 def estimate_spread(kind: SpreadKind, residual: FloatArray, predicted: FloatArray) -> SpreadModel:
     """Estimate the spread of one kind by maximum likelihood, over a grid of its shape.
 
-    The scale at each shape is exact.
-
-    Parameters
-    ----------
-    kind : {"constant", "relative", "student"}
-    residual, predicted : ndarray, shape (n,)
-        In the unit of the output.
-    """
+    The scale at each shape is exact."""
     rms = max(math.sqrt(float(np.mean(residual**2))), 1e-300)
     if kind == "constant":
         return SpreadModel("constant", rms)
@@ -136,18 +113,7 @@ def _student_scale(residual: FloatArray, freedom: float) -> float:
 
 
 def choose_spread(residuals: Sequence[FloatArray], predictions: Sequence[FloatArray]) -> SpreadModel:
-    """Return the kind of spread that predicts left-out readings best; constant unless another one is clearly better.
-
-    Parameters
-    ----------
-    residuals, predictions : sequences of ndarray, shape (n_e,)
-        Of one output, in each recording.
-
-    Returns
-    -------
-    SpreadModel
-        Estimated from all readings.
-    """
+    """Return the kind of spread that predicts left-out readings best; constant unless another one is clearly better."""
     residual, predicted = np.concatenate(residuals), np.concatenate(predictions)
     every = -(-residual.size // MAX_SPREAD_READINGS)
     residual, predicted = residual[::every], predicted[::every]

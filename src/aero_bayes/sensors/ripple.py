@@ -36,8 +36,7 @@ class RippleOrder:
     """Ripple of one order (periods a turn).
 
     ``amplitude`` is the root mean square of its amplitudes. ``law`` says whether the amplitude is constant (``even``)
-    or proportional to the speed (``with speed``).
-    """
+    or proportional to the speed (``with speed``)."""
 
     order: int
     amplitude: float
@@ -50,8 +49,7 @@ class Ripple:
     """Ripple of one output of one recording.
 
     ``orders`` are those that were accepted, ``values`` (n,) is their sum at the sample times. ``noise`` is the noise
-    without the ripple, ``noise_with`` the estimate if the ripple is not subtracted.
-    """
+    without the ripple, ``noise_with`` the estimate if the ripple is not subtracted."""
 
     orders: tuple[RippleOrder, ...]
     values: FloatArray
@@ -88,16 +86,7 @@ def find_ripple(
     orders: Sequence[int] = (1, 2),
     kind: NoiseKind = "auto",
 ) -> Ripple:
-    """Look for ripple in a residual.
-
-    Parameters
-    ----------
-    time, residual, speed : ndarray, shape (n,)
-        Sample times in s, residual of one output (NaN in gaps), and the rotor's speed in rad/s (finite).
-    orders : sequence of int
-    kind : {"white", "ou", "auto"}
-        Which noise the residual may have.
-    """
+    """Look for ripple in a residual."""
     with_ripple = noise = estimate_noise([time], [residual], kind)
     segments = _segments(time, residual, speed, orders)
     values = np.zeros(time.size)
@@ -115,16 +104,7 @@ def find_ripple(
 def find_ripples(
     time: FloatArray, readings: FloatArray, fitted: FloatArray, outputs: Sequence[str], units: Sequence[str]
 ) -> dict[str, Ripple]:
-    """Find the ripple of every output of one recording, by output; empty if no speed of a rotor was recorded.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-    readings, fitted : ndarray, shape (n, m)
-        NaN in gaps of the readings.
-    outputs, units : sequence of str, length m
-        The fastest output in rad/s is regarded as the speed of the rotor.
-    """
+    """Find the ripple of every output of one recording, by output; empty if no speed of a rotor was recorded."""
     speeds = [k for k, unit in enumerate(units) if is_rotor_speed(readings[:, k], unit)]
     if not speeds:
         return {}

@@ -29,21 +29,7 @@ def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
 
 
 def autocorrelation(values: FloatArray, lags: int | None = None) -> FloatArray:
-    """Compute the autocorrelation at lags 0, 1, ..., ``lags`` samples, by FFT.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        NaN in gaps, which do not count.
-    lags : int, optional
-        The largest lag; n - 1 by default, and at most.
-
-    Returns
-    -------
-    ndarray, shape (lags + 1,)
-        1 at lag 0. The estimate is biased (every lag is divided by the number of pairs at lag 0), so that it is never
-        above 1. Zero for a constant series.
-    """
+    """Compute the autocorrelation at lags 0, 1, ..., ``lags`` samples, by FFT."""
     centred = np.where(np.isfinite(values), values - np.nanmean(values), 0.0)
     products = autocovariance(centred, 0.0)[: None if lags is None else lags + 1]
     return products / products[0] if products[0] > 0.0 else np.zeros_like(products)
@@ -52,24 +38,7 @@ def autocorrelation(values: FloatArray, lags: int | None = None) -> FloatArray:
 def correlation_statistic(a: FloatArray, b: FloatArray, lags: int = 20) -> tuple[float, int]:
     """Compute a statistic of no correlation of two series.
 
-    A series is compared with itself at positive lags, with another one at lags of both signs and at zero. Each lag's
-    sum of products is standardised by its own sum of squared products, so that the chi-square law also holds where the
-    variance changes over time (Lobato, Nankervis & Savin, 2001, International Economic Review 42, 667). Short series
-    have fewer lags, where that law holds.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (n,)
-        Series; the same one twice for its own correlation.
-    lags : int
-        Largest lag in samples.
-
-    Returns
-    -------
-    statistic : float
-        Chi-square distributed where there is no correlation.
-    degrees_of_freedom : int
-    """
+    A series is compared with itself at positive lags, with another one at lags of both signs and at zero."""
     x, y = a - a.mean(), b - b.mean()
     used = min(lags, max(x.size // READINGS_A_LAG, 1))
     pairs = [(x[k:], y[: y.size - k]) for k in range(1 if a is b else 0, used + 1)]
@@ -85,38 +54,13 @@ def correlation_statistic(a: FloatArray, b: FloatArray, lags: int = 20) -> tuple
 
 
 def correlation_p_value(a: FloatArray, b: FloatArray, lags: int = 20) -> float:
-    """Compute the probability that independent noise gives so large a :func:`correlation_statistic`.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (n,)
-    lags : int
-        Largest lag in samples.
-
-    Returns
-    -------
-    float
-    """
+    """Compute the probability that independent noise gives so large a :func:`correlation_statistic`."""
     statistic, freedom = correlation_statistic(a, b, lags)
     return float(chdtrc(freedom, statistic))
 
 
 def ripple_means(innovations: FloatArray, interval: float, length: float = 0.2) -> FloatArray:
-    """Average innovations over stretches of time: a rotor's ripple is faster, missing physics slower.
-
-    Parameters
-    ----------
-    innovations : ndarray, shape (n,)
-    interval : float
-        Between samples, in s.
-    length : float
-        Of a stretch, in s.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-        One mean a stretch; the innovations themselves where there are fewer than 20 stretches.
-    """
+    """Average innovations over stretches of time: a rotor's ripple is faster, missing physics slower."""
     width = max(round(length / interval), 1)
     count = innovations.size // width
     if count < 20:
@@ -129,8 +73,7 @@ def integrated_time(correlation: FloatArray, smallest: float = -math.inf) -> flo
     """Integrate an autocorrelation (n,): the readings that count as one independent reading, in samples.
 
     The sum ends at a lag of :data:`AUTOCORRELATION_WINDOW` times itself (Sokal, 1997, Monte Carlo methods in
-    statistical mechanics), or before the correlation falls below ``smallest``.
-    """
+    statistical mechanics), or before the correlation falls below ``smallest``."""
     times = 2.0 * np.cumsum(correlation) - 1.0
     window = np.flatnonzero(np.arange(times.size) >= AUTOCORRELATION_WINDOW * times)
     small = np.flatnonzero(correlation < smallest)
@@ -142,8 +85,7 @@ def residual_correlation_time(residuals: Sequence[FloatArray]) -> float:
     """Compute the integrated autocorrelation time in samples, at least 1, over several recordings of one output.
 
     The sum ends where the autocorrelation falls below :data:`MIN_AUTOCORRELATION`: beyond, a single recording gives
-    mostly its own scatter.
-    """
+    mostly its own scatter."""
     total = sum(r.size for r in residuals)
     return sum(r.size * _correlation_time_of_series(r) for r in residuals) / max(total, 1)
 
@@ -156,12 +98,7 @@ def _correlation_time_of_series(residual: FloatArray) -> float:
 def block_variance_ratio(values: FloatArray, sizes: tuple[int, ...] = (10, 30, 100, 300)) -> float:
     """Compute the variance of block means over what white noise of the same variance would have.
 
-    The largest over sizes.
-
-    It is the batch means estimate of the integrated autocorrelation time. Above one, errors are slower than the noise
-    model says, and averages (hence parameters) are less certain. Fast ripple makes it less than one. Only sizes that
-    give at least 40 blocks count.
-    """
+    The largest over sizes."""
     seen = values[np.isfinite(values)]
     variance = float(np.var(seen)) if seen.size else 0.0
     worst = 0.0

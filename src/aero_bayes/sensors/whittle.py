@@ -21,8 +21,7 @@ class BinnedPeriodogram:
     """Periodogram of a residual, in bins whose width grows with frequency.
 
     ``angular`` (k,) are mean frequencies in rad a sample, ``count`` (k,) the number of lines, ``power`` (k,) their mean
-    power, and ``interval`` is the time step in s.
-    """
+    power, and ``interval`` is the time step in s."""
 
     angular: FloatArray
     count: FloatArray
@@ -34,24 +33,7 @@ class BinnedPeriodogram:
         cls, residual: FloatArray, time: FloatArray, interval: float, even: bool, bins: int = 80
     ) -> BinnedPeriodogram:
         """Return the periodogram of a residual (n,) at times (n,) in s with median step ``interval``. Gaps are
-        interpolated.
-
-        Parameters
-        ----------
-        residual : ndarray, shape (n,)
-        time : ndarray, shape (n,)
-            In s.
-        interval : float
-            Median step of the times in s.
-        even : bool
-            Whether the times have no gaps.
-        bins : int
-            Largest number of bins of frequencies.
-
-        Returns
-        -------
-        BinnedPeriodogram
-        """
+        interpolated."""
         values = residual
         if not even:
             values = np.interp(np.arange(time[0], time[-1] + 0.5 * interval, interval), time, residual)
@@ -76,19 +58,7 @@ class BinnedPeriodogram:
 def maximise_whittle(
     powers: Sequence[BinnedPeriodogram], *, floor: float, longest: float, near: float | None = None
 ) -> tuple[float, float, float]:
-    """Maximise Whittle's likelihood: ``sd_white``, ``sd_ou`` and ``tau`` in s (zero for white noise alone).
-
-    Parameters
-    ----------
-    powers : sequence of BinnedPower
-        One a recording; all share the noise.
-    floor : float
-        Least standard deviation of the white part.
-    longest : float
-        Greatest correlation time in s.
-    near : float, optional
-        A further correlation time to start from.
-    """
+    """Maximise Whittle's likelihood: ``sd_white``, ``sd_ou`` and ``tau`` in s (zero for white noise alone)."""
     spectrum = _Spectrum(
         np.cos(np.concatenate([power.angular for power in powers])),
         np.concatenate([power.count for power in powers]),
@@ -160,12 +130,7 @@ class _Spectrum:
 def _best_of_grid(spectrum: _Spectrum, taus: FloatArray, smallest: float, fast: float) -> tuple[FloatArray, float]:
     """Return the best of a grid of correlation times (k,) in s.
 
-    Logarithms of the variances and the time (3,), and the cost.
-
-    The cost has several local optima, so both variances are found for each correlation time, all at once, by the
-    monotone multiplicative updates of Itakura-Saito factorisation (Fevotte, Bertin & Durrieu 2009). ``smallest`` is
-    the least white variance, ``fast`` the mean power of the fast lines.
-    """
+    Logarithms of the variances and the time (3,), and the cost."""
     total, count = spectrum.mean(), spectrum.count
     phis = np.exp(-spectrum.interval / taus)[:, np.newaxis]
     shapes = (1.0 - phis**2) / (1.0 + phis**2 - 2.0 * phis * spectrum.cosine)

@@ -18,14 +18,8 @@ _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplemented
 
 
 def read_texts(path: Path, *optional: str) -> tuple[set[str], list[bytes]]:
-    """Return the members' names of an FMU, its model description, and further members, empty where they are not there.
-
-    Raises
-    ------
-    InputError
-        For a file that is no archive, or one whose members would leave their folder, are links, collide or are too
-        large.
-    """
+    """Return the members' names of an FMU, its model description, and further members, empty where
+    they are not there."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = _check_members(path, archive)
@@ -49,13 +43,7 @@ def first_bytes(path: Path, name: str, count: int) -> bytes:
 
 
 def extract(path: Path, folder: Path) -> None:
-    """Unpack into an existing private folder; no member leaves it, and none is larger than it says.
-
-    Raises
-    ------
-    InputError
-        As :func:`read_texts`, and for members that cannot be unpacked.
-    """
+    """Unpack into an existing private folder; no member leaves it, and none is larger than it says."""
     try:
         with zipfile.ZipFile(path) as archive:
             _check_members(path, archive)

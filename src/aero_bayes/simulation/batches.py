@@ -51,15 +51,7 @@ class _JobLayout:
 
 
 class Batches:
-    """Batches of one problem, laid out in the shared memory of a pool whose workers run them.
-
-    Parameters
-    ----------
-    problem : Problem
-    pool : WorkerPool
-    path : Path
-        Where the problem is written for the workers.
-    """
+    """Batches of one problem, laid out in the shared memory of a pool whose workers run them."""
 
     def __init__(self, problem: Problem, pool: WorkerPool, path: Path) -> None:
         self.problem = problem

@@ -24,17 +24,7 @@ TRUST = "AERO_BAYES_TRUST_FMU"
 
 @dataclass(frozen=True)
 class Confinement:
-    """What the kernel offers.
-
-    Parameters
-    ----------
-    landlock : int
-        Version of Landlock's interface; 0 where there is none.
-    seccomp : bool
-        Whether system calls can be filtered.
-    trusted : bool
-        Whether the user has switched all of it off.
-    """
+    """What the kernel offers."""
 
     landlock: int
     seccomp: bool
@@ -54,13 +44,7 @@ class Confinement:
 
 
 def available() -> Confinement:
-    """Return what this machine can do.
-
-    Raises
-    ------
-    CannotFinishError
-        Where the engine is not compiled.
-    """
+    """Return what this machine can do."""
     engine = ctypes.CDLL(str(engine_path()))
     return Confinement(engine.ab_landlock(), bool(engine.ab_seccomp()), is_trusted())
 

@@ -40,24 +40,7 @@ _RELATIVE_STEP = 1e-3  # of the differences: the FMU's solver is no smoother tha
 
 
 class CosimulationSimulator(ReducedTrajectories, ClosedAtExit):
-    """Runs a problem whose model has co-simulation only.
-
-    Parameters
-    ----------
-    problem : Problem
-    workers : int, optional
-        Worker processes (default: one a core); at least one.
-
-    Raises
-    ------
-    InputError
-        Where the problem names what the model does not have, sets a state, or needs steps that the FMU does not take.
-
-    Warns
-    -----
-    UserWarning
-        Once, on what this costs, and where halving the communication steps goes on changing the outputs.
-    """
+    """Runs a problem whose model has co-simulation only."""
 
     engine = ENGINE
 

@@ -76,15 +76,7 @@ class _Instance:
 
 @dataclass
 class CosimulationRuns:
-    """A problem and the FMU that runs it.
-
-    Parameters
-    ----------
-    problem : Problem
-    instance : _Instance
-    substeps : int
-        Communication steps between two samples.
-    """
+    """A problem and the FMU that runs it."""
 
     problem: Problem
     instance: _Instance
@@ -147,8 +139,7 @@ class CosimulationRuns:
         """Return one run, begun by a reset only where that was seen to do as much as a new instance.
 
         Compared once, at the
-        first run with other values than the one before it; where there can be no new instance, at the second run.
-        """
+        first run with other values than the one before it; where there can be no new instance, at the second run."""
         instance, once = self.instance, self.problem.model.needs_instance_per_process
         if instance.begin is None and instance.values and (once or instance.values != values.tobytes()):
             instance.begin, found = self._compare(number, values)
@@ -249,10 +240,7 @@ def communication_points(
     """Return where an FMU stops, and at what time its inputs are read for each step between two stops.
 
     It stops at the samples, so many times between two of them, and, if it takes any step, where an input breaks. An
-    input is constant over a step: at its value in the middle, so that states are right to second order. An output
-    that the input feeds directly would be half a step late; so the last step before a sample is a short one, over which
-    a moving input has the value of the sample.
-    """
+    input is constant over a step: at its value in the middle, so that states are right to second order."""
     steps = np.diff(samples)
     fractions = np.arange(substeps) / substeps
     between = [(samples[:-1, None] + steps[:, None] * fractions).ravel()]

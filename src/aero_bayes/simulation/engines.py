@@ -21,24 +21,7 @@ def engine_of(simulator: Simulator) -> str:
 def open_simulator(
     problem: Problem, engine: Engine = "native", workers: int | None = None, pool: WorkerPool | None = None
 ) -> Simulator:
-    """Open a simulator for a problem.
-
-    Parameters
-    ----------
-    problem : Problem
-    engine : {"native", "fmpy"}
-        The compiled engine, or FMPy's Model Exchange with CVode (slow; the reference). An FMU that has co-simulation
-        only is run by FMPy whatever is asked for; see :func:`engine_of`.
-    workers : int, optional
-        Worker processes of the native engine; 0 runs in this process.
-    pool : WorkerPool, optional
-        Workers shared with other simulators.
-
-    Raises
-    ------
-    InputError
-        For an unknown engine, or a problem that contradicts its model.
-    """
+    """Open a simulator for a problem."""
     if problem.process is not None and (engine != "native" or problem.model.interface != "model exchange"):
         raise InputError(f"{problem.model.path}: process noise needs the native engine and an FMU with Model Exchange")
     if isinstance(problem.model, PythonModel):

@@ -80,13 +80,7 @@ def _settable(scalar: Element, own: Element | None) -> bool:
 
 
 def read_fmi2_description(path: Path, root: Element) -> ModelDescription:
-    """Return the model description of a checked archive, from the root element of its XML.
-
-    Raises
-    ------
-    InputError
-        Where it contradicts FMI 2.0, or has neither Model Exchange nor Co-Simulation.
-    """
+    """Return the model description of a checked archive, from the root element of its XML."""
     exchange = root.find("ModelExchange")
     if exchange is None and root.find("CoSimulation") is None:
         raise InputError(f"{path}: has neither Model Exchange nor Co-Simulation")

@@ -23,14 +23,7 @@ _KINDS: dict[str, Kind] = {"Float64": "real", "Int32": "integer", "Boolean": "bo
 def read_fmi3_description(path: Path, root: Element) -> ModelDescription:
     """Return the model description of a checked archive, from the root element of its XML.
 
-    Variables that are arrays, or of types other than 64-bit reals, 32-bit integers and Booleans, are left out.
-
-    Raises
-    ------
-    InputError
-        For a description that FMPy does not accept, and for states that are arrays, input clocks and an FMU that can
-        only be scheduled.
-    """
+    Variables that are arrays, or of types other than 64-bit reals, 32-bit integers and Booleans, are left out."""
     from fmpy import read_model_description
 
     interface = root.find("ModelExchange")

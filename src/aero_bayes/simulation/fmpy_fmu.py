@@ -62,17 +62,7 @@ class _Slave3(_Fmi2Names, FMU3Slave):  # type: ignore[misc]
 
 
 def open_fmu(model: ModelDescription, folder: Path) -> Any:
-    """Load and instantiate a model unpacked into a folder.
-
-    Raises
-    ------
-    LoadError
-        Where the loader refuses the model's binary.
-
-    Returns
-    -------
-    FMPy's object for the FMU, with the methods of FMI 2.0.
-    """
+    """Load and instantiate a model unpacked into a folder."""
     slave = model.interface == "co-simulation"
     kind = {(2, False): FMU2Model, (2, True): FMU2Slave, (3, False): _Model3, (3, True): _Slave3}
     path = str(model.binary_in(folder))

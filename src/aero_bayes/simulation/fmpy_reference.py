@@ -38,12 +38,7 @@ class _TimedOutError(Exception):
 
 
 class FmpySimulator(SingleRuns):
-    """Runs a problem with FMPy.
-
-    Parameters
-    ----------
-    problem : Problem
-    """
+    """Runs a problem with FMPy."""
 
     engine = "model exchange by FMPy"
 

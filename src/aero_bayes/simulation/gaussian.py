@@ -28,16 +28,7 @@ def ou_precision(time: FloatArray, sd: float, tau: float) -> tuple[FloatArray, F
 
 
 def apply_inverse_covariance(time: FloatArray, noise: FloatArray, columns: FloatArray) -> tuple[FloatArray, float]:
-    """K^-1 times each column, and log det K.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Sample times in s.
-    noise : ndarray, shape (3,)
-        White standard deviation, Ornstein-Uhlenbeck standard deviation and correlation time in s.
-    columns : ndarray, shape (n, k)
-    """
+    """K^-1 times each column, and log det K."""
     white, sd, tau = (float(v) for v in noise)
     if sd == 0.0 or tau <= 0.0:
         variance = white**2 + sd**2
@@ -57,16 +48,7 @@ def apply_inverse_covariance(time: FloatArray, noise: FloatArray, columns: Float
 def gauss_newton_products(
     time: FloatArray, measured: FloatArray, output: FloatArray, sensitivity: FloatArray, noise: FloatArray
 ) -> tuple[float, FloatArray, FloatArray, float]:
-    """Cost, gradient, Gauss-Newton matrix and log-likelihood of one experiment.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-    measured, output : ndarray, shape (n, m)
-        NaN in `measured` where there is no reading.
-    sensitivity : ndarray, shape (n, m, q)
-    noise : ndarray, shape (m, 3)
-    """
+    """Cost, gradient, Gauss-Newton matrix and log-likelihood of one experiment."""
     q = sensitivity.shape[2]
     cost, log_likelihood, gradient, hessian = 0.0, 0.0, np.zeros(q), np.zeros((q, q))
     for index in range(measured.shape[1]):

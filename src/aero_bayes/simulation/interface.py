@@ -58,19 +58,7 @@ class Outcome(IntEnum):
 
 @dataclass(frozen=True)
 class InputSignal:
-    """One input of the model over time, on a grid of its own.
-
-    Parameters
-    ----------
-    name : str
-        The input's name in the model.
-    time : ndarray, shape (k,)
-        Increasing times in s. Before the first and after the last the end value holds.
-    values : ndarray, shape (k,)
-        Values in the input's SI unit.
-    interpolation : {"hold", "linear"}
-        ``hold``: a value is valid from its time to the next (a jump there). ``linear``: straight lines between.
-    """
+    """One input of the model over time, on a grid of its own."""
 
     name: str
     time: FloatArray
@@ -80,25 +68,7 @@ class InputSignal:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One run: when outputs are sampled, what drives the model, where it starts, and what was measured.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Increasing sample times in s; integration starts at ``time[0]``.
-    outputs : tuple of str
-        Names of the m outputs to return.
-    inputs : tuple of InputSignal
-        Signals of the driven inputs; inputs not named stay at their start value.
-    start : mapping of str to float
-        Initial values of states (by name) that differ from the model's own.
-    measured : ndarray, shape (n, m), optional
-        Measurements of ``outputs``; NaN where there is none. Needed only for the reduced calls.
-    spread : ndarray, shape (n, m), optional
-        Standard deviation of each reading's noise over that of its output; one for all where it is not given.
-    start_sd : mapping of str to float
-        With process noise, the standard deviation of states' initial values; zero for those that are not named.
-    """
+    """One run: when outputs are sampled, what drives the model, where it starts, and what was measured."""
 
     time: FloatArray
     outputs: tuple[str, ...]
@@ -162,16 +132,7 @@ ProblemTarget = ParameterTarget | StartTarget | DelayTarget | InputTarget | Diff
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """Process noise of the states, ``dx = f dt + diag(diffusion) dW``, beside the noise of the readings.
-
-    Parameters
-    ----------
-    diffusion : mapping of str to float
-        By state, in the state's unit over the square root of a second; zero for states that are not named. A
-        :class:`DiffusionTarget` replaces it.
-    reading_sd : mapping of str to float
-        Standard deviation of the white noise of each output's readings. A :class:`ReadingNoiseTarget` replaces it.
-    """
+    """Process noise of the states, ``dx = f dt + diag(diffusion) dW``, beside the noise of the readings."""
 
     diffusion: Mapping[str, float] = field(default_factory=dict)
     reading_sd: Mapping[str, float] = field(default_factory=dict)
@@ -182,8 +143,7 @@ class SolverSettings:
     """Tolerances and limits of one run.
 
     ``absolute_tolerance`` is relative to each state's nominal value. ``time_limit`` is in s of
-    computing time a run.
-    """
+    computing time a run."""
 
     relative_tolerance: float = 1e-6
     absolute_tolerance: float = 1e-6
@@ -193,20 +153,7 @@ class SolverSettings:
 
 @dataclass(frozen=True)
 class Problem:
-    """What a simulator is asked to run, over and over, with other numbers.
-
-    Parameters
-    ----------
-    model : ModelDescription
-    experiments : tuple of Experiment, length E
-    targets : tuple of length E of tuples of length p
-        ``targets[e][j]`` says what column j of the parameter matrix means in experiment e; None where it means nothing.
-    fixed : mapping of str to float
-        Model parameters held at other values than the model's own.
-    settings : SolverSettings
-    process : ProcessNoise, optional
-        With it the likelihood is that of a filter (:class:`Filter`).
-    """
+    """What a simulator is asked to run, over and over, with other numbers."""
 
     model: ModelDescription
     experiments: tuple[Experiment, ...]
@@ -221,8 +168,7 @@ class Trajectories:
     """Sampled outputs of a batch.
 
     ``outputs[e]`` has shape (n, n_time_e, m_e); ``sensitivities[e]`` (n, n_time_e, m_e, p) or is None;
-    ``outcomes`` has shape (n, E) and holds :class:`Outcome` codes. Failed runs hold NaN.
-    """
+    ``outcomes`` has shape (n, E) and holds :class:`Outcome` codes. Failed runs hold NaN."""
 
     outputs: tuple[FloatArray, ...]
     sensitivities: tuple[FloatArray, ...] | None
@@ -233,8 +179,7 @@ class Trajectories:
 class Likelihoods:
     """Reduced result of a batch: shape (n, E) each.
 
-    ``log_likelihood`` is minus infinity where the run failed.
-    """
+    ``log_likelihood`` is minus infinity where the run failed."""
 
     log_likelihood: FloatArray
     outcomes: NDArray[np.uint8]
@@ -245,9 +190,7 @@ class GaussNewton:
     """Whitened least-squares products of a batch, summed over the experiments.
 
     With r the whitened residual and S its sensitivities: ``cost`` = r'r / 2, shape (n,); ``gradient`` = S'r, shape
-    (n, q); ``hessian`` = S'S, shape (n, q, q); ``log_likelihood`` shape (n,) with the noise's log-determinant.
-    q is the number of active columns.
-    """
+    (n, q); ``hessian`` = S'S, shape (n, q, q); ``log_likelihood`` shape (n,) with the noise's log-determinant."""
 
     cost: FloatArray
     gradient: FloatArray
@@ -261,9 +204,7 @@ class Filtered:
     """What a filter predicts of each reading from all before it, and how far it trusts that.
 
     ``predicted[e]`` and ``variance[e]`` have shape (n, n_time_e, m_e); their ``..._slopes[e]`` by the q active columns
-    (n, n_time_e, m_e, q). Outputs that are read at the same time count as read one after the other. ``outcomes`` has
-    shape (n, E). Failed runs hold NaN.
-    """
+    (n, n_time_e, m_e, q). Outputs that are read at the same time count as read one after the other."""
 
     predicted: tuple[FloatArray, ...]
     variance: tuple[FloatArray, ...]
@@ -274,19 +215,7 @@ class Filtered:
 
 @dataclass(frozen=True)
 class FilteredStates:
-    """A filter's states before each sample of one recording is read: what a smoother needs.
-
-    Parameters
-    ----------
-    mean : ndarray, shape (n, s)
-        Of the s states.
-    covariance, transition : ndarray, shape (n, s, s)
-        The transition is that from the sample before.
-    slopes : ndarray, shape (n, m, s)
-        Of the outputs by the states.
-    predicted, variance : ndarray, shape (n, m)
-        Of each output, given those before it at the same time.
-    """
+    """A filter's states before each sample of one recording is read: what a smoother needs."""
 
     mean: FloatArray
     covariance: FloatArray
@@ -299,12 +228,7 @@ class FilteredStates:
 class Simulator(Protocol):
     """Runs a :class:`Problem`.
 
-    ``values`` always has shape (n, p), one parameter vector a row, in SI units.
-
-    ``noise`` has shape (n, E, m, 3) or anything that broadcasts to it: per output the standard deviation of white
-    noise, the stationary standard deviation of an Ornstein-Uhlenbeck process added to it, and that process's
-    correlation time in s (the last two zero for white noise). Both are Gaussian and independent of each other.
-    """
+    ``values`` always has shape (n, p), one parameter vector a row, in SI units."""
 
     problem: Problem
 
@@ -315,8 +239,7 @@ class Simulator(Protocol):
     def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
         """Gaussian log-likelihood of the measurements, reduced inside the engine.
 
-        With process noise it is the filter's; the reading noise is then the problem's own, and ``noise`` counts not.
-        """
+        With process noise it is the filter's; the reading noise is then the problem's own, and ``noise`` counts not."""
         ...
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:

@@ -26,8 +26,7 @@ class Variable:
     """A scalar of the model, in SI units as declared.
 
     ``kind`` is ``real`` for everything but discrete outputs; ``settable_start`` tells whether the start value may be
-    set before initialisation, ``discrete`` whether the value may change at events only.
-    """
+    set before initialisation, ``discrete`` whether the value may change at events only."""
 
     name: str
     unit: str
@@ -117,8 +116,7 @@ class ModelDescription:
     def verified_copies(self) -> Mapping[str, int]:
         """Return those of ``candidate_copies`` that are known to equal their state.
 
-        None, as long as nothing runs the FMU.
-        """
+        None, as long as nothing runs the FMU."""
         return {}
 
     def copies_by_name(self) -> Mapping[str, int]:

@@ -36,21 +36,7 @@ from aero_bayes.simulation.workers import WorkerPool
 
 
 class NativeSimulator(ClosedAtExit):
-    """Runs a problem with the compiled engine.
-
-    Parameters
-    ----------
-    problem : Problem
-    workers : int, optional
-        Worker processes of its own (default: one a core); 0 runs in this process, without isolation.
-    pool : WorkerPool, optional
-        Workers shared with other simulators, in place of its own.
-
-    Raises
-    ------
-    InputError
-        Where the problem names what the model does not have.
-    """
+    """Runs a problem with the compiled engine."""
 
     engine = "native"
 
@@ -110,8 +96,7 @@ class NativeSimulator(ClosedAtExit):
     def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
         """Least-squares products with respect to the ``active`` columns. See :class:`Simulator`.
 
-        Rows with a failed run have infinite cost, a log-likelihood of minus infinity, and NaN products.
-        """
+        Rows with a failed run have infinite cost, a log-likelihood of minus infinity, and NaN products."""
         values = check_values(self.problem, values)
         columns = check_active(self.problem, active)
         n, q, experiments = len(values), len(columns), len(self.problem.experiments)

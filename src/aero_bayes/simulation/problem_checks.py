@@ -148,21 +148,7 @@ def check_active(problem: Problem, active: Sequence[int]) -> NDArray[np.int64]:
 
 
 def check_noise(problem: Problem, noise: FloatArray, n: int) -> FloatArray:
-    """Broadcast noise to each parameter vector, experiment and output.
-
-    Parameters
-    ----------
-    problem : Problem
-    noise : ndarray
-        ``(sd_white, sd_ou, tau)``, broadcastable to the shape below.
-    n : int
-        Parameter vectors.
-
-    Returns
-    -------
-    ndarray, shape (n, E, m, 3)
-        m is the largest number of outputs.
-    """
+    """Broadcast noise to each parameter vector, experiment and output."""
     if any(experiment.measured is None for experiment in problem.experiments):
         raise InputError("a likelihood needs measurements in every experiment")
     noise = np.asarray(noise, dtype=np.float64)

@@ -93,12 +93,7 @@ class PythonModel(Model):
 
 
 class PythonSimulator(SingleRuns):
-    """Runs a problem whose model is a Python function.
-
-    Parameters
-    ----------
-    problem : Problem
-    """
+    """Runs a problem whose model is a Python function."""
 
     engine = "Python"
 

@@ -15,23 +15,7 @@ _FIRST_SIZE = 1 << 20
 
 
 class SharedMemory:
-    """A slot for each worker, in which it says what it is doing, and behind them a job with its values and results.
-
-    Parameters
-    ----------
-    slots : int
-    folder : Path
-        Where a file is made where the system has no anonymous ones.
-
-    Attributes
-    ----------
-    fd : int
-        The file descriptor by which another process maps it.
-    data : ndarray of uint8
-        All of it; another array after it has grown.
-    slots : ndarray of int64, shape (slots, 8)
-        Of each worker: its task (-1: none), when it began that, and the computing time of its process then, both in ns.
-    """
+    """A slot for each worker, in which it says what it is doing, and behind them a job with its values and results."""
 
     def __init__(self, slots: int, folder: Path) -> None:
         self._count = slots

@@ -30,8 +30,7 @@ class SmoothedStates:
     def at(self, time: FloatArray, samples: FloatArray) -> SmoothedStates:
         """Return the states at times (k,) in s, along straight lines between the ``samples`` (n,).
 
-        NaN outside of them.
-        """
+        NaN outside of them."""
         mean, sd = (
             np.column_stack([np.interp(time, samples, row, np.nan, np.nan) for row in rows.T])
             for rows in (self.mean, self.sd)
@@ -40,14 +39,7 @@ class SmoothedStates:
 
 
 def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:
-    """Smooth a filter's states.
-
-    Parameters
-    ----------
-    filtered : FilteredStates
-    measured : ndarray, shape (n, m)
-        NaN where there is no reading.
-    """
+    """Smooth a filter's states."""
     n, s = filtered.mean.shape
     mean, sd = np.empty((n, s)), np.empty((n, s))
     adjoint, information = np.zeros(s), np.zeros((s, s))
@@ -62,15 +54,6 @@ def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:
         step = filtered.transition[k]
         adjoint, information = step.T @ adjoint, step.T @ information @ step
     return SmoothedStates(mean, sd)
-
-
-def updated_means(filtered: FilteredStates, measured: FloatArray) -> FloatArray:
-    """Return a filter's states (n, s) once it has read each sample; ``measured`` (n, m) is NaN without a reading."""
-    found = filtered.mean.copy()
-    for k, mean in enumerate(found):
-        for _, gain, away, _ in reading_updates(filtered, measured, k):
-            mean += gain * away
-    return found
 
 
 def reading_updates(

@@ -20,21 +20,7 @@ BUILD_TIME_LIMIT = 600.0
 
 
 def built_from_source(path: Path, model: ModelDescription, names: Collection[str]) -> Path:
-    """Return the FMU with a binary for this machine, compiled from the source inside it.
-
-    Parameters
-    ----------
-    path : Path
-    model : ModelDescription
-        Of that FMU.
-    names : collection of str
-        Members of its archive.
-
-    Raises
-    ------
-    InputError
-        Where there is no source, no CMake, or the source does not compile: one line that says what would help.
-    """
+    """Return the FMU with a binary for this machine, compiled from the source inside it."""
     here = this_machine()
     binary = f"{BINARY_FOLDERS[model.fmi_version]}/{model.identifier}{here.suffix}"
     have = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})

@@ -34,8 +34,7 @@ _lock = Lock()
 def start_parameters(model: ModelDescription, names: Sequence[str]) -> Mapping[str, tuple[str, ...]]:
     """Parameters that set the initial value of states one to one and do nothing else, with the names of these states.
 
-    Of the ``names`` that have the unit of a state. Runs the FMU in a worker process, once for each file.
-    """
+    Of the ``names`` that have the unit of a state. Runs the FMU in a worker process, once for each file."""
     units = {_kind_of_unit(state.unit) for state in model.states}
     asked = tuple(p.name for p in model.parameters if p.name in names and _kind_of_unit(p.unit) in units)
     if not asked:
@@ -75,8 +74,7 @@ def _only_starts(
 ) -> bool:
     """Return whether a parameter changes nothing once the states that it starts are given.
 
-    ``at`` (n,) are their starts.
-    """
+    ``at`` (n,) are their starts."""
     starts = {model.states[s].name: float(at[s]) for s in states}
     found = [_run(model, values[:, None], (name,), starts, horizon) for horizon in HORIZONS]
     ran = [y for y in found if y is not None]
@@ -88,8 +86,7 @@ def _run(
 ) -> FloatArray | None:
     """Return all states, then outputs, of parameter rows (n, p) at three times: shape (n, 3, m).
 
-    None where a run fails.
-    """
+    None where a run fails."""
     watched = tuple(dict.fromkeys([*(s.name for s in model.states), *(v.name for v in model.outputs)]))
     time = np.linspace(0.0, horizon, 3)
     inputs = tuple(InputSignal(u.name, time[:1], np.array([u.start or 0.0])) for u in model.inputs)

@@ -34,8 +34,7 @@ _lock = Lock()
 def verified_copies(model: ModelDescription) -> Mapping[str, int]:
     """Return the candidates that equalled a state in every run, and the position of that state.
 
-    Runs the FMU in a worker process, once for each file.
-    """
+    Runs the FMU in a worker process, once for each file."""
     with _lock:
         if model.sha256 not in _known:
             _known[model.sha256] = _verify(model) if model.candidate_copies else {}

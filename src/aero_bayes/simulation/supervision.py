@@ -24,19 +24,7 @@ MAX_EARLY_DEATHS = 8  # workers of a batch that die before they begin a task
 
 @dataclass(frozen=True)
 class Batch:
-    """Runs of one problem.
-
-    Parameters
-    ----------
-    problem : bytes
-        Path of the problem's file.
-    job : int
-        Offset of the job in the shared memory.
-    outcomes : ndarray of uint8
-        Of each task; :data:`TODO` before it ends.
-    time_limit : float
-        Of one run, in s of computing time.
-    """
+    """Runs of one problem."""
 
     problem: bytes
     job: int
@@ -48,15 +36,7 @@ class Supervisor:
     """Watches workers until every task of a batch has an outcome.
 
     What workers write is not believed where it cannot be true: a model's code reaches the pipe and the shared memory,
-    too.
-
-    Parameters
-    ----------
-    group : WorkerGroup
-    batch : Batch
-    give_up : callable
-        Asked after each round; True ends the batch.
-    """
+    too."""
 
     def __init__(self, group: WorkerGroup, batch: Batch, give_up: Callable[[], bool]) -> None:
         self._group, self._batch, self._give_up = group, batch, give_up
@@ -68,15 +48,7 @@ class Supervisor:
         self._allowed = 1e9 * (1.1 * batch.time_limit + 0.05)  # ns of a run, with time for the reply
 
     def run(self) -> None:
-        """Run the batch.
-
-        Raises
-        ------
-        LoadError
-            Where the model's binary cannot be loaded.
-        CannotFinishError
-            Where workers cannot read the problem, or die as soon as they start.
-        """
+        """Run the batch."""
         outcomes = self._batch.outcomes
         left = outcomes.size + 1
         try:

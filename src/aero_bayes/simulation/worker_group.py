@@ -14,19 +14,7 @@ INVALID_TASK = -2
 
 
 class WorkerGroup:
-    """As many workers as the shared memory has slots.
-
-    Parameters
-    ----------
-    size : int
-    folder : Path
-        Where they get their scratch folders.
-    memory : SharedMemory
-    memory_limit : int
-        In bytes, see :class:`~aero_bayes.simulation.workers.WorkerPool`.
-    engine : type, optional
-        Class in place of the compiled engine.
-    """
+    """As many workers as the shared memory has slots."""
 
     def __init__(
         self, size: int, folder: Path, memory: SharedMemory, memory_limit: int, engine: type | None = None
@@ -55,8 +43,7 @@ class WorkerGroup:
     def task_of(self, index: int, count: int) -> tuple[int, bool]:
         """Return the task that a worker is at, NO_TASK, or INVALID_TASK beyond `count`.
 
-        And whether it never had any.
-        """
+        And whether it never had any."""
         task, started = (int(v) for v in self.memory.slots[index, :2])
         return (task if NO_TASK <= task < count else INVALID_TASK), (task, started) == (NO_TASK, 0)
 

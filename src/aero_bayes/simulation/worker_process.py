@@ -19,16 +19,7 @@ from aero_bayes.simulation.engine_library import engine_path
 
 @dataclass
 class WorkerProcess:
-    """A process that runs :mod:`~aero_bayes.simulation.worker_main`.
-
-    Parameters
-    ----------
-    process : Popen
-    commands, replies : int
-        File descriptors of the pipes to it and from it.
-    folder : Path
-        Its scratch folder, the only one that it may write to.
-    """
+    """A process that runs :mod:`~aero_bayes.simulation.worker_main`."""
 
     process: subprocess.Popen[bytes]
     commands: int
@@ -37,18 +28,7 @@ class WorkerProcess:
 
     @classmethod
     def start(cls, parent: Path, memory: int, memory_limit: int, engine: type | None = None) -> WorkerProcess:
-        """Start one with a scratch folder in `parent`.
-
-        Parameters
-        ----------
-        parent : Path
-        memory : int
-            File descriptor of the shared memory.
-        memory_limit : int
-            In bytes, see :class:`~aero_bayes.simulation.workers.WorkerPool`.
-        engine : type, optional
-            Class in place of the compiled engine. The process imports it by its name.
-        """
+        """Start one with a scratch folder in `parent`."""
         folder = Path(tempfile.mkdtemp(prefix="worker-", dir=parent))
         named = []
         if engine is not None:

@@ -32,24 +32,7 @@ MAX_LOST_RUNS = 24
 
 
 class WorkerPool(ClosedAtExit):
-    """Worker processes shared by any number of simulators.
-
-    Parameters
-    ----------
-    workers : int, optional
-        Number of processes; the machine's usable cores by default. 0 runs everything in this process: less overhead,
-        no protection against a model that crashes or hangs.
-    memory_limit : int
-        Bytes of its own memory beyond which a worker is recycled: it ends between two runs and another goes on, so
-        that a model that leaks does not fill the machine. At twice of it the model gets no more. 0 for no limit.
-    engine : type, optional
-        A class with the functions of the compiled engine, to use instead: workers import it by its name and make
-        one of the loaded engine. See :class:`~aero_bayes.simulation.cosimulation_runs.CosimulationEngine`.
-
-    Notes
-    -----
-    Workers are confined as far as the kernel allows (:mod:`aero_bayes.simulation.confinement`).
-    """
+    """Worker processes shared by any number of simulators."""
 
     def __init__(self, workers: int | None = None, memory_limit: int = 1 << 30, *, engine: type | None = None) -> None:
         if workers is None:
@@ -146,11 +129,6 @@ class WorkerPool(ClosedAtExit):
         """Run the job at this offset of the shared memory until every task has an outcome.
 
         A model (its hash) whose first runs all crashed or ran out of time is run no more: what is left ends like them.
-
-        Raises
-        ------
-        LoadError
-            Where the model's binary cannot be loaded.
         """
         key = os.fsencode(path)
         if not outcomes.size:

@@ -16,8 +16,7 @@ Json = dict[str, Any]
 def context_part(job: Job, result: Mapping[str, Any]) -> Json:
     """Return ``diagrams``, ``signals``, ``words`` and ``settings`` of result.json.
 
-    ``result`` is what was found so far: whether a loop extended the model, and the ids of effects that it names.
-    """
+    ``result`` is what was found so far: whether a loop extended the model, and the ids of effects that it names."""
     variables = (*job.model.inputs, *job.model.states, *job.model.outputs)
     return {
         "diagrams": [diagram.model_dump() for diagram in _diagrams(job, result.get("loop") or {})],

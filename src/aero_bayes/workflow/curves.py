@@ -27,8 +27,7 @@ def measured_series(recordings: Sequence[Recording]) -> Series:
 def unfitted_series(read: Sequence[Recording], used: Sequence[Recording]) -> Series:
     """Return ``unfitted/<rec>/<output>``: readings that were taken out of a recording before it was fitted, if any.
 
-    ``read`` are the recordings as they were read, ``used`` the ones that were fitted, or parts of them.
-    """
+    ``read`` are the recordings as they were read, ``used`` the ones that were fitted, or parts of them."""
     series: Series = {}
     raw = {recording.name: recording for recording in read}
     for recording in used:
@@ -56,8 +55,7 @@ def fitted_series(fit: Fit) -> Series:
 def state_series(names: Sequence[str], states: Mapping[str, SmoothedStates]) -> Series:
     """Return ``smoothed/<rec>/<state>`` and its 90 % band, ``smoothed_lower/...`` and ``smoothed_upper/...``.
 
-    ``states`` are by recording; their columns have the ``names``.
-    """
+    ``states`` are by recording; their columns have the ``names``."""
     series: Series = {}
     for recording, found in states.items():
         low, high = found.band

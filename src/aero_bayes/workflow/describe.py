@@ -48,8 +48,7 @@ def preamble(job: Job, command: str) -> Json:
 def _is_simulated(recording: Recording) -> bool:
     """Return whether the simulated bench wrote the recording, by the label beside its file.
 
-    Nothing else of it is read.
-    """
+    Nothing else of it is read."""
     if recording.path is None or not (label := recording.path.with_name(LABEL)).is_file():
         return False
     return recording.path.stem in json.loads(label.read_text("utf-8")).get("recordings", [])
@@ -82,19 +81,7 @@ def fit_verdict(
     flat: Sequence[str] = (),
     exact: bool = False,
 ) -> Json:
-    """Judge a fit.
-
-    Parameters
-    ----------
-    diagnosis : sequence of mapping
-        Its rows, as result.json holds them: the first cause found is the sentence.
-    mcmc : mapping, optional
-        The sampler.
-    flat : sequence of str
-        Sentences on parameters that are determined only in combination.
-    exact : bool
-        Whether no residual is more than rounding.
-    """
+    """Judge a fit."""
     if mcmc is not None and not mcmc.get("converged", False):
         return {"level": "bad", "text": f"The sampler has not converged: {mcmc.get('reason', 'no reason given')}."}
     found = [row for row in diagnosis if row["found"]]

@@ -29,27 +29,7 @@ _Terminal = Literal["", "input", "output", "connector"]
 def model_diagrams(
     model: Model, name: str, files: Iterable[Path] = (), extended: str = "", ports: Sequence[str] = ()
 ) -> list[DiagramJson]:
-    """Return the model's diagram, then one for each component within which an effect was added.
-
-    Parameters
-    ----------
-    model : Model
-        The FMU: its inputs, states and outputs make the diagram of a model without components.
-    name : str
-        Modelica class of the base model; ignored where no file has it.
-    files : iterable of Path
-        Modelica files.
-    extended : str
-        Modelica class of the model that came out of the loop; its diagram is drawn, marked where it differs.
-    ports : sequence of str
-        Names of ports where an effect was added, for models whose structure does not show it. A name stands for the
-        balance of a state where there is one; ``output_<name>`` is the reading of it.
-
-    Returns
-    -------
-    list of DiagramJson
-        At least one.
-    """
+    """Return the model's diagram, then one for each component within which an effect was added."""
     library = read_library(files)
     if name not in library:
         return [_of_variables(model, name, ports)]

@@ -53,26 +53,7 @@ class ColumnMatch:
 
 
 def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, libraries: Sequence[Path] = ()) -> None:
-    """Write a configuration for a model and a recording.
-
-    Parameters
-    ----------
-    source : Path
-        A Modelica file, or the folder of a package.
-    data : Path
-        A recording, in any form that is read.
-    out : Path
-        The TOML file; it must not exist.
-    model : str, optional
-        Full name of the class, where the source holds several.
-    libraries : sequence of Path
-        Folders of packages that the model uses.
-
-    Raises
-    ------
-    InputError
-        If ``out`` exists, or the model or the recording cannot be read; nothing is written then.
-    """
+    """Write a configuration for a model and a recording."""
     if out.exists():
         raise InputError(f"{out}: exists already; remove it or give another --out")
     if not out.absolute().parent.is_dir():
@@ -106,8 +87,7 @@ def match_columns(
     """Match a file's columns, the surest first, and only where there is no second one.
 
     By exact name; without case, unit and punctuation, or by a word for time; where a signal's name is a word of a
-    column's; where they alone measure the same kind of quantity; the last to the last.
-    """
+    column's; where they alone measure the same kind of quantity; the last to the last."""
     found = {s: s for s in signals if s in columns}
     named = {c: split_unit(c) for c in columns}
     given = {s: u for s, u in (units or {}).items() if u not in ("", "1")}
@@ -259,8 +239,7 @@ def _reasons(model: Model, ordered: Sequence[Variable], own: OwnClasses, head: s
 def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> FloatArray | None:
     """Compute the change of outputs, over their ranges, by each parameter's change by its own size: shape (p, N).
 
-    None if the recording does not have what the model needs, or the model cannot be simulated as it stands.
-    """
+    None if the recording does not have what the model needs, or the model cannot be simulated as it stands."""
     config = Config.model_validate(tomllib.loads(head))
     if config.data.outputs is None or (model.inputs and config.data.inputs is None):
         return None

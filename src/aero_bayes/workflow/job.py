@@ -40,8 +40,7 @@ class RunOptions:
     """The options that every command which simulates a model shares.
 
     ``config`` is a file or what was read from one. ``built`` is the FMU of the class where somebody has built it
-    already, ``cache`` a folder where the loop finds and leaves FMUs.
-    """
+    already, ``cache`` a folder where the loop finds and leaves FMUs."""
 
     out: Path
     model: str | None = None
@@ -60,9 +59,7 @@ class Job:
     """Everything that is known before the first simulation.
 
     ``name`` is the Modelica class, or the FMU's own model name; ``modelica`` says which of the two it came from.
-    ``read`` are the recordings as they were read, before faults of theirs were mended and they were cut at gaps.
-    ``values`` are those of parameters that are listed in place of searched.
-    """
+    ``read`` are the recordings as they were read, before faults of theirs were mended and they were cut at gaps."""
 
     options: RunOptions
     config: Config
@@ -90,13 +87,7 @@ class Job:
 def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = ()) -> Job:
     """Read the configuration and the recordings, then build or open the model.
 
-    The output folder is made only once everything the user gave has been read.
-
-    Raises
-    ------
-    InputError
-        For anything the user gave that is wrong.
-    """
+    The output folder is made only once everything the user gave has been read."""
     _different(files)
     config = load_config(options.config)
     name, fmu = which_model(config, options)

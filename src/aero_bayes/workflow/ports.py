@@ -60,13 +60,7 @@ TRANSITION_SHARE = 0.1
 
 
 def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
-    """Print the ports of a model; with recordings, whether an effect there would be visible.
-
-    Raises
-    ------
-    InputError
-        For recordings beside an FMU, whose equations are not known, or a model whose effects its package declares.
-    """
+    """Print the ports of a model; with recordings, whether an effect there would be visible."""
     with ScratchFolder() as scratch:
         rows = _rows(RunOptions(Path(scratch), model, config, quiet=True), data)
     click.echo(json.dumps(rows, indent=2) if as_json else _as_table(rows))
@@ -95,8 +89,7 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
 def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     """Return rows of :func:`~aero_bayes.ports.port.port_table`; with recordings, also ``response`` and ``visible``.
 
-    ``options.out`` is where FMUs are built for the recordings' sake.
-    """
+    ``options.out`` is where FMUs are built for the recordings' sake."""
     rows: list[PortRow] = port_table(places.ports)
     if data:
         job = open_job(data, options)
@@ -112,8 +105,7 @@ def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -
 def visibility(response: float | None) -> str:
     """Return whether the data show a term at a port: ``yes``, ``barely`` or ``no`` by its response.
 
-    ``unknown`` without.
-    """
+    ``unknown`` without."""
     if response is None:
         return "unknown"
     if response >= MIN_VISIBLE_RESPONSE:
@@ -125,18 +117,7 @@ def _port_responses(family: ModelicaFamily, found: Fit) -> dict[str, float]:
     """Return how many standard deviations of noise a probe of each port's own size moves the outputs by.
 
     The noise is that of the fit or that of the readings alone, whichever shows the probe more: a model that lacks an
-    effect leaves a residual that is larger and slower than what sensors add.
-
-    A probe is a constant, or follows a signal of the port as laws do: in proportion, by its direction, by its square;
-    at an output also by its rate, which is how a lag or a delay of the reading sets in. The one counts that changes of
-    the fitted parameters and of the initial states imitate least.
-
-    Parameters
-    ----------
-    family : ModelicaFamily
-    found : Fit
-        Of the model as it stands.
-    """
+    effect leaves a residual that is larger and slower than what sensors add."""
     flat = family.places.flat
     ports = [p for p in family.places.ports if p.attachment in ("input", "output", "signal") or p.balance is not None]
     sizes = port_nominals(flat, ports, found.calibration, found.optimum, open_simulator)
@@ -168,8 +149,7 @@ def _port_responses(family: ModelicaFamily, found: Fit) -> dict[str, float]:
 def _noise_of_readings(found: Fit) -> dict[str, OutputNoise]:
     """Return the noise of each output from its readings alone, the largest of all recordings.
 
-    The fit's where unknown.
-    """
+    The fit's where unknown."""
     noise = dict(found.optimum.noise)
     for output in noise:
         floors = [output_noise_floor(r, output) for r in found.calibration.data.recordings if output in r.outputs]
@@ -188,8 +168,7 @@ def _delay_responses(
     """Return responses to readings that come late, (q, n) a series, and the ports at which they do.
 
     A small delay takes its time's worth of the rate from an output, as a lag does; here as much as makes the largest
-    change as large as the output.
-    """
+    change as large as the output."""
     outputs = [p for p in ports if p.attachment == "output"]
     rates = [np.gradient(y, s.sampling.time) for s, y in zip(objective.series, predicted, strict=True)]
     rows = [np.zeros((len(outputs), rate.size)) for rate in rates]

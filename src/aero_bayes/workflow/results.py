@@ -26,13 +26,7 @@ PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 
 
 def write_result(directory: Path, result: Mapping[str, Any]) -> Path:
-    """Write ``result.json``; numbers that are not finite become null.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        The result is not what :class:`aero_bayes.schema.RunJson` promises its readers.
-    """
+    """Write ``result.json``; numbers that are not finite become null."""
     checked = RunJson.model_validate(plain(result)).model_dump(by_alias=True, exclude_unset=True)
     path = directory / "result.json"
     with whole_file(path) as temporary:

@@ -13,14 +13,7 @@ from aero_bayes.workflow.results import versions
 
 @contextmanager
 def resumable(job: Job, command: str) -> Iterator[Checkpoint]:
-    """Yield the checkpoint of a command: read with ``--resume``, removed once the command is done.
-
-    Raises
-    ------
-    InputError
-        If another run is at work in the folder, or the checkpoint was left by a run on other data, another model or
-        with other settings. How long a posterior is sampled and an effect is searched for may change.
-    """
+    """Yield the checkpoint of a command: read with ``--resume``, removed once the command is done."""
     options = job.options
     path = options.out / CHECKPOINT
     data = [recording.to_dict() for recording in job.read]

@@ -25,13 +25,7 @@ MIN_EIGENVECTOR_SHARE = 1e-9
 
 
 def check_duration(recordings: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> None:
-    """Refuse recordings that end before the slowest visible mode has.
-
-    Raises
-    ------
-    InputError
-        Naming the recording, its length and the length of the mode; or the FMU, if it cannot be run at all.
-    """
+    """Refuse recordings that end before the slowest visible mode has."""
     if not model.states:
         return
     rest = np.array([state.start or 0.0 for state in model.states])
@@ -55,8 +49,7 @@ def slow_sampling_warning(recordings: Sequence[Recording], model: Model, fixed: 
     """Say that every motion of the model as it stands is over between two samples; empty if it is not.
 
     Times in ms that are read as s look like this, but so does a count a day of what doubles in a day, or a model whose
-    values before the fit are far off.
-    """
+    values before the fit are far off."""
     recording = max(recordings, key=lambda r: r.interval)
     signals = tuple(InputSignal(name, np.zeros(1), values[:1]) for name, values in recording.inputs.items())
     rest = np.array([state.start or 0.0 for state in model.states])

@@ -12,21 +12,7 @@ from aero_bayes.sampling.moves.warped_student_t import WarpedStudentT
 
 
 class DelayedAcceptanceMove(MHMove):  # type: ignore[misc]
-    """Take ``steps`` independence steps on the approximation s, then accept or reject by the target p.
-
-    The inner chain is reversible with respect to s, so accepting its end x' with probability
-    min(1, p(x') s(x) / (p(x) s(x'))) leaves p invariant however poor s is; if s is good nearly every evaluation of p is
-    a new, nearly independent sample. Christen and Fox (2005), J. Comp. Graph. Stat. 14, 795; Lykkegaard et al. (2023),
-    SIAM/ASA JUQ 11, 1.
-
-    Parameters
-    ----------
-    approximation : callable
-        Logarithm of s, (n, d) to (n,), not normalised.
-    proposal : WarpedStudentT
-        The density that the inner steps propose from.
-    steps : int
-    """
+    """Take ``steps`` independence steps on the approximation s, then accept or reject by the target p."""
 
     def __init__(
         self, approximation: Callable[[FloatArray], FloatArray], proposal: WarpedStudentT, steps: int = 20
@@ -53,16 +39,8 @@ class DelayedAcceptanceMove(MHMove):  # type: ignore[misc]
 
 
 class DelayedAcceptanceWalkMove(MHMove):  # type: ignore[misc]
-    """Delayed acceptance after a few short steps on s: leaves the places where s is poor, since it is poor around them.
-
-    Parameters
-    ----------
-    approximation : callable
-        Logarithm of s, (n, d) to (n,), not normalised.
-    proposal : WarpedStudentT
-        Its factor gives the steps their shape.
-    steps : int
-    """
+    """Delayed acceptance after a few short steps on s: leaves the places where s is poor, since it
+    is poor around them."""
 
     def __init__(
         self, approximation: Callable[[FloatArray], FloatArray], proposal: WarpedStudentT, steps: int = 6

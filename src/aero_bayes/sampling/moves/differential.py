@@ -14,9 +14,7 @@ class DifferentialMove(RedBlueMove):  # type: ignore[misc]
     """Add a scaled difference of two walkers of the other half, plus a little noise.
 
     With x_a, x_b drawn from the other half, x' = x + g (x_a - x_b) + e; the proposal is symmetric. g is
-    2.38 / sqrt(2 d) spread by 30 %, and 1 in a tenth of the steps, which jumps between modes.
-    ter Braak (2006), Statistics and Computing 16, 239; Nelson, Ford and Payne (2014), ApJS 210, 11.
-    """
+    2.38 / sqrt(2 d) spread by 30 %, and 1 in a tenth of the steps, which jumps between modes."""
 
     def __init__(self, jump: float = 0.1, noise: float = 1e-5) -> None:
         super().__init__()

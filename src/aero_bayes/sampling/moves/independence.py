@@ -13,9 +13,7 @@ class IndependenceMove(MHMove):  # type: ignore[misc]
     """Propose x' from a fixed density q, accept with probability min(1, p(x') q(x) / (p(x) q(x'))).
 
     As long as q does not change the chain keeps its target; heavy tails keep the weights p / q bounded, so that the
-    chain converges geometrically wherever q covers p. Tierney (1994), Annals of Statistics 22, 1701; Mengersen and
-    Tweedie (1996), Annals of Statistics 24, 101.
-    """
+    chain converges geometrically wherever q covers p."""
 
     def __init__(self, proposal: WarpedStudentT) -> None:
         super().__init__(self._propose, ndim=proposal.mean.size)

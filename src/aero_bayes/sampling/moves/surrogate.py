@@ -27,11 +27,7 @@ _HYPERPARAMETER_POINTS, _MAX_POINTS = 300, 2000
 class Kernel:
     """Covariance of a smooth function of scores that may have corners along some of them.
 
-    A rational quadratic kernel is multiplied by one plus an exponential kernel of single scores. Sample paths of the
-    latter are continuous and may have corners anywhere, like a log-likelihood where a delay moves a jump of the input
-    across a reading. ``lengths`` (d,) are length scales of the smooth part; ``rough`` (d,) is the
-    variance of the part with corners over that of the smooth one.
-    """
+    A rational quadratic kernel is multiplied by one plus an exponential kernel of single scores."""
 
     lengths: FloatArray
     rough: FloatArray
@@ -58,11 +54,7 @@ class Surrogate:
     """A quadratic plus a Gaussian process, over scores of a :class:`WarpedStudentT`.
 
     The regression is that of Rasmussen and Williams (2006), Gaussian Processes for Machine Learning, sections 2.7, 4.2
-    and 5.4; the marginal likelihood chooses the kernel.
-
-    ``quadratic`` (d + 1, d + 1) acts on the scores preceded by a one; ``centres`` (n, d) are scores and ``weights``
-    (n,) theirs; ``kernel`` compares scores. Beyond ``radius``, where nothing has been seen, it falls like a Gaussian.
-    """
+    and 5.4; the marginal likelihood chooses the kernel."""
 
     coordinates: WarpedStudentT
     quadratic: FloatArray
@@ -78,16 +70,7 @@ class Surrogate:
 
     @classmethod
     def fit(cls, coordinates: WarpedStudentT, points: FloatArray, values: FloatArray, depth: FloatArray) -> Surrogate:
-        """Fit to ``values`` (n,) at ``points`` (n, d).
-
-        Parameters
-        ----------
-        coordinates : WarpedStudentT
-            Its scores are the coordinates; warped ones get a length scale of their own and may have corners.
-        points, values : ndarray
-        depth : ndarray, shape (n,)
-            How far each point's density lies below the highest, in nats: the deeper, the less it matters.
-        """
+        """Fit to ``values`` (n,) at ``points`` (n, d)."""
         d = points.shape[1]
         most = max(min(_MAX_POINTS, 25 * cls.least(d)), 3 * cls.least(d))
         rows = _spread(len(points), most)

@@ -17,8 +17,7 @@ class TriangularMap:
     """Subtract from each coordinate a quadratic function of those before it; the map keeps volumes.
 
     ``coefficients`` (d, d, d) and ``offsets`` (d,): z_k = (x_k - offsets_k - sum_ij coefficients_kij x_i x_j) with
-    i <= j < k. It is the second order of a Knothe-Rosenblatt map (Parno and Marzouk, 2018, SIAM/ASA JUQ 6, 645).
-    """
+    i <= j < k. It is the second order of a Knothe-Rosenblatt map (Parno and Marzouk, 2018, SIAM/ASA JUQ 6, 645)."""
 
     offsets: FloatArray
     coefficients: FloatArray

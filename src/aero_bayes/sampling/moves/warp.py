@@ -21,8 +21,7 @@ KNOT_SCORES = np.array([-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0])
 class Warp:
     """Apply increasing, piecewise linear maps from each coordinate x to a score z; ``knots`` and ``scores`` are (d, k).
 
-    Beyond the outer knots the maps go on with the slope ``tails`` (d, 2).
-    """
+    Beyond the outer knots the maps go on with the slope ``tails`` (d, 2)."""
 
     knots: FloatArray
     scores: FloatArray
@@ -44,8 +43,7 @@ class Warp:
         """Make maps from ``knots`` (d, k), of coordinates of about zero mean and unit variance, to ``KNOT_SCORES``.
 
         A coordinate whose quantiles are within ``MIN_DEPARTURE`` of normal ones is unchanged. Tails are stretched by a
-        third beyond what the outer quantiles suggest, so that a proposal has heavier tails than the target.
-        """
+        third beyond what the outer quantiles suggest, so that a proposal has heavier tails than the target."""
         least = 1e-3 * (knots[:, -1:] - knots[:, :1]) + 1e-300
         knots = knots[:, :1] + np.concatenate(
             [np.zeros((len(knots), 1)), np.cumsum(np.maximum(np.diff(knots, axis=1), least), axis=1)], axis=1

@@ -17,10 +17,7 @@ class WarpedStudentT:
     """Multivariate t density of whitened and transformed coordinates.
 
     A draw is ``mean + factor @ triangular^-1(warp^-1(t))`` with t, the *scores*, from the standard multivariate t of
-    ``dof`` degrees of freedom; ``mean`` is (d,), ``factor`` (d, d). Whitening comes first, so that strong correlations
-    are exact. The rows of ``axes`` (d, d) are the linear functions of a point that are whitened in turn (Cholesky), so
-    that a corner of the density in the first of them stays a corner of one score.
-    """
+    ``dof`` degrees of freedom; ``mean`` is (d,), ``factor`` (d, d)."""
 
     mean: FloatArray
     factor: FloatArray
@@ -48,17 +45,7 @@ class WarpedStudentT:
     def fit(
         cls, samples: FloatArray, dof: float = 8.0, *, axes: FloatArray | None = None, curved: bool = False
     ) -> WarpedStudentT:
-        """Fit to samples (n, d): by their mean and covariance, and by quantiles where a margin is not normal.
-
-        Parameters
-        ----------
-        samples : ndarray
-        dof : float
-        axes : ndarray, shape (d, d), optional
-            Linear functions to whiten, the least normal first; the coordinates by default.
-        curved : bool
-            Straighten curved ridges before the margins are warped.
-        """
+        """Fit to samples (n, d): by their mean and covariance, and by quantiles where a margin is not normal."""
         axes = np.eye(samples.shape[1]) if axes is None else axes
         along = samples @ axes.T
         order = np.argsort(-Warp.departure((along - along.mean(axis=0)) / np.std(along, axis=0)), kind="stable")
