@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field
 from math import cos
 from pathlib import Path
 from typing import Any, Literal
@@ -21,46 +21,14 @@ from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from simulated_rigs.assembly import Assembly
 from simulated_rigs.designs import InputDesign, equal_steps, random_levels
-from simulated_rigs.kinds.aero import AERO
+from simulated_rigs.kinds.aero import AERO, Parameters
 from simulated_rigs.laws import Parameters as LawParameters
 from simulated_rigs.plant import Values
-from simulated_rigs.sensors import SensorNoise, Sensors, clean, quantise, real, white
+from simulated_rigs.sensors import SensorNoise, Sensors, clean, quantise, white
 from simulated_rigs.signals import PiecewiseSignal, held_command
 from simulated_rigs.truth import LawPlace, law_kind
 
 UNITS = {"time": "s", "V_m": "V", "i_m": "A", "omega_m": "rad/s", "theta": "rad"}
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """Physical parameters in SI units, named as in the paper; the defaults are those of the AERO's documents."""
-
-    R_a: float = 8.4
-    L_a: float = 1.16e-3
-    c_m: float = 0.042
-    J_r: float = 4.0e-6
-    J_s: float = 4.0e-6
-    k_d: float = 2.4e-8
-    k_t: float = 2.9e-7
-    J_p: float = 0.0219
-    D_p: float = 0.0071
-    K_sp: float = 0.0375
-    D_t: float = 0.158
-
-    def scaled(self, factors: Mapping[str, float]) -> Parameters:
-        """Multiply some parameters by a factor; ``J`` scales both rotor inertias."""
-        known = {item.name for item in fields(self)}
-        changed = {}
-        for name, factor in factors.items():
-            for target in ("J_r", "J_s") if name == "J" else (name,):
-                if target not in known:
-                    raise InputError(f"bench: no parameter {name}")
-                changed[target] = getattr(self, target) * factor
-        return replace(self, **changed)
-
-
-#: The half-quadrotor bench of the public step recording: other propellers and a stiffer body.
-HALF_QUAD = Parameters(k_t=8.2e-7, K_sp=0.09, D_p=0.0056, R_a=9.6)
 
 
 @dataclass(frozen=True)
@@ -77,7 +45,7 @@ class Truth:
     """A whole simulated AERO: two motors driven against each other or one, and the delay of its amplifier in s."""
 
     system: Literal["one_dof", "half_quad"] = "one_dof"
-    parameters: Parameters = Parameters()
+    parameters: Parameters = field(default_factory=Parameters)
     effects: tuple[EffectTruth, ...] = ()
     input_delay: float = 0.0
     note: str = field(default="simulated", compare=False)
@@ -289,7 +257,7 @@ def measure(run: TrueRun, sensors: Sensors, rng: Generator, name: str = "simulat
     readings: dict[str, FloatArray] = {}
     channels: tuple[tuple[str, FloatArray, SensorNoise], ...] = (
         ("i_m", run.i_m, sensors.i_m),
-        ("omega_m", _tachometer(run, sensors), sensors.omega_m),
+        ("omega_m", run.omega_m, sensors.omega_m),
         ("theta", run.theta, sensors.theta),
     )
     for stream, (output, values, noise) in zip(streams, channels, strict=False):
@@ -300,18 +268,6 @@ def measure(run: TrueRun, sensors: Sensors, rng: Generator, name: str = "simulat
             measured = np.where(streams[3].random(measured.size) < noise.missing, np.nan, measured)
         readings[output] = measured
     return Recording(name, run.time, {"V_m": run.volts}, readings, UNITS)
-
-
-def _tachometer(run: TrueRun, sensors: Sensors) -> FloatArray:
-    if not sensors.tachometer_counts:
-        return run.omega_m
-    step = 2.0 * np.pi / sensors.tachometer_counts
-    counts = np.floor(run.angle / step)
-    window = max(1, round(sensors.tachometer_window / float(np.median(np.diff(run.time)))))
-    earlier = np.maximum(np.arange(run.time.size) - window, 0)
-    elapsed = np.maximum(run.time - run.time[earlier], np.diff(run.time).min())
-    speed: FloatArray = (counts - counts[earlier]) * step / elapsed
-    return speed
 
 
 def simulate_recording(
@@ -376,13 +332,10 @@ def default_truth() -> Truth:
     return Truth("one_dof", parameters, (effect("pivot_coulomb_friction", tau_c=1.2e-3),), 0.006)
 
 
-def default_recordings(seed: int = 0, *, noise: str = "white") -> SimulatedSet:
-    """Simulate two training recordings and one test recording, 60 s at 100 Hz each, all three outputs.
-
-    ``noise`` is ``white`` (5 mA, 1 rad/s, 2 mrad) or ``real`` (see :func:`simulated_rigs.sensors.real`).
-    """
+def default_recordings(seed: int = 0) -> SimulatedSet:
+    """Simulate two training recordings and one test recording, 60 s at 100 Hz each, all three outputs, white noise."""
     streams = np.random.default_rng([seed, 1]).spawn(5)
-    truth, sensors = default_truth(), real() if noise == "real" else white()
+    truth, sensors = default_truth(), white()
     designs = (
         ("train_1", random_levels(streams[0], 20.0, 60.0)),
         ("train_2", equal_steps([6.0, 12.0, 18.0, 24.0, 12.0, 0.0, -6.0, -12.0, -18.0, -6.0, 0.0], 5.0)),

@@ -39,18 +39,15 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Noise of the AERO's three outputs, and counts a revolution (0: none) of the pitch encoder and the tachometer.
+    """Noise of the AERO's three outputs, and counts a revolution of the pitch encoder (0: it reads the angle itself).
 
-    The encoder's edges lie half-way between counts, and the count is zero at zero pitch. The tachometer's speed is the
-    difference of counts over ``tachometer_window`` s.
+    Its edges lie half-way between counts, and the count is zero at zero pitch.
     """
 
     i_m: SensorNoise = SensorNoise()
     omega_m: SensorNoise = SensorNoise()
     theta: SensorNoise = SensorNoise()
     encoder_counts: int = 0
-    tachometer_counts: int = 0
-    tachometer_window: float = 0.02
     label: str = field(default="", compare=False)
 
 

@@ -11,9 +11,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from simulated_rigs import simulate_rig
-from simulated_rigs.aero import HALF_QUAD, KINDS, Parameters, Truth, effect, even_times, simulate_truth
+from simulated_rigs.aero import KINDS, Truth, effect, even_times, simulate_truth
 from simulated_rigs.designs import Levels, paper_step
-from simulated_rigs.kinds.aero import AERO
+from simulated_rigs.kinds.aero import AERO, HALF_QUAD, Parameters
 
 pytestmark = pytest.mark.long
 

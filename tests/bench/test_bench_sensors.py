@@ -58,16 +58,6 @@ def test_encoder_shows_whole_counts_within_half_a_step() -> None:
     )
 
 
-def test_tachometer_counts_what_the_rotor_turned() -> None:
-    sensors = replace(clean(), tachometer_counts=500, tachometer_window=0.02)
-    recording = measure(RUN, sensors, np.random.default_rng(0))
-    quantum = 2.0 * np.pi / 500.0 / 0.02
-    moved = np.diff(RUN.angle)
-    np.testing.assert_allclose(moved, 0.5 * (RUN.speed[1:] + RUN.speed[:-1]) * np.diff(TIME), atol=0.02)
-    mean = (RUN.angle[4:] - RUN.angle[:-4]) / 0.02
-    assert np.abs(recording.outputs["omega_m"][4:] - mean).max() <= quantum * (1.0 + 1e-6)
-
-
 def test_ripple_follows_the_rotor() -> None:
     sensors = replace(clean(), i_m=SensorNoise(ripple=(0.0, 1e-2)))
     added = measure(RUN, sensors, np.random.default_rng(3)).outputs["i_m"] - RUN.i_m

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+
+from aero_bayes.errors import InputError
 from simulated_rigs.assembly import Balance
-from simulated_rigs.kinds.kind import ACTUATOR, FRICTION, Drive, Parameters, RigKind, at_zero
+from simulated_rigs.kinds.kind import ACTUATOR, FRICTION, Drive, RigKind, at_zero
 from simulated_rigs.plant import Plant, Values
 
 
-def _aero(p: Parameters) -> Plant:
+def _aero(p: Mapping[str, float]) -> Plant:
     """Write the driven motor; the second one is its mirror image, of opposite sign on the opposite arm.
 
     ``motors`` says how many there are; two where it is not given.
@@ -23,14 +27,45 @@ def _aero(p: Parameters) -> Plant:
     return Plant((p["L_a"], p["J_r"] + p["J_s"], 1.0, p["J_p"]), efforts, (0, 1, 2))
 
 
-#: The values of the AERO's documents; ``k_t`` is what the documented thrust gain of 0.0011 N m/V asks of two propellers
-#: with a quadratic law at 24 V, ``k_d`` what 0.08 A at 376 rad/s asks of the motor.
+@dataclass(frozen=True)
+class Parameters:
+    """Physical parameters in SI units, named as in the paper; the defaults are those of the AERO's documents.
+
+    ``k_t`` is what the documented thrust gain of 0.0011 N m/V asks of two propellers with a quadratic law at 24 V,
+    ``k_d`` what 0.08 A at 376 rad/s asks of the motor.
+    """
+
+    R_a: float = 8.4
+    L_a: float = 1.16e-3
+    c_m: float = 0.042
+    J_r: float = 4.0e-6
+    J_s: float = 4.0e-6
+    k_d: float = 2.4e-8
+    k_t: float = 2.9e-7
+    J_p: float = 0.0219
+    D_p: float = 0.0071
+    K_sp: float = 0.0375
+    D_t: float = 0.158
+
+    def scaled(self, factors: Mapping[str, float]) -> Parameters:
+        """Multiply some parameters by a factor; ``J`` scales both rotor inertias."""
+        known = {item.name for item in fields(self)}
+        changed = {}
+        for name, factor in factors.items():
+            for target in ("J_r", "J_s") if name == "J" else (name,):
+                if target not in known:
+                    raise InputError(f"bench: no parameter {name}")
+                changed[target] = getattr(self, target) * factor
+        return replace(self, **changed)
+
+
+#: The half-quadrotor bench of the public step recording: other propellers and a stiffer body.
+HALF_QUAD = Parameters(k_t=8.2e-7, K_sp=0.09, D_p=0.0056, R_a=9.6)
+
+
 AERO = RigKind(
     "aero",
-    {
-        "R_a": 8.4, "L_a": 1.16e-3, "c_m": 0.042, "J_r": 4.0e-6, "J_s": 4.0e-6, "k_d": 2.4e-8, "k_t": 2.9e-7,
-        "J_p": 0.0219, "D_p": 0.0071, "K_sp": 0.0375, "D_t": 0.158,
-    },
+    asdict(Parameters()),
     {"V_m": Drive(0.0, 20.0, 1.0)},
     {
         "i": Balance("electrical"),
@@ -59,4 +94,4 @@ AERO = RigKind(
     linear=False,
     method="LSODA",
     hold=50,
-)  # fmt: skip
+)

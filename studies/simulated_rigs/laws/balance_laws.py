@@ -122,11 +122,7 @@ def _directions(rng: Generator, size: float, s: Scale) -> dict[str, float]:
 
 def _stribeck(rng: Generator, size: float, s: Scale) -> dict[str, float]:
     level = size * s.effort
-    return {
-        "F_c": level,
-        "F_s": level * float(rng.uniform(1.4, 2.2)),
-        "v_s": s.spread * float(rng.uniform(0.1, 0.4)),
-    }
+    return {"F_c": level, "F_s": level * float(rng.uniform(1.4, 2.2)), "v_s": s.spread * float(rng.uniform(0.1, 0.4))}
 
 
 def _rim(rng: Generator, size: float, s: Scale) -> dict[str, float]:
