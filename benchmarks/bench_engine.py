@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from harness import Pair, Row, time_pair, update
@@ -130,16 +131,16 @@ def _error(out: np.ndarray, exact: np.ndarray) -> float:
     return float(np.max(np.abs(out - exact) / np.ptp(exact, axis=0)))
 
 
-def _exact(problem: Problem) -> np.ndarray:
-    tight = replace(problem.settings, relative_tolerance=1e-10, absolute_tolerance=1e-10)
-    with open_simulator(replace(problem, settings=tight), "fmpy") as reference:
+def _exact(problem: Problem, engine: Literal["fmpy", "native"]) -> np.ndarray:
+    tight = SolverSettings(1e-10, 1e-10, max_steps=10_000_000, time_limit=100.0)
+    with open_simulator(replace(problem, settings=tight), engine, workers=0) as reference:
         return np.array(reference.simulate(nominal(problem.model)).outputs[0][0])
 
 
 def pairs(model: Model, folder: Path, stack: ExitStack) -> Iterator[Pair | Row]:
     """Pose all comparisons; what is not installed is a row without a figure."""
     step, moving = paper_problem(model), paper_problem(model, moving=True)
-    exact, values, batch = _exact(step), nominal(model), nominal(model, 100)
+    exact, values, batch = _exact(step, "fmpy"), nominal(model), nominal(model, 100)
     here, one, two = (stack.enter_context(WorkerPool(count)) for count in (0, 1, 2))
     local, single, double = (NativeSimulator(step, pool=pool) for pool in (here, one, two))
     error = _error(local.simulate(values).outputs[0][0], exact)
@@ -154,7 +155,7 @@ def pairs(model: Model, folder: Path, stack: ExitStack) -> Iterator[Pair | Row]:
             yield Row(key, name, note=(str(problem).splitlines() or ["?"])[0])
         else:
             yield Pair(key, name, route, lambda: single.simulate(batch), (1, 100), error)
-    fast, loop = NativeSimulator(moving, pool=here), plain_loop(model, moving, _exact(moving), folder)
+    fast, loop = NativeSimulator(moving, pool=here), plain_loop(model, moving, _exact(moving, "native"), folder)
     many = np.repeat(values, 10, axis=0)
     yield Pair(
         "over_plain_c", "voltage that moves at each sample: engine, log-likelihood / plain loop in C",
