@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ class Count:
     number: int
     marks: Path
     seconds: float = 0.0
+
+    made_of: str = ""
 
     @property
     def key(self) -> str:
@@ -59,6 +62,15 @@ def mark_and_sleep(task: Count) -> dict[str, Any]:
     return {"key": task.key}
 
 
+class Here(Executor):
+    """An executor that works on a task when it is given, in this process."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future: Future = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
 def killed_with_a_pool(table: str, marks: str) -> None:
     """What a caller of a pool does that the test kills with -9."""
     from aero_bayes.fleets import Table, open_executor, run_tasks
@@ -72,4 +84,4 @@ def killed_half_way(table: str, marks: str, count: int) -> None:
     from aero_bayes.fleets import Table, run_tasks
 
     with Table(Path(table)) as rows:
-        run_tasks([Count(k, Path(marks), 0.02) for k in range(count)], plain, rows)
+        run_tasks([Count(k, Path(marks), 0.02) for k in range(count)], plain, rows, Here())

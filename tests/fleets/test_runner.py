@@ -8,14 +8,12 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from concurrent.futures import Executor, Future
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 from facts import facts
-from fleets.fleet_tasks import Count, killed_half_way, one_always_dies, plain, work
+from fleets.fleet_tasks import Count, Here, killed_half_way, one_always_dies, plain, work
 
 from aero_bayes.errors import InputError
 from aero_bayes.fleets import Table, open_executor, run_tasks
@@ -32,8 +30,8 @@ def tasks(folder: Path, count: int) -> list[Count]:
 
 def expected(folder: Path, count: int) -> str:
     with Table(folder / "expected.sqlite") as table:
-        run_tasks(tasks(folder / "none", count), plain, table)
-        assert len(table) == count
+        run_tasks(tasks(folder / "none", count), plain, table, Here())
+        assert len(list(table.rows())) == count
         return table.digest()
 
 
@@ -44,14 +42,13 @@ def test_workers_that_die_change_nothing(tmp_path: Path, dask: str | None) -> No
     with open_executor(dask, 2) as executor, Table(tmp_path / "rows.sqlite") as table:
         run_tasks(tasks(tmp_path / "marks", 8), work, table, executor)
         assert table.digest() == expected(tmp_path, 8)
-        assert table.get("0006") == {"key": "0006", "error": "ValueError: this one cannot be"}
+        assert rows_of(table)["0006"] == {"key": "0006", "error": "ValueError: this one cannot be"}
 
 
 def test_a_task_that_kills_every_worker_is_a_row_that_says_so(tmp_path: Path) -> None:
     with open_executor(None, 2) as executor, Table(tmp_path / "rows.sqlite") as table:
         run_tasks([Count(k, tmp_path, 0.3) for k in range(4)], one_always_dies, table, executor)
-        rows = {row["key"]: row.get("error", "") for row in table.rows()}
-    # The others break with the pool as often as it dies, and are not taken for what kills it.
+        rows = {key: row.get("error", "") for key, row in rows_of(table).items()}
     assert re.search(facts("worker", "3"), rows.pop("0001"))
     assert set(rows.values()) == {""}
 
@@ -73,7 +70,7 @@ def test_a_caller_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     assert 15 <= done < count
     again = []
     with Table(path) as table:
-        run_tasks(tasks(tmp_path / "marks", count), lambda task: again.append(task) or plain(task), table)
+        run_tasks(tasks(tmp_path / "marks", count), lambda task: again.append(task) or plain(task), table, Here())
         assert table.digest() == expected(tmp_path, count)
     assert len(again) == count - done
 
@@ -112,56 +109,25 @@ def running(process: int) -> bool:
 def rows_in(path: Path) -> int:
     try:
         with Table(path) as table:
-            return len(table)
+            return len(list(table.rows()))
     except sqlite3.OperationalError:  # locked just now
         return 0
+
+
+def rows_of(table: Table) -> dict[str, dict]:
+    return {row["key"]: row for row, _ in table.rows()}
 
 
 def test_a_row_made_of_something_else_is_made_anew(tmp_path: Path) -> None:
     with Table(tmp_path / "rows.sqlite") as table:
         table.put({"key": "0000", "value": 7.0}, {}, "old")
         table.put({"key": "0001", "value": 7.0}, {}, "new")
-        run_tasks(tasks(tmp_path, 2), plain, table, made_of=lambda task: "new")
-        assert table.get("0000") != {"key": "0000", "value": 7.0}
-        assert table.get("0001") == {"key": "0001", "value": 7.0}
+        run_tasks([Count(k, tmp_path, made_of="new") for k in range(2)], plain, table, Here())
+        rows = rows_of(table)
+        assert rows["0000"]["value"] != 7.0
+        assert rows["0001"]["value"] == 7.0
         table.keep_only({"0001"})
-        assert [row["key"] for row in table.rows()] == ["0001"]
-
-
-class Held(Executor):
-    """An executor that finishes the oldest task once four are waiting."""
-
-    window = 4
-
-    def __init__(self) -> None:
-        self.waiting: list[tuple[Future, Callable, tuple]] = []
-        self.most = 0
-
-    def submit(self, fn, /, *args, **kwargs):
-        future: Future = Future()
-        self.waiting.append((future, fn, args))
-        self.most = max(self.most, len(self.waiting))
-        if len(self.waiting) == self.window:
-            for one, function, given in self.waiting:
-                one.set_result(function(*given))
-            self.waiting.clear()
-        return future
-
-
-def test_tasks_are_drawn_no_faster_than_they_are_worked_on(tmp_path: Path) -> None:
-    drawn, done, ahead = [], [], []
-
-    def stream():
-        for k in range(40):
-            drawn.append(k)
-            ahead.append(len(drawn) - len(done))
-            yield Count(k, tmp_path)
-
-    executor = Held()
-    with Table(tmp_path / "rows.sqlite") as table:
-        run_tasks(stream(), plain, table, executor, progress=done.append)
-        assert len(table) == 40
-    assert max(ahead) <= Held.window + 1
+        assert list(rows_of(table)) == ["0001"]
 
 
 def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:

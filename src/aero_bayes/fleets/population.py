@@ -8,7 +8,6 @@ trouble at small τ, where a sampler of (μ, τ, θ) gets stuck. (Gelman et al.,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,15 +17,13 @@ from aero_bayes.arrays import FloatArray
 
 #: Fewest rigs from which a spread is inferred: with fewer its flat prior says more than they.
 MIN_RIGS = 4
-#: Points of the grid over τ: first over all sizes, then where the posterior is; nats below its peak that are left out.
-COARSE_POINTS, FINE_POINTS, MAX_DEPTH = 160, 400, 18.0
-#: Rigs that are worked on at a time, which bounds the memory.
-CHUNK_RIGS = 256
+#: Points of the grid over τ, zero and steps of 3 % from the smallest to the largest in units of what is seen.
+GRID_POINTS, SMALLEST, LARGEST = 600, 1e-6, 30.0
 
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Posterior of a fleet's mean and spread."""
+    """Posterior of a fleet's mean and spread: τ with its weights, and mean and standard deviation of μ given each."""
 
     spreads: FloatArray
     weights: FloatArray
@@ -45,17 +42,13 @@ class Population:
         """Compute quantiles of the next rig's value, shape of ``levels``."""
         return self._quantiles(np.hypot(self.deviations, self.spreads), levels)
 
-    def shrunken(self, centres: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute mean and standard deviation of rigs' values in the light of the fleet, shape (n,) each."""
-        mean, sd = np.empty_like(centres), np.empty_like(centres)
-        for part in _chunks(len(centres)):
-            variance = widths[part, None] ** 2
-            pull = variance / (variance + self.spreads**2)
-            given = centres[part, None] * (1.0 - pull) + pull * self.means
-            within = (1.0 - pull) * variance + (pull * self.deviations) ** 2
-            mean[part] = given @ self.weights
-            sd[part] = np.sqrt((within + given**2) @ self.weights - mean[part] ** 2)
-        return mean, sd
+    def given_all(self, centre: float, width: float) -> tuple[float, float]:
+        """Compute mean and standard deviation of a rig's value in the light of the fleet."""
+        pull = width**2 / (width**2 + self.spreads**2)
+        given = centre * (1.0 - pull) + pull * self.means
+        within = (1.0 - pull) * width**2 + (pull * self.deviations) ** 2
+        mean = float(given @ self.weights)
+        return mean, float(np.sqrt(within @ self.weights + (given - mean) ** 2 @ self.weights))
 
     def _quantiles(self, deviations: FloatArray, levels: FloatArray) -> FloatArray:
         """Compute quantiles of a mixture of Gaussians over the grid, by bisection of its distribution function."""
@@ -71,62 +64,35 @@ class Population:
 
 def fit_population(centres: FloatArray, widths: FloatArray) -> Population:
     """Compute the posterior of mean and spread from m_i and s_i > 0 of at least :data:`MIN_RIGS` rigs, shape (n,)."""
-    largest = 30.0 * max(float(np.ptp(centres)), float(np.median(widths)))
-    coarse = np.append(0.0, np.geomspace(1e-6 * largest, largest, COARSE_POINTS - 1))
-    log = _log_posterior(_sums(centres, widths, coarse))
-    kept = np.flatnonzero(log > log.max() - MAX_DEPTH)
-    low, high = coarse[max(kept[0] - 1, 0)], coarse[min(kept[-1] + 1, len(coarse) - 1)]
-    # Denser towards the lower end, where the density may be steep.
-    spreads = low + (high - low) * np.linspace(0.0, 1.0, FINE_POINTS) ** 1.5
-    sums = _sums(centres, widths, spreads)
-    return Population(spreads, _weights(_log_posterior(sums), spreads), sums[1] / sums[0], sums[0] ** -0.5)
+    size = max(float(np.ptp(centres)), float(np.median(widths)))
+    spreads = np.append(0.0, size * np.geomspace(SMALLEST, LARGEST, GRID_POINTS))
+    return _population(sum(_terms(m, s, spreads) for m, s in zip(centres, widths, strict=True)), spreads)
 
 
 def stand_out(centres: FloatArray, widths: FloatArray, population: Population) -> tuple[FloatArray, FloatArray]:
-    """Tell how unlikely each rig is to come from the fleet that all the others form."""
-    # Without a rig that is far off the others may differ much less than with it.
-    spreads = np.union1d(population.spreads, np.linspace(0.0, population.spreads[0], FINE_POINTS // 2))
-    total = _sums(centres, widths, spreads)
-    tail, above = np.empty_like(centres), np.empty_like(centres, dtype=bool)
-    for part in _chunks(len(centres)):
-        rest = total[:, None] - _terms(centres[part], widths[part], spreads)
-        weights = _weights(_log_posterior(rest), spreads)
-        variance = widths[part, None] ** 2 + spreads**2 + 1.0 / rest[0]
-        z = (centres[part, None] - rest[1] / rest[0]) / np.sqrt(variance)
-        lower, upper = (np.sum(weights * ndtr(side), axis=1) for side in (z, -z))
-        tail[part], above[part] = np.maximum(np.minimum(lower, upper), 1e-300), upper < lower
-    return 2.0 * tail, np.where(above, -ndtri(tail), ndtri(tail))
+    """Tell how unlikely each rig is to come from the fleet that all the others form: p-values, and how many sd away."""
+    spreads = population.spreads
+    total = sum(_terms(m, s, spreads) for m, s in zip(centres, widths, strict=True))
+    tail, away = np.empty_like(centres), np.empty_like(centres)
+    for k, (m, s) in enumerate(zip(centres, widths, strict=True)):
+        others = _population(total - _terms(m, s, spreads), spreads)
+        z = (m - others.means) / np.sqrt(s**2 + spreads**2 + others.deviations**2)
+        lower, upper = (float(others.weights @ ndtr(side)) for side in (z, -z))
+        tail[k] = max(min(lower, upper), 1e-300)
+        away[k] = -ndtri(tail[k]) if upper < lower else ndtri(tail[k])
+    return 2.0 * tail, away
 
 
-def _terms(centres: FloatArray, widths: FloatArray, spreads: FloatArray) -> FloatArray:
-    """Compute each rig's part of what the posterior at each τ is made of, shape (4, n, t).
-
-    They are summed over rigs, so that one rig can be taken out again: the precision, precision times centre, precision
-    times centre squared, and the logarithm of the variance."""
-    variance, centre = widths[:, None] ** 2 + spreads**2, centres[:, None]
+def _terms(centre: float, width: float, spreads: FloatArray) -> FloatArray:
+    """Compute a rig's part of the sums over rigs that the posterior at each τ is made of, shape (4, t)."""
+    variance = width**2 + spreads**2
     return np.stack([1.0 / variance, centre / variance, centre**2 / variance, np.log(variance)])
 
 
-def _sums(centres: FloatArray, widths: FloatArray, spreads: FloatArray) -> FloatArray:
-    total = np.zeros((4, len(spreads)))
-    for part in _chunks(len(centres)):
-        total += _terms(centres[part], widths[part], spreads).sum(axis=1)
-    return total
-
-
-def _log_posterior(sums: FloatArray) -> FloatArray:
-    """Compute the log-posterior of τ up to a constant, μ integrated out."""
+def _population(sums: FloatArray, spreads: FloatArray) -> Population:
+    """Integrate μ out at each τ, and weigh the grid by the trapezoid rule."""
     precision, weighted, squares, log_variance = sums
-    return np.asarray(-0.5 * (log_variance + np.log(precision) + squares - weighted**2 / precision))
-
-
-def _weights(log: FloatArray, spreads: FloatArray) -> FloatArray:
-    """Compute the share of each grid point by the trapezoid rule, along the last axis."""
+    log = -0.5 * (log_variance + np.log(precision) + squares - weighted**2 / precision)
     gaps = np.diff(spreads)
-    weights = np.exp(log - log.max(axis=-1, keepdims=True)) * (np.append(gaps, 0.0) + np.append(0.0, gaps))
-    return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
-
-
-def _chunks(size: int) -> Iterator[slice]:
-    for first in range(0, size, CHUNK_RIGS):
-        yield slice(first, first + CHUNK_RIGS)
+    weights = np.exp(log - log.max()) * (np.append(gaps, 0.0) + np.append(0.0, gaps))
+    return Population(spreads, weights / weights.sum(), weighted / precision, precision**-0.5)

@@ -92,7 +92,7 @@ class FleetPlan:
     def config(self, rig: Rig) -> Config:
         """Merge the settings of one rig. Raises InputError if they name a key or value that does not exist."""
         document = _overlaid(self.shared, rig.settings)
-        return resolve_paths(validated(Config, document, f"rig {rig.name}"), self.folder.resolve())
+        return resolve_paths(validated(Config, document, f"rig {rig.name}"), self.folder)
 
 
 def read_fleet(path: Path) -> FleetPlan:
@@ -105,7 +105,7 @@ def read_fleet(path: Path) -> FleetPlan:
         rigs += _read_table(path.parent / own.fleet.rigs, folder)
     if not rigs:
         raise InputError(f"{path}: no rigs; expected [[rig]] tables, or [fleet] rigs = a CSV file")
-    return FleetPlan(document, path.parent, own.fleet.work, rigs)
+    return FleetPlan(document, folder, own.fleet.work, rigs)
 
 
 def _read_table(path: Path, folder: Path) -> list[Rig]:

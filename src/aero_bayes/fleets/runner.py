@@ -1,151 +1,156 @@
-"""The one runner: tasks on whatever workers the user brings, rows written as they come, nothing done twice."""
+"""The one runner: tasks on any executor, rows written to one SQLite file as they come, nothing done twice."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import queue
 import socket
+import sqlite3
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError, Executor, Future
+from pathlib import Path
+from typing import Any, Protocol, Self, TypeVar
 
-from aero_bayes.errors import CannotFinishError
-from aero_bayes.fleets.table import Row, Table
+from aero_bayes.errors import CannotFinishError, InputError
+
+Row = dict[str, Any]
+Progress = Callable[[int], None]
+#: Tasks that wait or run at a time; enough for thousands of workers, and what bounds the memory of the caller.
+MAX_PENDING_TASKS = 4096
+#: How often a task is given to a worker before it counts as what killed them.
+MAX_TRIES = 3
+#: Fingerprint of a row that says that its workers died: the task is tried again at the next start.
+WORKER_DIED = "worker died"
 
 
-class Keyed(Protocol):
-    """A task with a unique key."""
+class KeyedTask(Protocol):
+    """A task with a unique key, and a fingerprint of all that its row is made of."""
 
     @property
     def key(self) -> str: ...
 
+    @property
+    def made_of(self) -> str: ...
 
-Task = TypeVar("Task", bound=Keyed)
-Progress = Callable[[int], None]
-#: Tasks that wait or run at a time where the executor does not say; enough for thousands of workers, and what bounds
-#: the memory of the caller.
-MAX_PENDING_TASKS = 4096
-#: How often a task is given to a worker before it counts as what killed them.
-MAX_TRIES = 3
-#: Fingerprint of a row that says that its workers died.
-WORKER_DIED = "worker died"
+
+Task = TypeVar("Task", bound=KeyedTask)
+
+
+class Table:
+    """Rows by key, in the order of their keys whatever the order in which they came.
+
+    ``row`` holds what is the same however often and wherever it is computed; ``cost`` what it took, and where."""
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._database = sqlite3.connect(path, isolation_level=None, timeout=60.0)
+        try:
+            # No write-ahead log: it does not work on network file systems, where clusters keep their results.
+            self._database.execute("PRAGMA journal_mode = TRUNCATE")
+            self._database.execute(
+                "CREATE TABLE IF NOT EXISTS rows (key TEXT PRIMARY KEY, made_of TEXT, row TEXT, cost TEXT)"
+            )
+        except sqlite3.DatabaseError as error:
+            self._database.close()
+            if isinstance(error, sqlite3.OperationalError):  # the disk, not the file
+                raise
+            raise InputError(f"{path}: not a table of rows ({error})") from None
+
+    def has(self, key: str, made_of: str) -> bool:
+        """Tell whether the row is there and was made of just this."""
+        found = self._database.execute("SELECT 1 FROM rows WHERE key = ? AND made_of = ?", (key, made_of))
+        return found.fetchone() is not None
+
+    def put(self, row: Row, cost: Mapping[str, Any], made_of: str) -> None:
+        """Write a row, which carries its key under ``key``, to the disk."""
+        texts = (json.dumps(row, sort_keys=True), json.dumps(cost, sort_keys=True))
+        self._database.execute("REPLACE INTO rows VALUES (?, ?, ?, ?)", (row["key"], made_of, *texts))
+
+    def rows(self) -> Iterator[tuple[Row, Row]]:
+        """Read all rows with their costs, one at a time."""
+        for row, cost in self._database.execute("SELECT row, cost FROM rows ORDER BY key"):
+            yield json.loads(row), json.loads(cost)
+
+    def keep_only(self, keys: set[str]) -> None:
+        """Drop rows of other keys."""
+        present = {key for (key,) in self._database.execute("SELECT key FROM rows")}
+        self._database.executemany("DELETE FROM rows WHERE key = ?", [(key,) for key in present - keys])
+
+    def digest(self) -> str:
+        """Hash all rows, costs left out: equal for equal tables."""
+        total = hashlib.sha256()
+        for (text,) in self._database.execute("SELECT row FROM rows ORDER BY key"):
+            total.update(f"{text}\n".encode())
+        return total.hexdigest()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._database.close()
 
 
 def run_tasks(
     tasks: Iterable[Task],
     attempt: Callable[[Task], Row],
     table: Table,
-    executor: Executor | None = None,
-    *,
-    made_of: Callable[[Task], str] = lambda task: "",
-    until: Callable[[], bool] = lambda: False,
+    executor: Executor,
     progress: Progress = lambda count: None,
 ) -> None:
     """Work on all tasks that the table does not hold yet, and write each row as it comes."""
+    ended: queue.SimpleQueue[Future[tuple[Row, Row]]] = queue.SimpleQueue()
+    sent: dict[Future[tuple[Row, Row]], tuple[Task, str, int]] = {}
 
-    def wanted() -> Iterator[Task]:
-        for task in tasks:
-            if table.has(task.key, made_of(task)):
-                progress(1)
-            elif until():
-                return
-            else:
-                yield task
-
-    if executor is None:
-        for task in wanted():
-            table.put(*_timed(attempt, task), made_of(task))
-            table.flush()
-            progress(1)
-        return
-    running = _Running(executor, attempt, table, made_of, progress)
-    try:
-        for task in wanted():
-            running.send(task)
-            while running.full:
-                running.receive()
-        while running.left:
-            running.receive()
-    finally:
-        running.cancel()
-
-
-class _Running(Generic[Task]):
-    """Tasks on their way, each with how often it was sent; rows are written as they come back."""
-
-    def __init__(
-        self,
-        executor: Executor,
-        attempt: Callable[[Task], Row],
-        table: Table,
-        made_of: Callable[[Task], str],
-        progress: Progress,
-    ) -> None:
-        self._executor, self._attempt, self._table = executor, attempt, table
-        self._made_of, self._progress = made_of, progress
-        self._ended: queue.SimpleQueue[Future[tuple[Row, Row]]] = queue.SimpleQueue()
-        self._sent: dict[Future[tuple[Row, Row]], tuple[Task, int]] = {}
-        # A pool of processes breaks as a whole when one of them dies: whose fault it was shows when each is alone.
-        self._suspects: deque[tuple[Task, int]] = deque()
-
-    @property
-    def full(self) -> bool:
-        """Whether no further task is to be sent before one has ended."""
-        return len(self._sent) >= int(getattr(self._executor, "window", MAX_PENDING_TASKS))
-
-    @property
-    def left(self) -> bool:
-        """Whether a task has not ended yet; a suspect is sent where nothing else runs."""
-        if not self._sent and self._suspects:
-            self.send(*self._suspects.popleft())
-        return bool(self._sent)
-
-    def send(self, task: Task, tries: int = 1) -> None:
-        """Give a task to the executor."""
+    def send(task: Task, made_of: str, tries: int = 1) -> None:
         try:
-            future = self._executor.submit(_timed, self._attempt, task)
+            future = executor.submit(_timed, attempt, task)
         except RuntimeError as error:  # broken, or shut down
             raise CannotFinishError(f"the workers are gone ({error}); run the same command again to continue") from None
-        self._sent[future] = task, tries
-        future.add_done_callback(self._ended.put)
+        sent[future] = task, made_of, tries
+        future.add_done_callback(ended.put)
 
-    def receive(self) -> None:
-        """Wait for the next task that ends; write its row, or try it again if its worker died."""
-        future = self._ended.get()
-        task, tries = self._sent.pop(future)
-        problem = future.exception() if not future.cancelled() else RuntimeError("cancelled")
-        if problem is not None and tries < MAX_TRIES:
-            again = task, tries + 1
-            self._suspects.append(again) if isinstance(problem, BrokenExecutor) else self.send(*again)
-            return
+    def receive() -> None:
+        future = ended.get()
+        task, made_of, tries = sent.pop(future)
+        problem = CancelledError() if future.cancelled() else future.exception()
         if problem is None:
             row, cost = future.result()
-            self._table.put(row, cost | {"tries": tries}, self._made_of(task))
+            table.put(row, cost | {"tries": tries}, made_of)
+        elif tries < MAX_TRIES:
+            send(task, made_of, tries + 1)
+            return
         else:
-            # If workers died, the row has no fingerprint, so that the task is tried again.
             row = failure(task.key, f"its worker died {tries} times ({type(problem).__name__})")
-            self._table.put(row, {"tries": tries}, WORKER_DIED)
-        if self._ended.empty():
-            self._table.flush()
-        self._progress(1)
+            table.put(row, {"tries": tries}, WORKER_DIED)
+        progress(1)
 
-    def cancel(self) -> None:
-        """Cancel what has not begun."""
-        for future in self._sent:
+    try:
+        for task in tasks:
+            made_of = task.made_of
+            if table.has(task.key, made_of):
+                progress(1)
+                continue
+            send(task, made_of)
+            while len(sent) >= MAX_PENDING_TASKS:
+                receive()
+        while sent:
+            receive()
+    finally:
+        for future in sent:
             future.cancel()
 
 
-def _timed(attempt: Callable[[Task], Row], task: Task) -> tuple[Row, dict[str, Any]]:
+def _timed(attempt: Callable[[Task], Row], task: Task) -> tuple[Row, Row]:
     """Make a row, and say what it took; runs on the worker. Only a worker's death ends without a row."""
-    began, cpu = time.perf_counter(), sum(os.times()[:4])  # of this process and its children that have ended
+    began = time.perf_counter()
     try:
         row = attempt(task)
     except Exception as error:
         row = failure(task.key, f"{type(error).__name__}: {error}")
-    cost = {"seconds": time.perf_counter() - began, "cpu_seconds": sum(os.times()[:4]) - cpu}
-    return row, cost | {"worker": f"{socket.gethostname()}/{os.getpid()}"}
+    return row, {"seconds": time.perf_counter() - began, "worker": f"{socket.gethostname()}/{os.getpid()}"}
 
 
 def failure(key: str, reason: str) -> Row:

@@ -17,9 +17,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.fleets.executors import open_executor
 from aero_bayes.fleets.rigs import FleetPlan, Rig, Work, read_fleet
-from aero_bayes.fleets.runner import Progress, run_tasks
+from aero_bayes.fleets.runner import Progress, Table, run_tasks
 from aero_bayes.fleets.summary import summarise_fleet
-from aero_bayes.fleets.table import Table
 from aero_bayes.fleets.task import RigTask, attempt
 from aero_bayes.report.fleet_page import write_fleet_page
 from aero_bayes.schema import FleetJson
@@ -77,29 +76,22 @@ def fleet(
     if executor is None:
         with open_executor() as pool:
             return fleet(rigs, out, settings=settings, work=work, seed=seed, executor=pool, progress=progress)
-    plan = _plan_of(rigs, settings, work)
+    if isinstance(rigs, Path | str):
+        plan = read_fleet(Path(rigs))
+    else:
+        plan = FleetPlan(settings or {}, Path.cwd(), work, tuple(rigs))
     folder = Path(out).resolve()
     tasks = tasks_of(plan, folder, seed)
     first = list(islice(tasks, 1))  # what is wrong with all rigs shows before anything is written
     with Table(folder / TABLE) as table:
-        run_tasks(chain(first, tasks), attempt, table, executor, made_of=lambda task: task.made_of, progress=progress)
+        run_tasks(chain(first, tasks), attempt, table, executor, progress)
         table.keep_only({rig.name for rig in plan.rigs})
-        result, columns = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
-    _write_json(result, folder / FLEET_RESULT)
-    write_fleet_page(folder, result, columns)
-    return result
-
-
-def _plan_of(rigs: Iterable[Rig] | Path | str, settings: dict[str, Any] | None, work: Work) -> FleetPlan:
-    if isinstance(rigs, Path | str):
-        return read_fleet(Path(rigs))
-    return FleetPlan(settings or {}, Path(), work, tuple(rigs))
-
-
-def _write_json(result: FleetJson, path: Path) -> None:
-    with whole_file(path) as temporary:
+        result, rows = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
+    with whole_file(folder / FLEET_RESULT) as temporary:
         text = json.dumps(result.model_dump(by_alias=True), indent=1, ensure_ascii=False, allow_nan=False)
         temporary.write_text(text + "\n", "utf-8")
+    write_fleet_page(folder, result, rows)
+    return result
 
 
 def tasks_of(plan: FleetPlan, out: Path, seed: int) -> Iterator[RigTask]:

@@ -9,7 +9,6 @@ from aero_bayes.schema.base import ParameterJson, QuantilesJson, VerdictJson
 from aero_bayes.schema.design import DesignJson
 from aero_bayes.schema.estimate import McmcJson, ModeDrawsJson, ProfileJson, SensorJson
 from aero_bayes.schema.fleet import (
-    FleetCostJson,
     FleetEffectJson,
     FleetJson,
     FleetParameterJson,
@@ -29,7 +28,6 @@ __all__ = [
     "DesignJson",
     "DiagramJson",
     "EffectJson",
-    "FleetCostJson",
     "FleetEffectJson",
     "FleetJson",
     "FleetParameterJson",

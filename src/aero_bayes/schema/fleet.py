@@ -1,4 +1,4 @@
-"""Typed classes of ``fleet.json``: parameters, effects, outliers and computing effort."""
+"""Typed classes of ``fleet.json``: parameters, effects and outliers."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ class RangeJson(JsonTable):
 
 
 class FleetParameterJson(JsonTable):
-    """A parameter over the fleet.
+    """A parameter over the fleet, in its unit; ``spread`` is of its logarithm where ``log``.
 
-    ``mean`` is the fleet's typical value, ``next`` the prediction for a rig not seen yet, both in the parameter's unit.
-    """
+    ``mean`` is the fleet's typical value, ``next`` the prediction for a rig not seen yet."""
 
     unit: str = ""
     log: bool = False
@@ -50,15 +49,6 @@ class RigReasonJson(JsonTable):
     p_value: JsonNumber = None
 
 
-class FleetCostJson(JsonTable):
-    """Computing effort of all rigs, and the number of workers; ``tries`` counts tasks that were sent more than once."""
-
-    seconds: float = 0.0
-    cpu_seconds: float = 0.0
-    workers: int = 0
-    tries: int = 0
-
-
 class FleetJson(JsonTable):
     """``fleet.json``; lists of rigs are cut at a hundred, counts are whole, all rigs are in ``rigs.sqlite``."""
 
@@ -71,12 +61,12 @@ class FleetJson(JsonTable):
     rigs: int = 0
     failed: int = 0
     outcomes: dict[str, int] = {}
-    levels: dict[str, int] = {}
     parameters: dict[str, FleetParameterJson] = {}
     effects: list[FleetEffectJson] = []
     standing_out: int = 0
     stand_out: list[RigReasonJson] = []
     failures: list[RigReasonJson] = []
-    cost: FleetCostJson = FleetCostJson()
+    seconds: float = 0.0
+    workers: int = 0
     table_sha256: str = ""
     verdict: VerdictJson | None = None
