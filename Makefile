@@ -30,7 +30,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench rig-trial fault-trial real-rigs real-trial coverage coverage-wrong docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -113,12 +113,6 @@ bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json and 
 	  || echo "PINTS or CasADi could not be installed: their rows stay empty"
 	$(BIN)/python benchmarks/bench.py --out reports
 
-trial: setup ## the blind trial -> reports/trial.json (resumable)
-	$(BIN)/python studies/trial.py --out reports
-
-trial-quick: setup ## a small part of the blind trial
-	$(BIN)/python studies/trial.py --quick --out reports
-
 rig-trial: setup ## the blind trial over many kinds of rigs -> reports/rig_trial.json (resumable)
 	$(BIN)/python studies/rig_trial.py --out reports
 
@@ -130,13 +124,6 @@ real-rigs: setup ## the loop on measured recordings of real rigs in ../shared ->
 
 real-trial: setup ## terms deleted from complete models of real rigs -> reports/real_trial.json (resumable, 15 minutes a part)
 	$(BIN)/python studies/real_trial.py --out reports --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS))
-
-odebench: setup ## published systems with one term deleted -> reports/odebench.json (resumable, 15 minutes a run)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[odebench]'
-	$(BIN)/python studies/odebench.py --out reports --seed $(SEED)
-
-ablation: setup ## the development trials with each part of the search left out -> reports/ablation.json (resumable)
-	$(BIN)/python studies/ablation.py --out reports
 
 fleet: setup ## a small simulated fleet on a local Dask cluster -> reports/fleet (resumable)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[fleet]'

@@ -2,8 +2,7 @@
 
 ``real_rigs/cases.toml`` says what is fitted to what and which names are right; the recordings are not part of the
 project and are looked for under ``--recordings``. A case is one row, kept as a JSON file in OUT/real_rigs; a case that
-has its row is not run again unless ``--again`` names it. The reference for "before" is a least-squares fit of the same
-first model that shares no code with the library (``rig_references.py``), kept in OUT/real_rigs/references.
+has its row is not run again unless ``--again`` names it.
 """
 
 from __future__ import annotations
@@ -25,9 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import play_drive
 from real_rigs_table import Expectation, judge_answer, table
-from rig_references import residuals_of
 from trial_runs import Row, code, write_summary
 
 HERE = Path(__file__).resolve().parent
@@ -44,7 +41,6 @@ class RigCase(Expectation):
     train: tuple[str, ...]
     test: tuple[str, ...] = ()
     model: str = ""
-    simulated: bool = False
 
     @property
     def folder(self) -> Path:
@@ -133,15 +129,6 @@ def judged_parts(result: dict[str, Any]) -> Row:
     }
 
 
-def reference_fit(case: RigCase, files: dict[str, list[Path]], path: Path) -> dict[str, Any]:
-    """Fit the first model by independent least squares to what is fitted; computed once, then read."""
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_summary(residuals_of(case.folder.name, files["train"], whole=bool(case.test)), path)
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
-
-
 def run(
     known: dict[str, RigCase], there: dict[str, dict[str, list[Path]]], out: Path, options: argparse.Namespace
 ) -> None:
@@ -160,33 +147,27 @@ def main() -> None:
     known = cases()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--recordings", type=Path, action="append", help="folder of recordings (may be repeated)")
-    parser.add_argument("--out", type=Path, default=Path("reports"), help="rows, runs and references: OUT/real_rigs")
+    parser.add_argument("--out", type=Path, default=Path("reports"), help="rows and runs: OUT/real_rigs")
     parser.add_argument("--only", choices=known, action="append", metavar="NAME", help=", ".join(known))
     parser.add_argument("--again", choices=known, action="append", default=[], metavar="NAME", help="run it anew")
     parser.add_argument("--workers", type=int, default=2, help="processes of a loop")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--max-minutes", type=float, help="[loop] max_minutes of each loop (default: the program's)")
     parser.add_argument("--stop-after", type=float, default=float("inf"), help="start no loop after so many minutes")
-    parser.add_argument(
-        "--table", action="store_true", help="run no loop: references that are not there, then the table"
-    )
-    parser.add_argument("--no-reference", action="store_true", help="compute no reference that is not there")
+    parser.add_argument("--table", action="store_true", help="run no loop")
     options = parser.parse_args()
     out = (options.out / "real_rigs").resolve()
-    play_drive.write(out / "recordings" / "play")
-    folders = [*(options.recordings or RECORDINGS), out / "recordings"]
+    out.mkdir(parents=True, exist_ok=True)
+    folders = options.recordings or RECORDINGS
     found = {name: known[name].find(folders) for name in options.only or known}
     there = {name: files for name, files in found.items() if files is not None}
     print("".join(f"{name}: its recordings are not there\n" for name in found if name not in there), end="")
     if not options.table:
         run(known, there, out, options)
     rows = []
-    for name, files in there.items():
-        case, kept = known[name], out / "references" / f"{name}.json"
-        best = {} if options.no_reference and not kept.exists() else reference_fit(case, files, kept)
+    for name in there:
         if (path := out / f"{name}.json").exists():
-            row = json.loads(path.read_text(encoding="utf-8"))
-            rows.append(judge_answer(row, best, case))
+            rows.append(judge_answer(json.loads(path.read_text(encoding="utf-8")), known[name]))
     text = table(rows)
     print(text)
     write_summary({"rows": rows}, out / "table.json")

@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any
-
-import numpy as np
 
 from trial_runs import Row
 
 HEAD = (
-    "rig", "verdict", "outcome", "named", "missed", "false", "residual, fitted", "residual, unseen",
-    "before over least squares, start free / as read", "s",
+    "rig", "verdict", "outcome", "named", "missed", "false", "residual, fitted", "residual, unseen", "s",
 )  # fmt: skip
-#: The two references, and how much larger than them "before" may be.
-STARTS = {"free": "with the start free", "as_read": "with the start as read"}
-LIMIT = 1.02
-
-
 #: What an answer can be, best first; a run that failed is ``failed``.
 VERDICTS = {
     "right": "all that is expected is named, and nothing false",
@@ -41,30 +32,16 @@ class Expectation:
     place: tuple[str, ...] = ()
     fine: tuple[str, ...] = ()
     false: tuple[str, ...] = ()
-    truth: Mapping[str, float] = field(default_factory=dict)
 
 
-def judge_answer(row: Row, reference: Mapping[str, Any], known: Expectation) -> Row:
-    """Add to a row what is right and false of it, its verdict, and "before" over least squares.
+def judge_answer(row: Row, known: Expectation) -> Row:
+    """Add to a row what is right and false of it, and its verdict.
 
-    An effect stands for all that the program calls equivalent to it. ``over_reference`` holds "before" over least
-    squares with the start ``free`` and ``as_read``, by output and, ``together``, as the geometric mean of these: what
-    one output gains where another loses is a matter of their weights.
+    An effect stands for all that the program calls equivalent to it.
     """
     if "error" in row:
-        return {**row, "verdict": "failed", "reference": dict(reference)}
-    answer = judge_names(row["named"], row["equivalent"], known)
-    return {
-        **row,
-        **answer,
-        "reference": dict(reference),
-        "over_reference": {
-            start: _over(row["before"].get("train", {}), reference[start]["rms"])
-            for start in ("free", "as_read")
-            if start in reference
-        },
-        "standard_deviations_off": _off(row["parameters"], known.truth),
-    }
+        return {**row, "verdict": "failed"}
+    return {**row, **judge_names(row["named"], row["equivalent"], known)}
 
 
 def judge_names(named: Sequence[str], equivalent: Sequence[Sequence[str]], known: Expectation) -> Row:
@@ -108,27 +85,12 @@ def _verdict(answer: Row, something: bool, known: Expectation) -> str:
     return "place_right" if answer["right"] or answer["at_place"] else "missed"
 
 
-def _over(before: Mapping[str, float], best: Mapping[str, float]) -> dict[str, float]:
-    over = {name: before[name] / rms for name, rms in best.items() if before.get(name)}
-    return {**over, "together": float(np.exp(np.mean(np.log(list(over.values()))))) if over else float("nan")}
-
-
 def _class(equivalent: Sequence[Sequence[str]], name: str) -> set[str]:
     return {name, *(other for same in equivalent if name in same for other in same)}
 
 
 def _any(names: set[str], patterns: Sequence[str]) -> bool:
     return any(fnmatchcase(name, pattern) for name in names for pattern in patterns)
-
-
-def _off(parameters: Mapping[str, Mapping[str, Any]], truth: Mapping[str, float]) -> dict[str, float | None]:
-    """Return how far each known parameter is off, in its standard deviations; None where it was not fitted."""
-    off: dict[str, float | None] = {}
-    for name, value in truth.items():
-        # A parameter of a law may stand under its own name or under one with its port.
-        one = parameters.get(name) or next((p for n, p in parameters.items() if n.startswith(f"{name}_")), {})
-        off[name] = (one["value"] - value) / one["sd"] if one.get("sd") else None
-    return off
 
 
 def table(rows: Sequence[Row]) -> str:
@@ -141,16 +103,6 @@ def table(rows: Sequence[Row]) -> str:
     counts = Counter(row["verdict"] for row in rows)
     lines += ["", ", ".join(f"{counts[verdict]} {verdict.replace('_', ' ')}" for verdict in VERDICTS)]
     lines += [f"{right} of {right + missed} expected names found, {wrong} false names"]
-    for start, words in STARTS.items():
-        over = [row["over_reference"][start]["together"] for row in good if row["over_reference"]]
-        above = sum(ratio > LIMIT for ratio in over)
-        lines += [f'"before" more than {LIMIT} times least squares {words}: {above} of {len(over)}']
-    for row in good:
-        if row["standard_deviations_off"]:
-            off = ", ".join(
-                f"{n} {'-' if z is None else f'{z:+.1f}'}" for n, z in row["standard_deviations_off"].items()
-            )
-            lines += [f"{row['key']}: off by standard deviations: {off}"]
     codes = sorted({row["code"] for row in rows})
     return "\n".join([*lines, f"code: {', '.join(codes)}"])
 
@@ -159,12 +111,6 @@ def _cells(row: Row) -> list[str]:
     if "error" in row:
         return [row["key"], "failed", f"{row['error']}", *([""] * (len(HEAD) - 4)), f"{row['seconds']:.0f}"]
     marks = {n: " (place)" for n in row["at_place"]} | {n: " (other)" for n in row["other"]}
-    over = [
-        ", ".join(f"{name} {ratio:.3f}" for name, ratio in ratios.items())
-        if len(ratios) > 2
-        else f"{ratios['together']:.3f}"
-        for ratios in row["over_reference"].values()
-    ]
     return [
         row["key"],
         row["verdict"].replace("_", " "),
@@ -174,7 +120,6 @@ def _cells(row: Row) -> list[str]:
         ", ".join(f"`{name}`" for name in (*row["false"], *row["other"])) or "-",
         _change(row, "train"),
         _change(row, "test"),
-        " / ".join(over) or "-",
         f"{row['seconds']:.0f}",
     ]
 

@@ -23,13 +23,19 @@ from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.estimate import CalibrationSettings, ParameterSet, declared_overrides, parameters_from_model
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.simulation import Model
-from aero_trial import ALL_KINDS
 from simulated_aero.effects import EffectKind
 from simulated_aero.sensors import SensorNoise
 from simulated_rigs import MODELS
 from simulated_rigs.kinds import KINDS, RigKind
 from simulated_rigs.truth import LawPlace, LawTruth, law_kind
 
+#: Effects of the AERO: those of its catalogue, and thrust that bends away from the square of speed.
+AERO_KINDS = bench.KINDS | {
+    "propeller_stall": EffectKind(
+        "propeller_stall", "thrust", {"s": (1e-4, 1e-3)},
+        lambda equations, p: equations.thrust.append(lambda F, t, i, w, th, q, z: F * (1.0 - p["s"] * abs(w))),
+    )
+}  # fmt: skip
 One = TypeVar("One", bench.EffectTruth, LawTruth)
 
 #: Factors of the size of what is missing.
@@ -94,12 +100,12 @@ class Aero:
 
     def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
         time = bench.even_times(times * self.duration, self.rate_hz)
-        kinds, effects = ALL_KINDS, ()
+        kinds, effects = AERO_KINDS, ()
         if state in ("missing", "unlisted"):
             effects = (scaled(self.missing if state == "missing" else self.unlisted, size),)
         elif state == "process_noise":
             kind = random_torque(white_force(rng, size * self.torque, time))
-            kinds, effects = {**ALL_KINDS, kind.id: kind}, (kind.truth(),)
+            kinds, effects = {**AERO_KINDS, kind.id: kind}, (kind.truth(),)
         truth = bench.Truth("one_dof", replace(bench.Parameters(), **self.truth), effects, 5e-3)
         run = bench.simulate_truth(truth, Held(time, 24.0 * levels(rng, time)), time, kinds=kinds)
         measured, silent = (bench.measure(run, sensors, rng, self.name) for sensors in (bench.white(), bench.clean()))
@@ -236,7 +242,7 @@ def rigs() -> dict[str, Rig]:
     aero = Aero(
         {"R_a": 9.0, "c_m": 0.040, "J_r": 4.4e-6, "k_d": 2.7e-8, "k_t": 3.1e-7, "D_p": 0.0065, "K_sp": 0.041},
         bench.effect("pivot_coulomb_friction", tau_c=2.5e-4),
-        ALL_KINDS["propeller_stall"].truth(s=2e-4),
+        AERO_KINDS["propeller_stall"].truth(s=2e-4),
         torque=1e-4,
     )
     pendulum = KINDS["pendulum"]
