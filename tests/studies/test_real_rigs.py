@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
-from facts import facts
 
-import real_rigs
 from aero_bayes.config import load_config
-from real_rigs_table import Expectation, judge_answer, judge_names, table
+from study import real_rigs
+from study.real_rigs import Expectation, RigCase, agreement, judged, summary, table
+from study.study import Row
 
 pytestmark = pytest.mark.long
 
@@ -22,30 +21,36 @@ def test_every_case_has_its_model() -> None:
         assert all(source.is_file() for source in config.model.sources)
 
 
-def row(*named: str, equivalent: tuple[tuple[str, ...], ...] = ()) -> dict[str, object]:
+def row(*named: str, equivalent: tuple[tuple[str, ...], ...] = (), key: str = "servo", **claim: object) -> Row:
+    effects = [{"id": one, "port": one.partition("@")[2], "kind": "catalogue", **claim} for one in named]
     return {
-        "key": "rig", "code": "0", "seconds": 1.0, "outcome": "extended", "named": list(named),
+        "key": key, "seconds": 1.0, "outcome": "extended", "effects": effects,
         "equivalent": [list(ids) for ids in equivalent], "before": {"train": {"y": 0.3}, "test": {"y": 0.4}},
         "after": {"train": {"y": 0.1}, "test": {"y": 0.2}},
     }  # fmt: skip
 
 
-def test_names_are_right_missed_false_or_other() -> None:
-    known = Expectation(
-        expected=(("overflow@h1",), ("lag@u", "delay@u")), fine=("offset@*",), false=("gain@*",),
-    )  # fmt: skip
-    answer = row("overflow@h1", "offset@h2", "gain@u", "curve@y")
-    one = judge_answer(answer, known)
-    assert (one["right"], one["missed"]) == (["overflow@h1"], ["lag@u or delay@u"])
-    assert (one["false"], one["other"], one["verdict"]) == (["gain@u"], ["curve@y"], "false")
-    same = judge_answer(row("gain@u", equivalent=(("gain@u", "delay@u"),)), known)
-    assert (same["right"], same["false"]) == (["gain@u"], [])
-    alone = judge_answer(row("backlash@w", "offset@w"), Expectation(expected=(("backlash@w",),), false=("*",)))
-    assert (alone["right"], alone["false"]) == (["backlash@w"], ["offset@w"])
-    failed = judge_answer({"key": "other", "code": "0", "seconds": 2.0, "error": "stopped"}, known)
-    text = table([one, failed])
-    assert re.search(facts("1 of 2", "2 false"), text)
-    assert re.search(facts("1 false", "1 failed", "stopped"), text)
+def test_names_are_right_missed_or_false() -> None:
+    known = Expectation(expected=(("overflow@h1",), ("lag@u", "delay@u")), fine=("offset@*",), false=("gain@*",))
+    one = judged(row("overflow@h1", "offset@h2", "gain@u", "curve@y"), known)
+    assert (one["missed"], one["false"], one["verdict"]) == (["lag@u or delay@u"], ["gain@u", "curve@y"], "false")
+    same = judged(row("gain@u", equivalent=(("gain@u", "delay@u"),)), known)
+    assert same["false"] == []
+    alone = judged(row("backlash@w", "offset@w"), Expectation(expected=(("backlash@w",),), false=("*",)))
+    assert alone["false"] == ["offset@w"]
+    assert judged({"key": "other", "error": "stopped"}, known)["verdict"] == "failed"
+
+
+def test_a_claim_of_a_place_or_of_one_of_several_is_no_claim_of_a_law() -> None:
+    known = Expectation(expected=(("coulomb_friction@w",),))
+    place = judged(row("viscous_friction@w", claim="place"), known)
+    assert (place["verdict"], place["false_law"]) == ("place_right", False)
+    wrong = judged(row("viscous_friction@x", claim="place"), known)
+    assert (wrong["verdict"], wrong["false_law"]) == ("false", False)
+    law = judged(row("viscous_friction@w", claim="law"), known)
+    assert (law["verdict"], law["false_law"]) == ("false", True)
+    others = [{"id": "coulomb_friction@w", "port": "w", "error_ratio": 1.01}]
+    assert judged(row("offset@w", claim="one of", alternatives=others), known)["verdict"] == "right"
 
 
 @pytest.mark.parametrize(
@@ -62,27 +67,44 @@ def test_names_are_right_missed_false_or_other() -> None:
 )
 def test_the_verdict_tells_a_name_from_a_place(named: list[str], verdict: str) -> None:
     known = Expectation(expected=(("square_law@u",),), place=("curve@u",), fine=("lag@u",), false=("dead_zone@u",))
-    assert judge_names(named, [], known)["verdict"] == verdict
+    assert judged(row(*named), known)["verdict"] == verdict
 
 
 def test_silence_is_right_where_no_law_is_missing_or_readings_are_too_few() -> None:
     few = Expectation(expected=(("square_loss@N",),), silence=True)
     none = Expectation(place=("curve@i",), fine=("dead_zone@v",))
-    assert [judge_names([], [], known)["verdict"] for known in (few, none)] == ["silent", "silent"]
+    assert [judged(row(), known)["verdict"] for known in (few, none)] == ["silent", "silent"]
     # A class of which none is named, but which holds the truth.
-    untold = [["lag@u", "square_loss@N"]]
-    assert judge_names([], untold, Expectation(expected=few.expected))["verdict"] == "place_right"
-    assert judge_names([], [["lag@u", "gain@u"]], Expectation(expected=few.expected))["verdict"] == "missed"
-    assert judge_names(["curve@i"], [], none)["verdict"] == "place_right"
-    assert judge_names(["dead_zone@v"], [], none)["verdict"] == "right"
-    assert judge_names(["lag@i"], [], none)["verdict"] == "false"
+    loud = Expectation(expected=few.expected)
+    assert judged(row(equivalent=(("lag@u", "square_loss@N"),)), loud)["verdict"] == "place_right"
+    assert judged(row(equivalent=(("lag@u", "gain@u"),)), loud)["verdict"] == "missed"
+    assert judged(row("curve@i"), none)["verdict"] == "place_right"
+    assert judged(row("dead_zone@v"), none)["verdict"] == "right"
+    assert judged(row("lag@i"), none)["verdict"] == "false"
 
 
-def test_a_case_whose_recordings_are_not_there_is_left_out(tmp_path: Path) -> None:
-    case = real_rigs.RigCase("rig", ("a.csv",), ("b.csv",))
+def test_recordings_of_a_rig_agree_where_classes_overlap_or_one_is_silent() -> None:
+    rows = [
+        row("lag@u", equivalent=(("lag@u", "delay@u"),), key="a:1"), row("delay@u", key="a:2"), row(key="a:3"),
+        row("gain@u", key="a:4"), row("gain@u", key="b:1"),
+    ]  # fmt: skip
+    found = agreement(rows)
+    assert (found["recordings"], found["named"], found["pairs"]) == (5, 0.8, 6)
+    assert found["same"] == pytest.approx(4 / 6)
+    assert found["unlike"] == [["a:1", "a:4"], ["a:2", "a:4"]]
+
+
+def test_the_table_shows_each_case_and_what_single_recordings_say() -> None:
+    found = summary(
+        [row("rate_limit@command"), row(key="servo:train"), row(key="servo:test"), {"key": "coil", "error": "x"}]
+    )
+    assert (found["cases"], found["verdicts"]["right"], found["verdicts"]["failed"]) == (2, 1, 1)
+    text = "\n".join(table(found))
+    assert "| servo | `rate_limit@command` | right | 0.4 → 0.2 |" in text
+    assert "100 % of 1 pairs" in text
+
+
+def test_a_recording_that_is_not_there_is_left_out(tmp_path: Path) -> None:
+    case = RigCase("rig", ("a.csv",), ("b.csv",))
     (tmp_path / "a.csv").touch()
-    assert case.find([tmp_path]) is None
-    (tmp_path / "b.csv").touch()
-    assert case.find([tmp_path / "none", tmp_path]) == {
-        "train": [(tmp_path / "a.csv").resolve()], "test": [(tmp_path / "b.csv").resolve()]
-    }  # fmt: skip
+    assert case.find([tmp_path / "none", tmp_path]) == {"a.csv": (tmp_path / "a.csv").resolve()}
