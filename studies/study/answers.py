@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,28 @@ def close_loop(
     if done.returncode:
         raise RuntimeError((done.stderr.strip().splitlines() or ["no message"])[-1])
     return answer_of(json.loads((folder / "out" / "result.json").read_text(encoding="utf-8")))
+
+
+@dataclass(frozen=True)
+class LoopTask:
+    """One loop on measured recordings: texts of the model's files by name, and the folder in which it runs."""
+
+    key: str
+    files: Mapping[str, str]
+    train: tuple[Path, ...]
+    test: tuple[Path, ...]
+    folder: Path
+    seed: int
+    minutes: float
+
+
+def close_loop_of(task: LoopTask) -> Row:
+    """Close the loop of a task, and keep the run."""
+    shutil.rmtree(task.folder, ignore_errors=True)
+    task.folder.mkdir(parents=True)
+    for name, text in task.files.items():
+        (task.folder / name).write_text(text, encoding="utf-8")
+    return close_loop(task.folder, task.train, task.test, seed=task.seed, minutes=task.minutes)
 
 
 def answer_of(result: Mapping[str, Any]) -> Row:

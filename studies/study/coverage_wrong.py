@@ -24,7 +24,7 @@ import numpy as np
 from numpy.random import Generator
 
 import aero_bayes
-from aero_bayes.data import write_csv
+from aero_bayes.data import Recording, write_csv
 from study.answers import close_loop
 from study.repeated import RepeatedRig, repeated_rigs
 from study.study import Row, Study, markdown, percent, rate, write_json
@@ -140,7 +140,10 @@ def attempt(task: Repetition) -> Row:
         elif task.state != "right":
             name = f"best_{shared}_{task.state}_{task.size:g}.json"
             targets = kept(task.folder / name, lambda: best_values(task, rig, model))
-        record = lambda name: rig.record(truth, rng, name, state=acts, size=task.size)  # noqa: E731
+
+        def record(name: str) -> Recording:
+            return rig.record(truth, rng, name, state=acts, size=task.size)
+
         fit = rig.fit([record("train")], model, starts=starts)
         white = fit
         if any(noise.kind != "white" for noise in fit.noise.values()):

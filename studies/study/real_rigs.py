@@ -7,7 +7,6 @@ alone, with the others unseen: the answer should not depend on which one was fit
 
 from __future__ import annotations
 
-import shutil
 import tomllib
 from argparse import Namespace
 from collections import Counter
@@ -18,22 +17,16 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from study.answers import claims_law, close_loop, same_as, unseen
+from study.answers import LoopTask, claims_law, close_loop_of, same_as, unseen
 from study.study import Row, Study, markdown, number, percent, rate
 
 STUDIES = Path(__file__).resolve().parents[1]
 MODELS = STUDIES / "real_rigs"
 #: Where recordings are looked for.
 RECORDINGS = tuple(STUDIES.parents[1] / "shared" / name for name in ("rigs", "data"))
-#: What an answer can be, best first; a run that failed is ``failed``.
-VERDICTS = {
-    "right": "all that is expected is named, and nothing false",
-    "silent": "nothing is named where no law is what is missing, or where the readings are too few",
-    "place_right": "a part of what is expected, or a curve or near law there, and nothing false",
-    "false": "something is named that is not missing",
-    "missed": "nothing is named that is expected",
-    "failed": "the run did not end",
-}
+#: What an answer can be: all of what is expected, nothing by right, a part of it or a near law at its place, something
+#: that is not missing, nothing of what is expected; or the run did not end.
+VERDICTS = ("right", "silent", "place_right", "false", "missed", "failed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +55,12 @@ class RigCase(Expectation):
         return MODELS / (self.model or self.name)
 
     def find(self, folders: Sequence[Path]) -> dict[str, Path]:
-        """Find the recordings by name; those that are in none of the folders are left out."""
+        """Find all recordings by name; none where one of them is in none of the folders, which is printed."""
         there = {file: [f / file for f in folders if (f / file).is_file()] for file in (*self.train, *self.test)}
-        return {file: paths[0].resolve() for file, paths in there.items() if paths}
+        if not all(there.values()):
+            print(f"{self.name}: its recordings are not there")
+            return {}
+        return {file: paths[0].resolve() for file, paths in there.items()}
 
 
 def cases() -> dict[str, RigCase]:
@@ -73,43 +69,21 @@ def cases() -> dict[str, RigCase]:
     return {name: RigCase(name, **entries) for name, entries in document.items()}
 
 
-@dataclass(frozen=True)
-class RigTask:
-    """One loop on a first model; ``folder`` is where it runs."""
-
-    key: str
-    model: Path
-    train: tuple[Path, ...]
-    test: tuple[Path, ...]
-    folder: Path
-    seed: int
-    minutes: float
-
-
-def tasks(options: Namespace) -> list[RigTask]:
+def tasks(options: Namespace) -> list[LoopTask]:
     """List the cases whose recordings are there, and with ``--alone`` each of their recordings."""
     found = []
     for case in cases().values():
         files = case.find(options.recordings or RECORDINGS)
-        if len(files) < len(case.train) + len(case.test):
-            print(f"{case.name}: its recordings are not there")
-            continue
-        splits = {case.name: case.train}
+        texts = {path.name: path.read_text(encoding="utf-8") for path in case.folder.glob("[Rr]ig.*")}
+        splits = {case.name: (case.train, case.test)} if files else {}
         if options.alone and len(files) > 1 and not case.model:
-            splits |= {f"{case.name}:{Path(file).stem}": (file,) for file in files}
-        for key, train in splits.items():
-            test = case.test if key == case.name else tuple(file for file in files if file not in train)
-            paths = tuple(files[file] for file in train), tuple(files[file] for file in test)
+            for one in files:
+                splits[f"{case.name}:{Path(one).stem}"] = (one,), tuple(other for other in files if other != one)
+        for key, split in splits.items():
+            train, test = (tuple(files[file] for file in role) for role in split)
             folder = (options.out / "real_rigs" / "runs" / key.replace(":", "_")).resolve()
-            found.append(RigTask(key, case.folder, *paths, folder, options.seed, options.loop_minutes or 20.0))
+            found.append(LoopTask(key, texts, train, test, folder, options.seed, options.loop_minutes or 20.0))
     return found
-
-
-def attempt(task: RigTask) -> Row:
-    """Close the loop on a copy of the first model, and keep the run."""
-    shutil.rmtree(task.folder, ignore_errors=True)
-    shutil.copytree(task.model, task.folder)
-    return close_loop(task.folder, task.train, task.test, seed=task.seed, minutes=task.minutes)
 
 
 def judged(row: Row, known: Expectation) -> Row:
@@ -232,5 +206,5 @@ def change(row: Row) -> str:
 STUDY = Study(
     "real_rigs",
     "The loop on measured recordings, which are not part of the project.",
-    tasks, attempt, summary, table,
+    tasks, close_loop_of, summary, table,
 )  # fmt: skip

@@ -9,7 +9,6 @@ is known. Tasks of short recordings come first.
 from __future__ import annotations
 
 import re
-import shutil
 import tomllib
 from argparse import Namespace
 from collections import Counter
@@ -18,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from study.answers import claims_law, close_loop, unseen
+from study.answers import LoopTask, claims_law, close_loop_of, unseen
 from study.real_rigs import MODELS, RECORDINGS, Expectation, RigCase, cases, judged
 from study.study import Row, Study, markdown, percent, quantile, rate
 
@@ -88,44 +87,18 @@ def complete_models() -> dict[str, CompleteModel]:
     return found
 
 
-@dataclass(frozen=True)
-class TermTask:
-    """One loop on a complete model, or on one without a term; ``folder`` is where it runs."""
-
-    key: str
-    source: str
-    configuration: str
-    train: tuple[Path, ...]
-    test: tuple[Path, ...]
-    folder: Path
-    seed: int
-    minutes: float
-
-
-def tasks(options: Namespace) -> list[TermTask]:
+def tasks(options: Namespace) -> list[LoopTask]:
     """List each complete model, and each without one of its terms, where their recordings are there."""
     found = []
     for name, model in complete_models().items():
         files = model.case.find(options.recordings or RECORDINGS)
-        if len(files) < len(model.case.train) + len(model.case.test):
-            print(f"{name}: its recordings are not there")
-            continue
-        paths = (tuple(files[file] for file in role) for role in (model.case.train, model.case.test))
-        train, test = paths
-        for key, term in {name: None, **{f"{name}-{k}": one for k, one in model.terms.items()}}.items():
+        terms = {name: None, **{f"{name}-{key}": term for key, term in model.terms.items()}} if files else {}
+        for key, term in terms.items():
+            texts = {"Rig.mo": model.source(term), "rig.toml": model.configuration(term)}
+            train, test = (tuple(files[file] for file in role) for role in (model.case.train, model.case.test))
             folder = (options.out / "real_trial" / "runs" / key).resolve()
-            texts = model.source(term), model.configuration(term)
-            found.append(TermTask(key, *texts, train, test, folder, options.seed, options.loop_minutes or 5.0))
+            found.append(LoopTask(key, texts, train, test, folder, options.seed, options.loop_minutes or 5.0))
     return found
-
-
-def attempt(task: TermTask) -> Row:
-    """Close the loop on the model of a task, and keep the run."""
-    shutil.rmtree(task.folder, ignore_errors=True)
-    task.folder.mkdir(parents=True)
-    (task.folder / "Rig.mo").write_text(task.source, encoding="utf-8")
-    (task.folder / "rig.toml").write_text(task.configuration, encoding="utf-8")
-    return close_loop(task.folder, task.train, task.test, seed=task.seed, minutes=task.minutes)
 
 
 def judged_term(row: Row, models: Mapping[str, CompleteModel]) -> Row:
@@ -199,5 +172,5 @@ STUDY = Study(
     "real_trial",
     "Known terms are deleted from complete models of real rigs, one at a time: real noise, real errors of the model, "
     "known truth.",
-    tasks, attempt, summary, table, minutes=15.0,
+    tasks, close_loop_of, summary, table, minutes=15.0,
 )  # fmt: skip

@@ -32,6 +32,8 @@ DWELL = (0.2, 1.2)
 SETTLING = 0.25
 #: How far true values lie from those of the data sheet, and how far an engineer trusts it: a share.
 SPREAD = 0.15
+#: Standard deviation of white noise over that of the output.
+NOISE = 0.01
 
 
 @dataclass(frozen=True)
@@ -62,10 +64,10 @@ class RepeatedRig:
         self, truth: Mapping[str, float], rng: Generator, name: str, *,
         state: str = "right", size: float = 1.0, times: float = 1.0, correlated: bool = False,
     ) -> Recording:  # fmt: skip
-        """Repeat the experiment, ``times`` as long as usual, with noise of a random size."""
+        """Repeat the experiment, ``times`` as long as usual."""
         kind, parameters = self.kind, {**self.kind.parameters, **truth}
         lead = round(SETTLING * kind.rows)
-        time: FloatArray = np.arange(-lead, round(times * (kind.rows - 1)) + 1) * kind.step
+        time: FloatArray = kind.step * np.arange(-lead, round(times * (kind.rows - 1)) + 1, dtype=np.float64)
         commands = np.column_stack(
             [drive.centre + drive.height * levels(rng, time / drive.clock) for drive in kind.inputs.values()]
         )
@@ -129,7 +131,7 @@ def levels(rng: Generator, time: FloatArray) -> FloatArray:
 
 def noise(rng: Generator, spread: float, step: float, correlated: bool) -> SensorNoise:
     """Draw the noise of an output: white, and with a part that is correlated over 3 to 25 samples if asked for."""
-    white = spread * float(np.exp(rng.uniform(np.log(0.005), np.log(0.03))))
+    white = NOISE * spread
     slow, samples = white * float(np.exp(rng.uniform(np.log(0.5), np.log(3.0)))), float(rng.uniform(3.0, 25.0))
     return SensorNoise(white, slow, samples * step) if correlated else SensorNoise(white)
 

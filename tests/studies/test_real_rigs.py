@@ -104,7 +104,10 @@ def test_the_table_shows_each_case_and_what_single_recordings_say() -> None:
     assert "100 % of 1 pairs" in text
 
 
-def test_a_recording_that_is_not_there_is_left_out(tmp_path: Path) -> None:
+def test_a_case_whose_recordings_are_not_all_there_is_left_out(tmp_path: Path) -> None:
     case = RigCase("rig", ("a.csv",), ("b.csv",))
     (tmp_path / "a.csv").touch()
-    assert case.find([tmp_path / "none", tmp_path]) == {"a.csv": (tmp_path / "a.csv").resolve()}
+    assert case.find([tmp_path]) == {}
+    (tmp_path / "b.csv").touch()
+    found = {name: (tmp_path / name).resolve() for name in ("a.csv", "b.csv")}
+    assert case.find([tmp_path / "none", tmp_path]) == found

@@ -79,8 +79,8 @@ def test_tasks_are_complete_models_and_those_without_a_term(tmp_path: Path) -> N
     options = Namespace(recordings=[tmp_path], out=tmp_path, seed=1, loop_minutes=None)
     tasks = {task.key: task for task in real_trial.tasks(options)}
     assert set(tasks) == {"motor", *(f"motor-{key}" for key in MODELS["motor"].terms)}
-    assert "F_c" in tasks["motor"].configuration
-    assert "F_c" not in tasks["motor-friction"].configuration
+    assert "F_c" in tasks["motor"].files["rig.toml"]
+    assert "F_c" not in tasks["motor-friction"].files["rig.toml"]
 
 
 def test_an_edit_that_does_not_stand_in_the_model_is_refused() -> None:
