@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,10 +32,12 @@ def close_loop(
     command += ["--out", "out", "--workers", "1", "--seed", str(seed), "--quiet"]
     command += [part for path in train for part in ("--train", str(path))]
     command += [part for path in test for part in ("--test", str(path))]
+    began = time.perf_counter()
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    seconds = round(time.perf_counter() - began, 2)
     if done.returncode:
         raise RuntimeError((done.stderr.strip().splitlines() or ["no message"])[-1])
-    return answer_of(json.loads((folder / "out" / "result.json").read_text(encoding="utf-8")))
+    return {**answer_of(json.loads((folder / "out" / "result.json").read_text(encoding="utf-8"))), "seconds": seconds}
 
 
 @dataclass(frozen=True)

@@ -148,10 +148,11 @@ def quantile(values: Sequence[float], q: float) -> float | None:
 
 
 def percent(share: float | None, count: int = 0) -> str:
-    """Write a share in per cent, with the standard error that so many trials leave."""
+    """Write a share in per cent, with the standard error that so many trials leave; none and all leave one, too."""
     if share is None:
         return "-"
-    error = f" (± {100 * (share * (1 - share) / count) ** 0.5:.0f})" if count else ""
+    smooth = (share * count + 1) / (count + 2)
+    error = f" (± {100 * (smooth * (1 - smooth) / count) ** 0.5:.0f})" if count else ""
     return f"{100 * share:.0f} %{error}"
 
 
