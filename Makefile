@@ -108,7 +108,7 @@ lint: size $(VENV)/.tested ## size, ruff, mypy, and the import contract where im
 	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'import-linter>=2' 2>/dev/null
 	if [ -x $(BIN)/lint-imports ]; then $(BIN)/lint-imports --no-cache; else echo "import-linter is not here: layers were not checked"; fi
 
-bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json and bench.svg
+bench: $(VENV)/.tested ## speed, as ratios in one run, and seconds of loops -> reports/bench.json
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[bench]' \
 	  || echo "PINTS or CasADi could not be installed: their rows stay empty"
 	$(BIN)/python benchmarks/bench.py --out reports

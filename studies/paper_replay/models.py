@@ -15,7 +15,9 @@ from aero_bayes.estimate.cost import eq6
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Model, Outcome, ParameterTarget, Problem, Simulator, SolverSettings
 from paper_replay.published import TRANSFER_GAIN, UNOPTIMISED
-from simulated_aero import default_truth, paper_step, simulate_recording, white
+from simulated_rigs.aero import default_truth, simulate_recording
+from simulated_rigs.designs import paper_step
+from simulated_rigs.sensors import white
 
 Name = Literal["OneDofLinear", "OneDof", "TransferFunction"]
 NAMES: tuple[Name, ...] = ("OneDofLinear", "OneDof", "TransferFunction")

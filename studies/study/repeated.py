@@ -21,9 +21,9 @@ from aero_bayes.estimate import CalibrationSettings, FitSettings
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.sensors.noise import NoiseModel
-from simulated_aero.sensors import SensorNoise
 from simulated_rigs import MODELS, LawPlace, LawTruth
 from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.sensors import SensorNoise
 from simulated_rigs.truth import law_kind
 
 #: Shortest and longest time for which a level is held, in units of the rig's clock.

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simulated_aero import KINDS, Levels, Parameters, Truth, effect, even_times, simulate_truth
+from simulated_rigs.aero import Parameters, Truth, effect, even_times, simulate_truth
+from simulated_rigs.designs import Levels
 
 pytestmark = pytest.mark.long
 
@@ -112,7 +113,7 @@ def test_against_a_steep_smooth_law(name: str, parameters: dict[str, float]) -> 
         out += list(run.y.T[1:])
         state = run.y[:, -1]
     smooth = np.array(out)
-    truth = Truth("one_dof", P, (KINDS[name].truth(**parameters),))
+    truth = Truth("one_dof", P, (effect(name, **parameters),))
     exact = simulate_truth(truth, design, time)
     for ours, theirs in ((exact.i_m, smooth[:, 0]), (exact.omega_m, smooth[:, 1]), (exact.theta, smooth[:, 2])):
         assert np.abs(ours - theirs).max() < 2e-3 * np.ptp(theirs)
