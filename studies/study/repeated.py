@@ -6,7 +6,7 @@ an effect acts that no library lists (``unlisted``), or a random force drives a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -24,7 +24,7 @@ from aero_bayes.sensors.noise import NoiseModel
 from simulated_rigs import MODELS, LawPlace, LawTruth
 from simulated_rigs.kinds import KINDS, RigKind
 from simulated_rigs.sensors import SensorNoise
-from simulated_rigs.truth import law_kind
+from simulated_rigs.truth import assembled
 
 #: Shortest and longest time for which a level is held, in units of the rig's clock.
 DWELL = (0.2, 1.2)
@@ -71,19 +71,10 @@ class RepeatedRig:
         commands = np.column_stack(
             [drive.centre + drive.height * levels(rng, time / drive.clock) for drive in kind.inputs.values()]
         )
-        rig = kind.assemble(parameters)
-        if state in ("missing", "unlisted"):
-            law = self.law(state, size)
-            slack = 1e-9 * dict(zip(kind.states, kind.sizes, strict=True)).get(law.place.name, 1.0)
-            law_kind(kind, law.law, law.place).install(rig, law.place.name, law.parameters, slack)
-        elif state == "process_noise":
-            force, index = white_force(rng, size * self.push, time), rig.state(self.pushed)
-
-            def add(t: float, x: object, u: object, e: list[float]) -> None:
-                e[index] += force(t)
-
-            rig.term(add)
-        outputs, _ = rig.run(time, commands, kind.rest(parameters), kind.step / kind.pieces)
+        rig = assembled(kind, parameters, [self.law(state, size)] if state in ("missing", "unlisted") else [])
+        if state == "process_noise":
+            rig.push(self.pushed, white_force(rng, size * self.push, time))
+        outputs, _ = rig.run(time, commands, kind.rest(parameters))
         time, readings = time[lead:], {}
         for k, output in enumerate(kind.outputs):
             clean = outputs[lead:, k]
@@ -136,21 +127,15 @@ def noise(rng: Generator, spread: float, step: float, correlated: bool) -> Senso
     return SensorNoise(white, slow, samples * step) if correlated else SensorNoise(white)
 
 
-def white_force(rng: Generator, density: float, time: FloatArray) -> Callable[[float], float]:
-    """Make white noise as a function of time in s, held over each sample interval.
-
-    ``density`` is the square root of the spectral density.
-    """
-    step = float(time[1] - time[0])
-    values = (density / np.sqrt(step) * rng.standard_normal(time.size)).tolist()
-    last, first = time.size - 1, float(time[0])
-    return lambda t: values[min(max(int((t - first) / step), 0), last)]
+def white_force(rng: Generator, density: float, time: FloatArray) -> FloatArray:
+    """Draw white noise to be held over each sample interval; ``density`` is the root of the spectral density."""
+    return density / np.sqrt(float(time[1] - time[0])) * rng.standard_normal(time.size)
 
 
 def coarser(kind: RigKind, factor: int, **changes: object) -> RigKind:
     """Return the same rig read so many times less often, over the same time."""
     rows = (kind.rows - 1) // factor + 1
-    return replace(kind, step=factor * kind.step, rows=rows, pieces=factor * kind.pieces, **changes)  # type: ignore[arg-type]
+    return replace(kind, step=factor * kind.step, rows=rows, **changes)  # type: ignore[arg-type]
 
 
 def repeated_rigs() -> dict[str, RepeatedRig]:
