@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from simulated_rigs import draw_fleet, rig_kinds, write_fleet
+from simulated_rigs import rig_kinds, write_fleet
 
 
 def main() -> None:
@@ -18,7 +18,8 @@ def main() -> None:
     parser.add_argument("--rigs", type=int, default=12, help="how many rigs (default: 12)")
     parser.add_argument("--seed", type=int, default=1, help="the same seed gives the same numbers")
     options = parser.parse_args()
-    print(f"simulated, not measured: {write_fleet(options.out, draw_fleet(options.kind, options.seed), options.rigs)}")
+    path = write_fleet(options.out, options.kind, options.rigs, seed=options.seed)
+    print(f"simulated, not measured: {path}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Simulated rigs of many kinds with a law that their model lacks."""
 
-from simulated_rigs.fleet import FleetTruth, draw_fleet, draw_rig, write_fleet
+from simulated_rigs.fleet import write_fleet
 from simulated_rigs.trial import DEVELOPMENT, MODELS, REPORT, RigTrial, RigTruth, draw_rig_trial, rig_kinds, write_trial
 from simulated_rigs.truth import LawPlace, LawTruth, law_places, simulate_rig
 
@@ -8,13 +8,10 @@ __all__ = [
     "DEVELOPMENT",
     "MODELS",
     "REPORT",
-    "FleetTruth",
     "LawPlace",
     "LawTruth",
     "RigTrial",
     "RigTruth",
-    "draw_fleet",
-    "draw_rig",
     "draw_rig_trial",
     "law_places",
     "rig_kinds",

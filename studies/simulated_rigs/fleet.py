@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+import shutil
+from dataclasses import asdict, replace
 from math import exp, log
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -17,119 +16,77 @@ from aero_bayes.data import write_csv
 from aero_bayes.errors import InputError
 from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
-from simulated_rigs.sensors import SensorNoise
-from simulated_rigs.trial import MODELS, CleanRun, RigTrial, law_at_distance, make_trial
+from simulated_rigs.trial import CleanRun, RigTrial, law_at_distance, make_trial
 from simulated_rigs.truth import LawTruth, law_places
 
 #: First number of a fleet's seeds.
 FLEET = 23001
-#: How far the fleet's typical values lie from the model's, and how much rigs differ, each as a share.
-MAX_OFFSET, SPREAD_RANGE = 0.15, (0.03, 0.12)
-#: Distance of the law in a typical rig, and how much its level differs from rig to rig.
-TYPICAL_DISTANCE, LEVEL_SPREAD = 40.0, 0.3
+#: How much rigs differ in a parameter, and in the size of the law: standard deviation of the logarithm.
+SPREAD_RANGE, LAW_SPREAD = (0.03, 0.12), 0.3
+#: How far the fleet's typical values lie from the model's, as a share, and the law's distance in a typical rig.
+MAX_OFFSET, DISTANCE = 0.15, 40.0
 
 
-@dataclass(frozen=True)
-class FleetTruth:
-    """What only the judge of a fleet knows.
+def write_fleet(
+    folder: Path | str, kind: str, count: int, *, seed: int = 1, share: float = 0.3, work: str = "loop"
+) -> Path:
+    """Write ``fleet.toml``, ``rigs.csv``, the model, each rig's recordings, and beside them all ``truth.json``.
 
-    ``typical`` is the median of each free parameter, ``spread`` the standard deviation of its logarithm; ``law`` is as
-    in a typical rig, and ``share`` the probability that a rig has it. ``noise`` is the same in all rigs.
+    ``share`` is the probability that a rig has a law that the model lacks: dry friction, or the first of the kind.
+    Returns the path of the configuration. Raises InputError for an unknown kind or no rigs.
     """
-
-    kind: str
-    typical: Mapping[str, float]
-    spread: Mapping[str, float]
-    law: LawTruth
-    share: float
-    noise: Mapping[str, SensorNoise]
-    seed: int
-
-
-def draw_fleet(kind: str, seed: int, *, share: float = 0.3, law: str | None = None) -> FleetTruth:
-    """Draw what the rigs of a fleet of a kind share.
-
-    ``law`` is what a ``share`` of the rigs have more, by default dry friction or the first of the kind. Raises
-    InputError for an unknown kind, or a law that the kind cannot have.
-    """
+    if count < 1:
+        raise InputError(f"bench: a fleet of {count} rigs; expected one at least")
     if kind not in KINDS:
         raise InputError(f"bench: no rig {kind}, expected one of {', '.join(KINDS)}")
     rig = KINDS[kind]
     rng = np.random.default_rng([FLEET, list(KINDS).index(kind), seed])
-    typical = {name: rig.parameters[name] * float(rng.uniform(1.0 - MAX_OFFSET, 1.0 + MAX_OFFSET)) for name in rig.free}
-    low, high = SPREAD_RANGE
-    spread = {name: exp(float(rng.uniform(log(low), log(high)))) for name in rig.free}
-    choices = law_places(rig)
-    wanted = [one for one in choices if one[0] == (law or "coulomb_friction")] or ([] if law else choices)
-    if not wanted:
-        raise InputError(f"bench: {kind} has no {law}; it has {', '.join(dict.fromkeys(name for name, _ in choices))}")
-    made: list[tuple[Mapping[str, SensorNoise], LawTruth]] = []
-
-    def size(stream: Generator, experiment: RigExperiment, clean_run: CleanRun) -> list[LawTruth]:
-        found = law_at_distance(stream, experiment, experiment.sensitivities(), clean_run, wanted[0], TYPICAL_DISTANCE)
-        if found is None:
-            raise InputError(f"bench: {kind} does not show {wanted[0][0]}")
-        made.append((experiment.noise, found))
-        return []
-
-    make_trial(rig, rng, _whole(rig, typical), size, what="none", seed=(FLEET, seed))
-    return FleetTruth(kind, typical, spread, made[0][1], share, made[0][0], seed)
-
-
-def draw_rig(truth: FleetTruth, number: int) -> RigTrial:
-    """Draw and record one rig of a fleet; the same arguments always give the same numbers."""
-    rig = KINDS[truth.kind]
-    seed = (FLEET, list(KINDS).index(truth.kind), truth.seed, number)
-    rng = np.random.default_rng(seed)
-    own = {name: value * exp(truth.spread[name] * rng.standard_normal()) for name, value in truth.typical.items()}
-    has, level = rng.random() < truth.share, exp(LEVEL_SPREAD * rng.standard_normal())
-    first, size = next(iter(truth.law.parameters.items()))
-    law = replace(truth.law, parameters={**truth.law.parameters, first: level * size})
-
-    def choose(stream: Generator, experiment: RigExperiment, clean_run: CleanRun) -> list[LawTruth]:
-        return [replace(law, d=experiment.distance([law], [], experiment.sensitivities()))] if has else []
-
-    what = "law" if has else "none"
-    return make_trial(rig, rng, _whole(rig, own), choose, what=what, seed=seed, noise=truth.noise)  # type: ignore[arg-type]
-
-
-def write_fleet(folder: Path | str, truth: FleetTruth, count: int, *, work: str = "loop") -> Path:
-    """Write ``fleet.toml``, ``rigs.csv``, the model, each rig's recordings, and beside them all ``truth.json``.
-
-    Returns the path of the configuration.
-    """
-    if count < 1:
-        raise InputError(f"bench: a fleet of {count} rigs; expected one at least")
+    typical = _typical(rig, rng, seed)
+    truth, law = typical.truth, typical.truth.laws[0]
+    spread = {name: exp(float(rng.uniform(*map(log, SPREAD_RANGE)))) for name in rig.free}
     root = Path(folder)
     root.mkdir(parents=True, exist_ok=True)
-    model = MODELS / truth.kind
-    (root / "Rig.mo").write_text((model / "Rig.mo").read_text("utf-8"), "utf-8")
+    shutil.copyfile(typical.model, root / "Rig.mo")
     head = f'[fleet]\nwork = "{work}"\nrigs = "rigs.csv"\n\n'
-    (root / "fleet.toml").write_text(head + (model / "rig.toml").read_text("utf-8"), "utf-8")
-    rigs = []
-    with (root / "rigs.csv").open("w", encoding="utf-8", newline="") as stream:
-        table = csv.writer(stream)
-        table.writerow(("name", "train", "test"))
-        for name, trial in _rigs(truth, count):
-            own = root / "recordings" / name
-            own.mkdir(parents=True, exist_ok=True)
-            for recording in (trial.train, trial.test):
-                write_csv(recording, own / f"{recording.name}.csv")
-            label = {"simulated": True, "recordings": [trial.train.name, trial.test.name]}
-            (own / "simulated.json").write_text(json.dumps(label) + "\n", "utf-8")
-            table.writerow((name, *(f"recordings/{name}/{run.name}.csv" for run in (trial.train, trial.test))))
-            laws = [{"id": law.id, "d": law.d, **law.parameters} for law in trial.truth.laws]
-            rigs.append({"name": name, "parameters": dict(trial.truth.parameters), "laws": laws})
-    known: dict[str, Any] = {"fleet": asdict(truth), "rigs": rigs}
+    (root / "fleet.toml").write_text(head + typical.toml.read_text("utf-8"), "utf-8")
+    table, rigs = [("name", "train", "test")], []
+    for number, stream in enumerate(rng.spawn(count), 1):
+        name = f"{kind}-{number:0{len(str(count))}}"
+        factors = {key: exp(size * stream.standard_normal()) for key, size in spread.items()}
+        parameters = {key: value * factors.get(key, 1.0) for key, value in truth.parameters.items()}
+        has, (first, size) = stream.random() < share, next(iter(law.parameters.items()))
+        level = size * exp(LAW_SPREAD * stream.standard_normal())
+        own = [replace(law, parameters={**law.parameters, first: level})] if has else []
+        trial = make_trial(
+            rig, stream, parameters, lambda *_, own=own: own, what="law" if has else "none", seed=(FLEET, seed, number),
+            noise=truth.noise,
+        )  # fmt: skip
+        place = root / "recordings" / name
+        place.mkdir(parents=True, exist_ok=True)
+        for recording in (trial.train, trial.test):
+            write_csv(recording, place / f"{recording.name}.csv")
+        label = {"simulated": True, "recordings": [trial.train.name, trial.test.name]}
+        (place / "simulated.json").write_text(json.dumps(label) + "\n", "utf-8")
+        table.append((name, f"recordings/{name}/{trial.train.name}.csv", f"recordings/{name}/{trial.test.name}.csv"))
+        rigs.append({"name": name, "parameters": parameters, "laws": [{"id": one.id, **one.parameters} for one in own]})
+    with (root / "rigs.csv").open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows(table)
+    known = {"typical": asdict(truth), "spread": spread, "share": share, "rigs": rigs}
     (root / "truth.json").write_text(json.dumps(known, indent=1) + "\n", "utf-8")
     return root / "fleet.toml"
 
 
-def _rigs(truth: FleetTruth, count: int) -> Iterator[tuple[str, RigTrial]]:
-    digits = len(str(count))
-    for number in range(1, count + 1):
-        yield f"{truth.kind}-{number:0{digits}}", draw_rig(truth, number)
+def _typical(rig: RigKind, rng: Generator, seed: int) -> RigTrial:
+    """Draw the rig that is the fleet's median: parameters near the model's, and the law."""
+    places = law_places(rig)
+    which = next((one for one in places if one[0] == "coulomb_friction"), places[0])
+    offsets = {name: float(rng.uniform(1.0 - MAX_OFFSET, 1.0 + MAX_OFFSET)) for name in rig.free}
 
+    def choose(stream: Generator, experiment: RigExperiment, clean_run: CleanRun) -> list[LawTruth]:
+        law = law_at_distance(stream, experiment, experiment.sensitivities(), clean_run, which, DISTANCE)
+        if law is None:
+            raise InputError(f"bench: {rig.name} does not show {which[0]}")
+        return [law]
 
-def _whole(rig: RigKind, free: Mapping[str, float]) -> dict[str, float]:
-    return dict(rig.parameters) | dict(free)
+    parameters = {name: value * offsets.get(name, 1.0) for name, value in rig.parameters.items()}
+    return make_trial(rig, rng, parameters, choose, what="law", seed=(FLEET, seed))

@@ -17,7 +17,7 @@ from aero_bayes.fleets import Rig, Table, read_fleet
 from aero_bayes.fleets.task import attempt
 from aero_bayes.fleets.whole import fleet, tasks_of
 from aero_bayes.schema import FleetJson, undeclared
-from simulated_rigs import draw_fleet, write_fleet
+from simulated_rigs import write_fleet
 
 #: Fits from where they start; nothing that only a page of a single rig wants.
 QUICK = '[prediction]\nmax_seconds = 0\n\n[fit.local]\nstarts = 1\n\n[fit]\nmethod = "local"\n'
@@ -27,7 +27,7 @@ QUICK = '[prediction]\nmax_seconds = 0\n\n[fit.local]\nstarts = 1\n\n[fit]\nmeth
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four simulated carts, one of them with a wrong mass; and one rig without a file."""
     root = tmp_path_factory.mktemp("carts")
-    path = write_fleet(root, draw_fleet("cart", 1, share=0.0), 4, work="fit")
+    path = write_fleet(root, "cart", 4, share=0.0, work="fit")
     path.write_text(path.read_text("utf-8").replace("[fit]\n", QUICK), "utf-8")
     table = root / "rigs.csv"
     lines = table.read_text("utf-8").splitlines()
