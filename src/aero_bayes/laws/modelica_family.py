@@ -20,14 +20,17 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.laws.attach import AlgebraicLoopError, OpenModel, attached
 from aero_bayes.laws.candidate_groups import candidate_groups, refinements
 from aero_bayes.laws.candidates import (
     is_possible,
     ports_with_laws,
 )
 from aero_bayes.laws.compose import compose_laws
+from aero_bayes.laws.coupled_fmu import couple
 from aero_bayes.laws.formula_places import FormulaPlace
 from aero_bayes.laws.formula_terms import FormulaTerms, ModelicaSignals, PlacedTerms
+from aero_bayes.laws.law_blocks import LawBlocks, can_be_attached
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.learned_curve import curve_basis, curve_variable, isolated_curve, with_curve_inputs
 from aero_bayes.laws.model_family import (
@@ -40,6 +43,7 @@ from aero_bayes.laws.model_family import (
     calibration_on,
     to_significant_digits,
 )
+from aero_bayes.laws.open_ports import open_model
 from aero_bayes.laws.placed_law import (
     PlacedLaw,
     at_same_ports,
@@ -71,6 +75,7 @@ class ModelicaFamily:
 
     places: LawPlaces
     folder: Path
+    _opened: list[OpenModel] = field(default_factory=list, compare=False, repr=False)
     terms: PlacedTerms = field(default_factory=PlacedTerms, compare=False, repr=False)
     _curve_nominals_pending: list[Callable[[], Mapping[str, float]]] = field(
         default_factory=list, compare=False, repr=False
@@ -120,6 +125,7 @@ class ModelicaFamily:
         experiments = calibration.data.experiments
         highest = max((float(np.abs(s.values).max()) for e in experiments for s in e.inputs), default=1.0)
         self.terms.placed.clear()
+        self._opened.clear()
         self.formulas.clear()
         recorded = set.intersection(*({s.name for s in e.inputs} for e in experiments))
         for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self.places.taken_names(), nominals)):
@@ -171,12 +177,38 @@ class ModelicaFamily:
         ]
         return ModelWithCandidates(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
 
+    @cached_property
+    def _blocks(self) -> LawBlocks:
+        return LawBlocks(self.places.law_models, self.folder)
+
+    def _open(self) -> OpenModel:
+        """Return the model with its ports open for all laws that are placed and can be attached."""
+        if not self._opened:
+            placed_laws = [p for p in self.terms.placed.values() if can_be_attached(p)]
+            base, structure, flat = self.base_model(), self.places.structure, self.places.flat
+            self._opened.append(open_model(base, structure, placed_laws, flat, lambda f: self._export(f, "open")))
+        return self._opened[0]
+
+    def _attached(self, placed_laws: Sequence[PlacedLaw]) -> Model:
+        """Return the model with laws attached. Raises AlgebraicLoopError where they have to be compiled with it."""
+        if not all(map(can_be_attached, placed_laws)):
+            raise AlgebraicLoopError
+        coupling = attached(self._open(), placed_laws, self._blocks)
+        given = [(u.id, u.instance, u.names, u.all_nominals) for u in placed_laws]
+        key = hashlib.sha256(f"{self._open().model.sha256}{given}".encode()).hexdigest()[:16]
+        out = self.folder / f"{self.title}-attached-{key}.fmu"
+        if not out.exists():
+            couple(coupling, out)
+        return Model.load(out)
+
     def _simulated(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         """Return the model with those laws whose equations are solved."""
         solved = [placed for placed in placed_laws if not placed.moved_input]
         return self._with(solved) if solved else self.base_model()
 
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
+        with suppress(AlgebraicLoopError):
+            return self._attached(placed_laws)
         inside, others = split_by_replaceable(placed_laws)
         flat = self._redeclared(inside)
         if others:

@@ -211,7 +211,8 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
         for (size_t i = 0; i < n_unknown; i++) {
             unsigned v = unknown[i];
             if (v >= AT_DX && v < AT_U) result[i] += seed[j] * column[v - AT_DX];
-            else if (v >= AT_Q && v < NREAL) result[i] += seed[j] * column[v - AT_Q + NX];
+            else if (v >= AT_Y && v < NREAL) result[i] += seed[j] * column[v - AT_Y + NX];
+            else if (v >= AT_Q && v < AT_Y) result[i] += seed[j] * column[v - AT_Q + NX + INFO.ny];
             else if (v < AT_DX) result[i] += v == k ? seed[j] : 0;
             else return fail(s, fmi2Error, "fmi2GetDirectionalDerivative: no derivative of value reference %u", v);
         }
