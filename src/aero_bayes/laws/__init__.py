@@ -3,7 +3,7 @@
 from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.laws.candidates import Candidate, find_candidates, ports_with_laws
 from aero_bayes.laws.compose import LawModels, compose_law, compose_laws, law_models, with_candidates, with_probes
-from aero_bayes.laws.fmu_coupling import couple
+from aero_bayes.laws.coupled_fmu import couple
 from aero_bayes.laws.fmu_places import FmuPlaces
 from aero_bayes.laws.fmu_ports import FmuBoundary
 from aero_bayes.laws.law import LAW_INTERFACES, Law, read_laws, shipped_laws

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from aero_bayes.laws.coupled_fmu import BASE, INPUT, AttachedLaw, Coupling, Setting, Source, Terms
+from aero_bayes.laws.coupled_fmu import BASE, INPUT, Coupling, Setting, Source, Terms
 from aero_bayes.laws.law_blocks import RATE_SUFFIX, LawBlocks
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.ports.port import DIFFERENCE, Port
@@ -164,7 +164,7 @@ class _Attaching:
             self._probe(port, ((acts, 1.0), *((source, -gain) for source, gain in before)))
             self.changed[port.signals["u"]] = ((acts, 1.0),)
             return
-        self._probe(port, ((acts, float(placed.law.sign)),))
+        self._probe(port, ((acts, 1.0),))
         if placed.neighbour is not None:
             other = self._acts(placed, "q_2") if placed.law.kind == "overflow" else acts
             self._probe(placed.neighbour, ((other, -1.0),))

@@ -58,8 +58,10 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class AttachedLaw:
-    """A law's FMU under a name: variables for its parameters by their names there, values of its other parameters and of
-    inputs that nothing sets, and nominal values of its states."""
+    """A law's FMU under a name.
+
+    ``parameters`` are variables for those that are shown, by their names in the FMU; ``given`` has values of others and
+    of inputs that nothing sets, ``nominals`` those of its states."""
 
     name: str
     model: Model
@@ -86,7 +88,9 @@ def couple(coupling: Coupling, out: Path) -> None:
     """Write an FMU 2.0 for Model Exchange that is the base with its laws."""
     base = coupling.base
     if base.interface != "model exchange":
-        raise InputError(f"{base.path}: laws are put around an FMU with Model Exchange; this one has co-simulation only")
+        raise InputError(
+            f"{base.path}: laws are put around an FMU with Model Exchange; this one has co-simulation only"
+        )
     table = _Table(coupling)
     parts = _binaries(base, "part0") | {k: v for i, law in enumerate(coupling.laws, 1)
                                         for k, v in _binaries(law.model, f"part{i}").items()}  # fmt: skip
@@ -206,7 +210,9 @@ class _Table:
             nominals = law.nominals or [s.nominal for s in law.model.states]
             for s, rate, nominal in zip(law.model.states, law.model.derivatives, nominals, strict=True):
                 name = f"{law.name}.{s.name}"
-                yield _Shown(replace(s, nominal=nominal), name, "local", ((k, s.value_reference),), initial="calculated")
+                yield _Shown(
+                    replace(s, nominal=nominal), name, "local", ((k, s.value_reference),), initial="calculated"
+                )
                 yield _rate(s, name, k, rate)
         for k, name in enumerate(self.coupling.inputs):
             v = base.input(name)
@@ -236,7 +242,9 @@ class _Table:
             for inside, v in law.parameters.items():
                 owners.setdefault(v.name, (v, []))[1].append((k, law.model.parameter(inside).value_reference))
         for name, (v, own) in owners.items():
-            yield _Shown(v, name, "parameter", tuple(own), -1, "fixed", "exact", v.start if v.start is not None else 0.0)
+            yield _Shown(
+                v, name, "parameter", tuple(own), -1, "fixed", "exact", v.start if v.start is not None else 0.0
+            )
 
     def description(self, guid: str) -> bytes:
         """Write the modelDescription.xml."""

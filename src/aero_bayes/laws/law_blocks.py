@@ -56,7 +56,7 @@ class LawBlocks:
 def can_be_attached(placed: PlacedLaw) -> bool:
     """Return whether a law can be an FMU of its own: not one that gives a force by the acceleration."""
     law, port = placed.law, placed.port
-    return law.kind != "formula" and port.replaceable is None and (not law.needs_derivative or port.attachment == "output")
+    return port.replaceable is None and (not law.needs_derivative or port.attachment == "output")
 
 
 def _exported(flat: FlatModel, folder: Path) -> Model:

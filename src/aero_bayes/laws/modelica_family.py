@@ -28,15 +28,12 @@ from aero_bayes.laws.candidates import (
 )
 from aero_bayes.laws.compose import compose_laws
 from aero_bayes.laws.coupled_fmu import couple
-from aero_bayes.laws.formula_places import FormulaPlace
-from aero_bayes.laws.formula_terms import FormulaTerms, ModelicaSignals, PlacedTerms
 from aero_bayes.laws.law_blocks import LawBlocks, can_be_attached
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.learned_curve import curve_basis, curve_variable, isolated_curve, with_curve_inputs
 from aero_bayes.laws.model_family import (
     CandidateTerm,
     CurveBasis,
-    DisturbedModel,
     ExtendedModel,
     ModelWithCandidates,
     OpenSimulator,
@@ -46,6 +43,7 @@ from aero_bayes.laws.model_family import (
 from aero_bayes.laws.open_ports import open_model
 from aero_bayes.laws.placed_law import (
     PlacedLaw,
+    PlacedTerms,
     at_same_ports,
     describe_law,
     place_law,
@@ -75,7 +73,7 @@ class ModelicaFamily:
 
     places: LawPlaces
     folder: Path
-    _opened: list[OpenModel] = field(default_factory=list, compare=False, repr=False)
+    _open: list[OpenModel] = field(default_factory=list, compare=False, repr=False)
     terms: PlacedTerms = field(default_factory=PlacedTerms, compare=False, repr=False)
     _curve_nominals_pending: list[Callable[[], Mapping[str, float]]] = field(
         default_factory=list, compare=False, repr=False
@@ -90,12 +88,6 @@ class ModelicaFamily:
     def title(self) -> str:
         """Last part of the name."""
         return self.places.title
-
-    @cached_property
-    def formulas(self) -> FormulaTerms:
-        """Formulas as further candidates."""
-        signals = ModelicaSignals(self.places, self.base_model)
-        return FormulaTerms(self.places, self.terms, signals, self.base_model)
 
     def check(self) -> None:
         """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""
@@ -125,8 +117,7 @@ class ModelicaFamily:
         experiments = calibration.data.experiments
         highest = max((float(np.abs(s.values).max()) for e in experiments for s in e.inputs), default=1.0)
         self.terms.placed.clear()
-        self._opened.clear()
-        self.formulas.clear()
+        self._open.clear()
         recorded = set.intersection(*({s.name for s in e.inputs} for e in experiments))
         for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self.places.taken_names(), nominals)):
             declared = self.places.declared.effects.get(placed.id)
@@ -165,11 +156,8 @@ class ModelicaFamily:
         return self.terms.starts[id_]
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
-        """Return the model with some laws switched off, and with all that can be combined in its replaceable models."""
-        curves = self.curves()
-        inside = any(self.terms.placed[id_].port.replaceable is not None for id_ in ids)
-        also = {id_ for id_, placed in self.terms.placed.items() if can_be_combined(placed) and id_ not in curves}
-        placed_laws = self._ordered(id_ for id_ in self.terms.placed if id_ in ids or (inside and id_ in also))
+        """Return the model with some laws, switched off."""
+        placed_laws = self._ordered(id_ for id_ in self.terms.placed if id_ in ids)
         model = self._simulated(placed_laws)
         own = [
             (CandidateTerm(u.id, self.places.port_name(u.port), self.starts(u.id)), self.parameters(u.id))
@@ -181,24 +169,25 @@ class ModelicaFamily:
     def _blocks(self) -> LawBlocks:
         return LawBlocks(self.places.law_models, self.folder)
 
-    def _open(self) -> OpenModel:
+    def _opened(self) -> OpenModel:
         """Return the model with its ports open for all laws that are placed and can be attached."""
-        if not self._opened:
+        if not self._open:
             placed_laws = [p for p in self.terms.placed.values() if can_be_attached(p)]
             base, structure, flat = self.base_model(), self.places.structure, self.places.flat
-            self._opened.append(open_model(base, structure, placed_laws, flat, lambda f: self._export(f, "open")))
-        return self._opened[0]
+            self._open.append(open_model(base, structure, placed_laws, flat, lambda f: self._export(f, "open")))
+        return self._open[0]
 
     def _attached(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         """Return the model with laws attached. Raises AlgebraicLoopError where they have to be compiled with it."""
         if not all(map(can_be_attached, placed_laws)):
             raise AlgebraicLoopError
-        coupling = attached(self._open(), placed_laws, self._blocks)
+        base = self._opened()
         given = [(u.id, u.instance, u.names, u.all_nominals) for u in placed_laws]
-        key = hashlib.sha256(f"{self._open().model.sha256}{given}".encode()).hexdigest()[:16]
+        key = hashlib.sha256(f"{base.model.sha256}{given}".encode()).hexdigest()[:16]
         out = self.folder / f"{self.title}-attached-{key}.fmu"
         if not out.exists():
-            couple(coupling, out)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            couple(attached(base, placed_laws, self._blocks), out)
         return Model.load(out)
 
     def _simulated(self, placed_laws: Sequence[PlacedLaw]) -> Model:
@@ -214,7 +203,7 @@ class ModelicaFamily:
         if others:
             if inside:
                 others = at_same_ports(others, ports_with_laws(flat, self.places.laws))
-            flat = compose_laws(flat, others, {**self.places.law_models, **self.formulas.models})
+            flat = compose_laws(flat, others, self.places.law_models)
         return self._export(flat, "candidates")
 
     def _redeclared(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
@@ -299,13 +288,6 @@ class ModelicaFamily:
         written = write_laws(self.places.sources, self.base, self.places.flat, placed_laws, folder)
         flat = load_flat(written.name, (*self.places.sources, written.path), self.places.libraries)
         return written, self._export(flat, written.name)
-
-    def with_unknown_signals(self, calibration: Calibration, places: Sequence[FormulaPlace]) -> DisturbedModel:
-        """Return the base model with an unknown signal at each place."""
-        placed_laws, signals = self.formulas.unknown_signals(places)
-        model = self._with(placed_laws)
-        states = {**{s.name: s.name for s in self.base_model().states}, **self._states_there(calibration.model, model)}
-        return DisturbedModel(self.transfer(calibration, model), states, signals)
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """Return the calibration of the base model, for a member of the family. States get their names there."""

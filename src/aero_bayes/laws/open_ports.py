@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from xml.etree import ElementTree
 
 from aero_bayes.export.compose import add_input, add_output, replace_uses
@@ -37,7 +37,9 @@ def open_model(
     signals = dict.fromkeys(
         one for port in ports.values() for given in port.signals.values() for one in given.split(DIFFERENCE)
     )
-    rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative and p.port.attachment == "output")
+    rated = dict.fromkeys(
+        p.port.signals["u"] for p in every if p.law.needs_derivative and p.port.attachment == "output"
+    )
     known, shown = _places(base, structure), dict[str, str]()
     for kind, names in ((SIGNAL, signals), (RATE, rated)):
         for name in names:
@@ -63,10 +65,9 @@ def open_model(
         return ((source, gain),)
 
     own = tuple(v.name for v in model.inputs if v.name not in probes.values())
-    return OpenModel(
-        model, own, probes, {name: terms(name, SIGNAL) for name in signals}, {name: terms(name, RATE) for name in rated},
-        _needs(model), frozenset(shown.values()),
-    )  # fmt: skip
+    seen = {name: terms(name, SIGNAL) for name in signals}
+    moving = {name: terms(name, RATE) for name in rated}
+    return OpenModel(model, own, probes, seen, moving, _needs(model), frozenset(shown.values()))
 
 
 def _with_probe(flat: FlatModel, port: Port, name: str) -> FlatModel:
