@@ -74,7 +74,8 @@ class AttachedLaw:
 class Coupling:
     """A base, laws, and what their inputs are set to, in an order in which everything is known when it is needed.
 
-    ``inputs`` of the base are those of the whole, ``outputs`` those that a law acts on, and which variable they are."""
+    ``inputs`` of the base are those of the whole, ``outputs`` those that are another variable than in the base, such as
+    what a law makes of one. ``state_names`` are those of the base's states in the whole, if others than there."""
 
     base: Model
     laws: Sequence[AttachedLaw]
@@ -82,6 +83,7 @@ class Coupling:
     inputs: Sequence[str]
     outputs: Mapping[str, Source] = field(default_factory=dict)
     hidden: frozenset[str] = frozenset()
+    state_names: Sequence[str] = ()
 
 
 def couple(coupling: Coupling, out: Path) -> None:
@@ -131,6 +133,7 @@ class _Shown:
     start: float | None = None
     derivative_of: str = ""
     depends: tuple[str, ...] | None = None
+    alias_of: str = ""
 
 
 class _Table:
@@ -199,11 +202,11 @@ class _Table:
         """Yield the variables in the order of the model description."""
         base, acted = self.coupling.base, self.coupling.outputs
         plain = [v for v in base.outputs if v.name not in acted and v.name not in self.coupling.hidden]
-        names = {v.name for v in plain}
+        names = {v.name for v in plain} | {n for n, s in acted.items() if s.part == STATE}
         for i, (s, rate) in enumerate(zip(base.states, base.derivatives, strict=True)):
-            name = f"{s.name}{UNREAD_SUFFIX}" if s.name in acted else s.name
+            name = self._state_name(i)
             initial = "exact" if s.start is not None else "calculated"
-            yield _Shown(s, name, "output" if s.name in names else "local", ((BASE, s.value_reference),),
+            yield _Shown(s, name, "output" if name in names else "local", ((BASE, s.value_reference),),
                          self.first_state + i, initial=initial, start=s.start)  # fmt: skip
             yield _rate(s, name, BASE, rate)
         for k, law in enumerate(self.coupling.laws, 1):
@@ -218,23 +221,36 @@ class _Table:
             v = base.input(name)
             yield _Shown(v, name, "input", (), k, start=v.start or 0.0)
         yield from self._parameters()
-        own, copies = {s.name for s in base.states}, dict(base.candidate_copies)
-        positions = {s.value_reference: k for k, s in enumerate(base.states)}
+        own = {self._state_name(k) for k in range(len(base.states))}
         for v in plain:
-            if v.name not in own:
-                k = copies.get(v.name, positions.get(v.value_reference))
-                kind = "continuous" if v.kind == "real" else "discrete"
-                on = None if k is None else (self._state_name(k),)
-                slot = self.first_state + positions[v.value_reference] if v.value_reference in positions else -1
-                yield _Shown(v, v.name, "output", ((BASE, v.value_reference),), slot, kind, "calculated", depends=on)
+            state = base.copied_state(v.name) if v.name not in own else None
+            kind = "continuous" if v.kind == "real" else "discrete"
+            if state is not None:
+                yield self._alias(v, state)
+            elif v.name not in own:
+                yield _Shown(v, v.name, "output", ((BASE, v.value_reference),), -1, kind, "calculated")
         for v in base.outputs:
-            if v.name in acted:
-                owner = (acted[v.name].part, acted[v.name].reference)
-                yield _Shown(v, v.name, "output", (owner,), initial="calculated")
+            if v.name in acted and v.name not in own:
+                source = acted[v.name]
+                if source.part == STATE:
+                    yield self._alias(v, source.reference)
+                else:
+                    yield _Shown(v, v.name, "output", ((source.part, source.reference),), initial="calculated")
+
+    def _alias(self, v: Variable, state: int) -> _Shown:
+        """Return an output that is a state: both have one value reference."""
+        owner, slot = (BASE, self.coupling.base.states[state].value_reference), self.first_state + state
+        name = self._state_name(state)
+        return _Shown(v, v.name, "output", (owner,), slot, initial="calculated", depends=(name,), alias_of=name)
 
     def _state_name(self, k: int) -> str:
-        name = self.coupling.base.states[k].name
-        return f"{name}{UNREAD_SUFFIX}" if name in self.coupling.outputs else name
+        """Return the name of a state: with a suffix where the output of that name is another variable."""
+        base, acted = self.coupling.base, self.coupling.outputs
+        name = self.coupling.state_names[k] if self.coupling.state_names else base.states[k].name
+        if name in acted:
+            return name if acted[name] == Source(STATE, k) else f"{name}{UNREAD_SUFFIX}"
+        other = any(v.name == name and base.copied_state(name) != k for v in base.outputs)
+        return f"{name}{UNREAD_SUFFIX}" if other else name
 
     def _parameters(self) -> Iterator[_Shown]:
         owners = {v.name: (v, [(BASE, v.value_reference)]) for v in self.coupling.base.parameters}
@@ -265,8 +281,8 @@ class _Table:
                 ET.SubElement(group, "Unit", name=unit)
         index = {s.name: i + 1 for i, s in enumerate(self.shown)}
         group = ET.SubElement(root, "ModelVariables")
-        for reference, s in enumerate(self.shown):
-            _scalar(group, s, reference, index)
+        for s in self.shown:
+            _scalar(group, s, index[s.alias_of or s.name] - 1, index)
         structure = ET.SubElement(root, "ModelStructure")
         outputs = [s for s in self.shown if s.causality == "output"]
         rates = [s for s in self.shown if s.derivative_of]

@@ -173,8 +173,8 @@ class ModelicaFamily:
         """Return the model with its ports open for all laws that are placed and can be attached."""
         if not self._open:
             placed_laws = [p for p in self.terms.placed.values() if can_be_attached(p)]
-            base, structure, flat = self.base_model(), self.places.structure, self.places.flat
-            self._open.append(open_model(base, structure, placed_laws, flat, lambda f: self._export(f, "open")))
+            export = partial(self._export, what="open")
+            self._open.append(open_model(self.base_model(), placed_laws, self.places.flat, export))
         return self._open[0]
 
     def _attached(self, placed_laws: Sequence[PlacedLaw]) -> Model:

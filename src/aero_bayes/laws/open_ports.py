@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from xml.etree import ElementTree
 
-from aero_bayes.export.compose import add_input, add_output, replace_uses
+from aero_bayes.errors import InputError
+from aero_bayes.export.compose import add_input, add_output, attribute_value, replace_uses
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.language.syntax import Call, Name, parse_reference
 from aero_bayes.laws.attach import OpenModel
 from aero_bayes.laws.compose import add_to_balance
 from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, Source, Terms
+from aero_bayes.laws.open_replaceables import members, open_replaceables
 from aero_bayes.laws.placed_law import PlacedLaw, identifier
 from aero_bayes.laws.state_names import state_aliases
-from aero_bayes.ports import AliasStructure, Port, defining_equations
+from aero_bayes.ports import AliasStructure, Port, alias_structure, defining_equations
 from aero_bayes.ports.port import DIFFERENCE
 from aero_bayes.simulation import Model
 
@@ -23,23 +26,22 @@ PROBE, SIGNAL, RATE = "probe_", "signal_", "rate_of_"
 
 
 def open_model(
-    base: Model, structure: AliasStructure, placed_laws: Iterable[PlacedLaw], flat: FlatModel,
-    export: Callable[[FlatModel], Model],
-) -> OpenModel:  # fmt: skip
+    base: Model, placed_laws: Iterable[PlacedLaw], flat: FlatModel, export: Callable[[FlatModel], Model]
+) -> OpenModel:
     """Return a model with its ports open for some laws. ``base`` is the same model without open ports."""
     every = list(placed_laws)
     ports = {p.id: p for placed in every for p in (placed.port, placed.neighbour) if p is not None}
-    probes = {}
+    inside = [p.replaceable for p in ports.values() if p.replaceable is not None]
+    flat, probes, opened = open_replaceables(flat, inside)
+    structure = alias_structure(flat)
     for port in ports.values():
-        if port.attachment not in ("input", "output"):
+        if port.attachment not in ("input", "output", "redeclare"):
             probes[port.id] = f"{PROBE}{identifier(port.id)}"
             flat = _with_probe(flat, port, probes[port.id])
-    signals = dict.fromkeys(
-        one for port in ports.values() for given in port.signals.values() for one in given.split(DIFFERENCE)
-    )
-    rated = dict.fromkeys(
-        p.port.signals["u"] for p in every if p.law.needs_derivative and p.port.attachment == "output"
-    )
+    read = [given for port in ports.values() for given in port.signals.values()]
+    read += [signal for component, found in opened.items() for signal in found.reads_in(component).values()]
+    signals = dict.fromkeys(one for given in read for one in given.split(DIFFERENCE))
+    rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative)
     known, shown = _places(base, structure), dict[str, str]()
     for kind, names in ((SIGNAL, signals), (RATE, rated)):
         for name in names:
@@ -67,7 +69,49 @@ def open_model(
     own = tuple(v.name for v in model.inputs if v.name not in probes.values())
     seen = {name: terms(name, SIGNAL) for name in signals}
     moving = {name: terms(name, RATE) for name in rated}
-    return OpenModel(model, own, probes, seen, moving, _needs(model), frozenset(shown.values()))
+    positions = _base_states(base, model, structure)
+    names = [s.name for s in model.states]
+    for k, there in positions.items():
+        names[there] = base.states[k].name
+    return OpenModel(
+        model, own, probes, seen, moving, _needs(model), frozenset(shown.values()),
+        copies=_copies(base, model, positions), state_names=names, terminals=opened,
+        constants={component: _constants(flat, component) for component in opened},
+    )  # fmt: skip
+
+
+def _base_states(base: Model, model: Model, structure: AliasStructure) -> dict[int, int]:
+    """Return the position in a model with open ports of each state of the base."""
+    there = _places(model, structure)
+    found = {}
+    for k, state in enumerate(base.states):
+        names = [state.name, *(n for n, s in state_aliases(base).items() if s == state.name)]
+        places = [there[structure.of(n)] for n in names if structure.of(n) in there]
+        source = next((s for s, sign in places if s.part == STATE and sign > 0), None)
+        if source is not None:
+            found[k] = source.reference
+    return found
+
+
+def _copies(base: Model, model: Model, positions: Mapping[int, int]) -> dict[str, int]:
+    """Return outputs that are states of the base and are none while a probe acts on them, with the state there."""
+    states = {s.value_reference for s in model.states}
+    copied = {v.name: base.copied_state(v.name) for v in base.outputs}
+    return {
+        name: positions[k]
+        for name, k in copied.items()
+        if k in positions and model.output(name).value_reference not in states
+    }
+
+
+def _constants(flat: FlatModel, component: str) -> dict[str, float]:
+    """Return values of the parameters of a component, as far as they are numbers."""
+    found = {}
+    for v in members(flat, component):
+        if v.constant and not v.sizes:
+            with suppress(InputError):
+                found[v.name] = attribute_value(flat, f"{component}.{v.name}", "value")
+    return found
 
 
 def _with_probe(flat: FlatModel, port: Port, name: str) -> FlatModel:

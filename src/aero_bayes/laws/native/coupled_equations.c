@@ -83,6 +83,17 @@ static void add_seed(Part *p, fmi_reference reference, double seed)
     p->seed[p->n_known++] = seed;
 }
 
+/* The same where an earlier transfer may have set it. */
+static void set_seed(Part *p, fmi_reference reference, double seed)
+{
+    for (size_t i = 0; i < p->n_known; i++)
+        if (p->known[i] == reference) {
+            p->seed[i] = seed;
+            return;
+        }
+    add_seed(p, reference, seed);
+}
+
 static int part_derivative(const Part *p, const fmi_reference *unknown, size_t n, double *out)
 {
     memset(out, 0, sizeof *out * n);
@@ -100,7 +111,7 @@ static int propagate_tangents(CoupledFmu *s, int transfers)
         for (size_t i = 0; o->sets && i < o->n; i++) {
             double sum = 0.0;
             for (int k = o->first[i]; k < o->first[i + 1]; k++) sum += o->gain[k] * s->tangent[o->source[k]];
-            add_seed(p, o->reference[i], sum);
+            set_seed(p, o->reference[i], sum);
         }
     }
     return FMI_OK;
