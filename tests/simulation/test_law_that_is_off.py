@@ -7,7 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.laws import FmuBoundary, Law, LawBlocks, LawModels, attached, couple, law_models, place_law, shipped_laws
+from aero_bayes.laws import (
+    FmuBoundary,
+    Law,
+    LawBlocks,
+    LawModels,
+    attached,
+    couple,
+    law_models,
+    place_law,
+    shipped_laws,
+)
 from aero_bayes.simulation import (
     Experiment,
     Model,

@@ -66,7 +66,7 @@ class LawBlocks:
         out = self.folder / f"law-{name}-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            export_flat(replace(flat, name=name), out, quick=True)
+            export_flat(replace(flat, name=name), out)
         return Model.load(out)
 
 

@@ -61,8 +61,6 @@ from aero_bayes.ports import (
 )
 from aero_bayes.simulation.model import Model, ModelicaSource
 
-#: Models that are fitted a few times and dropped: compiling them quickly saves more than their slower runs cost.
-_TRIED = ("candidates", "curves")
 #: Nominal values of the signals at ports, by the ids of the ports.
 PortNominals = Mapping[str, Mapping[str, float]]
 
@@ -312,5 +310,5 @@ class ModelicaFamily:
         out = self.folder / f"{self.title}-{what}-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            export_flat(flat, out, quick=what in _TRIED, members=declared_members(self.base, self.places.sources))
+            export_flat(flat, out, members=declared_members(self.base, self.places.sources))
         return Model.load(out)

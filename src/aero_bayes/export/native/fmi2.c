@@ -205,7 +205,7 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
         const double *column;
         if (k < AT_DX) { need_jacobian(m); column = group(m, JX) + (size_t)k * NROW; }
         else if (k >= AT_U && k < AT_P) { need_jacobian(m); column = group(m, JX) + (size_t)(k - NX) * NROW; }
-        else if (k >= AT_P && k < AT_Q) { need_parameter_jacobian(m, (int)(k - AT_P)); column = group(m, JP) + (size_t)(k - AT_P) * NROW; }
+        else if (k >= AT_P && k < AT_Q) { need_parameter_jacobian(m); column = group(m, JP) + (size_t)(k - AT_P) * NROW; }
         else return fail(s, fmi2Error, "fmi2GetDirectionalDerivative: no derivative by value reference %u", k);
         if (seed[j] == 0) continue;
         for (size_t i = 0; i < n_unknown; i++) {
