@@ -32,7 +32,7 @@ _SOURCES = (
 _FLAGS = ("-shared", "-s", "-Wl,--build-id=none", *_COUPLER, "bind.c", "fmi2.c", "fmi3.c", "-lm", "-ldl")
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 #: What an FMU of our own exporter has whose equations hold without events.
-_EVENTLESS = b"ab_lanes_constants"
+_EVENTLESS = b"ab_eventless"
 
 
 @dataclass(frozen=True)
