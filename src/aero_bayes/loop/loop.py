@@ -15,6 +15,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.step_budget import steps_taken
 from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.choose import Chooser, worth_all_readings
 from aero_bayes.judge.recordings import Recordings
@@ -149,7 +150,11 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     plain = base.plain
     family.prepare(plain, base.fit, context.open)
     interpolation_is_free = settings.fitting.calibration.interpolation == "auto"
-    source = ModelSource(family, plain, base.fit.free, context.open_objective, context.open, interpolation_is_free)
+    with context.open(plain.problem()) as simulator:
+        steps = steps_taken(plain, simulator, base.fit.coordinates)
+    source = ModelSource(
+        family, plain, base.fit.free, context.open_objective, context.open, interpolation_is_free, steps
+    )
     cache, curves = ModelCache(source), tuple(family.curves())
     groups = family.candidate_groups()
     searched = other_cause(base, settings) is None

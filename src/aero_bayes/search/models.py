@@ -16,6 +16,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
+from aero_bayes.estimate.step_budget import with_step_budget
 from aero_bayes.laws.model_family import CandidateTerm, ModelFamily
 from aero_bayes.search.response import LinearResponse
 from aero_bayes.search.structure import Structure
@@ -174,7 +175,7 @@ class FittedModel:
 
 @dataclass(frozen=True, eq=False)
 class ModelSource:
-    """Where candidate models come from."""
+    """Where candidate models come from. ``steps`` are those of the first model in each recording, which limit them."""
 
     family: ModelFamily
     plain: Calibration
@@ -182,6 +183,7 @@ class ModelSource:
     open_objective: Callable[[Calibration], Objective]
     open: OpenSimulator
     interpolation_is_free: bool
+    steps: tuple[int, ...] = ()
 
 
 class ModelCache:
@@ -205,7 +207,7 @@ class ModelCache:
     def _build(self, setting: Structure, wanted: frozenset[str]) -> CandidateModel:
         plain, own = with_setting(self.source.plain, self.source.free_base_columns, setting)
         offer = self.source.family.with_candidates(wanted)
-        calibration = self.source.family.transfer(plain, offer.model)
+        calibration = with_step_budget(self.source.family.transfer(plain, offer.model), self.source.steps)
         calibration = replace(calibration, parameters=calibration.parameters.extended(offer.parameters))
         first = len(plain.parameters)
         found = {}
