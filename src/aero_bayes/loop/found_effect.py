@@ -1,4 +1,4 @@
-"""An effect that the loop added to the model: its parameters, its evidence and its curve."""
+"""An effect that the loop added to the model: its parameters, what is claimed of it, and its curve."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.loop.decide import ClaimKind
 
 
 @dataclass(frozen=True)
 class NewParameter:
-    """A parameter of the model that came out: value, standard deviation and central 90 % interval in SI units.
-
-    ``q50`` is the median where it is not the value."""
+    """A parameter of the model that came out: value, standard deviation and central 90 % interval in SI units."""
 
     name: str
     value: float
@@ -22,20 +21,14 @@ class NewParameter:
     q95: float
     unit: str
     description: str
-    q50: float | None = None
 
     def __float__(self) -> float:
         return self.value
 
     def to_dict(self) -> dict[str, object]:
         return {
-            "value": self.value,
-            "sd": self.sd,
-            "q05": self.q05,
-            "q50": self.value if self.q50 is None else self.q50,
-            "q95": self.q95,
-            "unit": self.unit,
-        }
+            "value": self.value, "sd": self.sd, "q05": self.q05, "q50": self.value, "q95": self.q95, "unit": self.unit,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +47,21 @@ class LearnedCurve:
 
 
 @dataclass(frozen=True)
+class Alternative:
+    """What does as well in the place of an effect: ``error_ratio`` is the left-out error with it over that with the
+    effect."""
+
+    id: str
+    port: str
+    error_ratio: float
+
+
+@dataclass(frozen=True)
 class FoundEffect:
-    """An effect that earned its place.
+    """An effect that was added, and what is claimed of it.
 
     ``share`` is the error on left-out readings with it over that without it, in the output ``share_of`` where it falls
-    most, and ``share_sd`` its standard error."""
+    most, and ``share_sd`` its standard error. ``claim`` is None for one that the configuration requires."""
 
     id: str
     port: str
@@ -67,16 +70,13 @@ class FoundEffect:
     share: float
     share_sd: float
     share_of: str
-    wins: float | None
+    claim: ClaimKind | None
+    alternatives: tuple[Alternative, ...]
     summary: str
     widths: Mapping[str, float] = field(default_factory=dict)
-    width_influence: float | None = None
     over: str = ""
     looks_like: str = ""
     curve: LearnedCurve | None = None
-    text: str = ""
-    visited: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    alternatives: tuple[str, ...] = ()
 
     def to_dict(self, modelica: str) -> dict[str, object]:
         found: dict[str, object] = {
@@ -87,19 +87,14 @@ class FoundEffect:
             "share": self.share,
             "share_sd": self.share_sd,
             "share_of": self.share_of,
-            "wins": self.wins,
+            "claim": self.claim,
+            "alternatives": [vars(one) for one in self.alternatives],
             "modelica": modelica,
             "summary": self.summary,
             "widths": dict(self.widths),
-            "width_influence_sd": self.width_influence,
         }
         if self.over:
-            found["over"] = self.over
-            found["looks_like"] = self.looks_like
-        if self.text:
-            found["text"] = self.text
-            found["visited"] = {name: list(ends) for name, ends in self.visited.items()}
-            found["alternatives"] = list(self.alternatives)
+            found |= {"over": self.over, "looks_like": self.looks_like}
         if self.curve is not None:
             found["curve"] = self.curve.to_dict()
         return found

@@ -1,0 +1,336 @@
+"""The search over structures: it fills a table of errors, size by size.
+
+A structure is the first model with laws attached. A few structures of each size are extended by every offered term: all
+are screened beside the fit, the promising ones are fitted briefly, the best to the end. The search ends where only noise
+is left, or where a size brings nothing material; while structure is left it looks one size further, since two terms may
+explain what neither does alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from aero_bayes.arrays import FloatArray
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
+from aero_bayes.parallel import Task
+from aero_bayes.search.left_out import ROUNDING_SHARE, Blocks, newton_errors, refitted_errors
+from aero_bayes.search.models import FittedModel, Models, ModelSource
+from aero_bayes.search.screen import LEAST_FALL, Promise, Screen, Screened
+from aero_bayes.search.table import MATERIAL, Row, Table, Terms
+
+R = TypeVar("R")
+
+#: Structures of each size that are extended, from none to two terms: one explains the rest only beside the right others.
+BEAM = (1, 4, 2)
+#: Terms of a structure that are fitted after the screening (of the first model, whose predictions are the worst; of
+#: others), and those of them that are fitted to the end.
+FITTED, FINISHED = (12, 6), 3
+#: Structures that are fitted in a search, and those beside them that are tried in the place of a term of the model.
+MOST_STRUCTURES, MOST_SWAPS = 45, 15
+#: Steps of a brief fit and of one to the end, and the relative fall of the squared error that a step must promise.
+BRIEF, WHOLE = (4, 2e-3), (25, 1e-4)
+
+
+class Mapper(Protocol):
+    """Does independent tasks; None in place of the result of those that were not begun because the time was up."""
+
+    def __call__(self, tasks: Sequence[Task[R]], told: Callable[[float], object]) -> list[R | None]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """Terms that may be added, for each refinement the coarser law, the learned curves, and what has to be in."""
+
+    offered: Terms
+    refines: Mapping[str, str]
+    curves: Collection[str]
+    required: Terms = ()
+    most_terms: int = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Control:
+    """How a search is run: its map over independent tasks, their counts, its time limit and its report."""
+
+    map: Mapper
+    counts: object
+    late: Callable[[], bool]
+    tell: Callable[[str, float], object]
+
+
+#: What a task in another process brings back of a fit.
+Found = tuple[Optimum, FloatArray]
+
+
+@dataclass(eq=False)
+class Search:
+    """A search; ``fits`` are the best of each structure, ``table`` their errors, ``screened`` what terms promised."""
+
+    source: ModelSource
+    library: Library
+    floors: Mapping[tuple[str, str], float]
+    control: Control
+    fits: dict[Terms, FittedModel] = field(default_factory=dict)
+    screened: dict[Terms, dict[str, Screened]] = field(default_factory=dict)
+    skipped: dict[str, None] = field(default_factory=dict)
+    completed: set[Terms] = field(default_factory=set)
+    ended: str = ""
+
+    def __post_init__(self) -> None:
+        self.models = Models(self.source)
+        data = self.source.plain.data
+        self._least = {
+            o: max(data.floors.get(o, 0.0), ROUNDING_SHARE * float(s)) for o, s in zip(data.outputs, data.scale, strict=True)
+        }
+
+    # fits
+
+    def settings(self, how: tuple[int, float]) -> LocalFitSettings:
+        """Least squares, each output in units of what is left of it, with some steps and a least fall."""
+        steps, share = how
+        readings = sum(int(np.isfinite(e.measured).sum()) for e in self.source.plain.data.experiments if e.measured is not None)
+        least = max(0.5 * share * readings, 0.02)
+        plain = LocalFitSettings(kinds=dict.fromkeys(self.source.plain.data.outputs, "white"), floors=self._least)
+        local = replace(plain.local, iterations=steps, tolerance=least, min_noise_gain=least, min_decrease=least)
+        return replace(plain, local=local)
+
+    def fit(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> FittedModel | None:
+        """Fit a structure from some points (p,); the best, None where all fail."""
+        model, found = self.models.of(terms), []
+        for point in points if model is not None else ():
+            with suppress(CannotFinishError):
+                end = local_fit(model.objective, point, model.free(terms), settings=self.settings(how))
+                found.append(FittedModel(model, terms, end))
+        return min(found, key=self.blocks.on_fitted, default=None) if hasattr(self, "blocks") else next(iter(found), None)
+
+    def keep(self, terms: Terms, found: Found | None) -> None:
+        """Put a fit into the table if it is better than the one there, and its terms are on."""
+        model = self.models.of(terms) if found is not None else None
+        if found is None or model is None:
+            return
+        fitted, errors = FittedModel(model, terms, found[0]), found[1]
+        known = self.fits.get(terms)
+        better = known is None or self.blocks.on_fitted(fitted) < self.blocks.on_fitted(known)
+        if better and not fitted.off_terms and np.all(np.isfinite(errors)):
+            self.fits[terms] = fitted
+            unseen = self.table.rows[terms].unseen if terms in self.table.rows else None
+            self.table.rows[terms] = Row(terms, errors, len(fitted.optimum.free), unseen=unseen)
+
+    def begin(self, values: Mapping[str, float]) -> None:
+        """Fit the first model from its values, cut the readings into blocks, and fit the required terms."""
+        model = self.models.of(())
+        fitted = self.fit((), [model.coordinates_of(values, ())], WHOLE) if model is not None else None
+        if fitted is None:
+            raise CannotFinishError("the first model cannot be simulated")
+        self.blocks = Blocks.of(fitted)
+        ports = {t: t.rpartition("@")[2] for t in self.library.offered}
+        self.table = Table(self.blocks.outputs, self.blocks.least, ports, self.library.refines, self.library.curves)
+        self.keep((), (fitted.optimum, newton_errors(fitted, self.blocks)))
+        terms: Terms = ()
+        for id_ in self.library.required:
+            self.fit_children(terms, [id_], least=-math.inf)
+            terms = _plus(terms, id_)
+            if terms not in self.fits:
+                raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require asks for")
+
+    def structured(self, terms: Terms) -> tuple[str, ...]:
+        """Outputs in which a structure leaves more than what its sensors add."""
+        return self.fits[terms].structured(self.floors)
+
+    # the search
+
+    def run(self) -> None:
+        """Extend the best structures of each size, as long as that pays."""
+        first = tuple(sorted(self.library.required))
+        best = first
+        for size in range(len(first) + 1, self.library.most_terms + 1):
+            if not self.structured(best) or not self.library.offered:
+                break
+            parents = self._beam(size - 1)
+            for k, parent in enumerate(parents):
+                if len(self.fits) < MOST_STRUCTURES and not self._late(f"structures of {size} terms"):
+                    self.control.tell(_beside(parent), (size - 1 + k / len(parents)) / self.library.most_terms)
+                    self.extend(parent)
+            here = self.table.best_of_size(self.fits).get(size)
+            if here is not None and self.table.material(here, best):
+                best = here
+            elif here is None or size > len(best) + 1:
+                break
+
+    def _late(self, what: str) -> bool:
+        """Whether the time limit has passed; what was being done then is kept."""
+        if not self.ended and self.control.late():
+            self.ended = what
+        return bool(self.ended)
+
+    def _beam(self, size: int) -> list[Terms]:
+        """Structures of a size that are extended: the best, the best without a curve, the best of other places."""
+        required = set(self.library.required)
+        order = sorted((k for k in self.fits if len(k) == size and required <= set(k)), key=self.table.order)
+        places: dict[Terms, Terms] = {}
+        for k in order:
+            places.setdefault(tuple(sorted(self.table.ports.get(t, t) for t in k)), k)
+        plain = [k for k in order if not set(k) & set(self.library.curves)]
+        width = BEAM[min(size - len(required), len(BEAM) - 1)]
+        return list(dict.fromkeys([*order[:1], *plain[:1], *places.values(), *order]))[:width]
+
+    def extend(self, parent: Terms, near: float | None = None) -> None:
+        """Screen all terms beside a structure and fit those that promise most; with ``near`` all that promise that score.
+
+        A finer law is fitted where it promises more than its coarser one, or beside the best, and in place of it."""
+        curved = bool(set(parent) & set(self.library.curves))
+        offered = [
+            t for t in self.library.offered
+            if t not in parent and self.library.refines.get(t) not in parent and not (curved and t in self.library.curves)
+        ]  # fmt: skip
+        self.fit_children(parent, offered, near)
+        children = [k for k in self.fits if len(k) == len(parent) + 1 and set(parent) < set(k)]
+        best = sorted(children, key=self.table.order)[: BEAM[1]]
+        coarse = {t for k in best for t in set(k) - set(parent)} | set(parent)
+        for t, of in self.library.refines.items():
+            origin = tuple(x for x in parent if x != of)
+            child, second = _plus(origin, t), t in self.library.curves and set(origin) & set(self.library.curves)
+            wanted = of in coarse and t in self.library.offered and t not in parent and not second
+            if wanted and origin in self.fits and child not in self.fits and len(self.fits) < MOST_STRUCTURES + MOST_SWAPS:
+                self.fit_children(origin, [t])
+
+    def fit_children(
+        self, parent: Terms, offered: Sequence[str], near: float | None = None, least: float = LEAST_FALL
+    ) -> None:
+        """Fit the terms that promise most beside a structure: some steps each, the best of them to the end."""
+        promises = self.screen(parent, offered)
+        here, gains = self.blocks.on_fitted(self.fits[parent]), {t: s.gain for t, s in promises.items()}
+        if len(offered) > 1:
+            coarse = {t: gains.get(of, -math.inf) for t, of in self.library.refines.items()}
+            gains = {t: g for t, g in gains.items() if t not in coarse or g > coarse[t] + LEAST_FALL}
+        # Beside the first model, which lacks the most, predictions are the worst: there the best are fitted anyway.
+        if near is None:
+            order = [t for t in gains if gains[t] >= least or (not parent and gains[t] > 0.0)]
+            count = FITTED[bool(parent)]
+        else:
+            order = [t for t in gains if here - gains[t] <= near and _plus(parent, t) not in self.fits]
+            count = MOST_STRUCTURES + MOST_SWAPS - len(self.fits)
+        order = sorted(order, key=lambda t: (-gains[t], t))[: max(count, 0)]
+        works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
+        found = dict(zip(order, self._map(works), strict=True))
+        ends = sorted((t for t in order if found[t] is not None), key=lambda t: (self._score(found[t]), t))
+        kept = [_plus(parent, t) for t in ends[:FINISHED]]
+        for t in ends:
+            self.keep(_plus(parent, t), found[t])
+        self.finish(kept)
+
+    def screen(self, parent: Terms, offered: Sequence[str]) -> dict[str, Screened]:
+        """Screen terms beside a structure, those that were not yet."""
+        known = self.screened.setdefault(parent, {})
+        new = [t for t in offered if t not in known]
+        for t, found in zip(new, self._map([partial(self._screen, parent, t) for t in new]), strict=True):
+            if found is not None:
+                known[t] = found
+        self.table.ports = {**self.table.ports, **{t: s.port for t, s in known.items() if s.port}}
+        return {t: known[t] for t in offered if t in known}
+
+    def finish(self, structures: Iterable[Terms]) -> None:
+        """Go on with fits until no step promises anything."""
+        wanted = [k for k in structures if k in self.fits and not self.fits[k].optimum.reason.converged]
+        for k, found in zip(wanted, self._map([partial(self._whole, k) for k in wanted]), strict=True):
+            self.keep(k, found)
+
+    def complete(self, model: Terms, part: Terms) -> None:
+        """Fit a part of a structure, and all that does nearly as well as what it lacks in its place."""
+        self.completed.add(part)
+        if part not in self.fits:
+            self.keep(part, self._from_values(part, self.fits[model].values))
+        if part in self.fits and len(part) + 1 == len(model):
+            self.extend(part, self.blocks.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
+
+    def refit(self, structures: Sequence[Terms]) -> None:
+        """Find the errors of some structures by fits without each block."""
+        self.finish(structures)
+        works = [partial(refitted_errors, self.fits[k], self.blocks, self.settings(WHOLE)) for k in structures]
+        most = 1e6 * self.table.rows[()].errors.sum(axis=0)
+        for k, errors in zip(structures, self._map(works), strict=True):
+            if errors is not None:
+                errors = np.where(np.isfinite(errors), errors, most)
+                self.table.rows[k] = replace(self.table.rows[k], errors=errors, refitted=True)
+
+    # tasks, perhaps in a process of their own
+
+    def _map(self, works: Sequence[Callable[[], R]]) -> list[R | None]:
+        """Do tasks; those that cannot be done give None."""
+        tasks = [Task(partial(_tried, work), self.control.counts) for work in works]  # type: ignore[arg-type]
+        return self.control.map(tasks, lambda share: None)
+
+    def _screen(self, parent: Terms, term: str) -> Screened:
+        """Screen a term beside a fit and, beside the first model, beside its declared values: a fit that lacks a term may
+        have moved them to where it does nothing."""
+        child, fitted = _plus(parent, term), self.fits[parent]
+        kept = child in self.fits
+        model = self.models.of(child)
+        if model is None:
+            self.skipped[term] = None
+            return Screened()
+        known = [f for k, f in self.fits.items() if term in k and k != child]
+        best = min(known, key=lambda f: self.table.order(f.terms), default=None)
+        values = [tuple(best.term_values(term).values())] if best is not None else []
+        found = Screen(fitted, model, term, self.blocks).run(values)
+        declared = fitted.at_declared_values() if not parent else None
+        if declared is not None:
+            loss = self.blocks.on_fitted(declared) - self.blocks.on_fitted(fitted)
+            there = Screen(declared, model, term, self.blocks).run()
+            promises = (*found.promises, *(replace(p, gain=p.gain - loss) for p in there.promises))
+            found = replace(found, promises=tuple(sorted(promises, key=lambda p: -p.gain)))
+        if not kept:
+            self.models.drop(child)
+        return found
+
+    def _brief(self, parent: Terms, term: str, promises: Sequence[Promise]) -> Found | None:
+        """Fit a term beside a structure from what it promises, and from the structure itself where that is better."""
+        child, start = _plus(parent, term), self.fits[parent]
+        fitted = self.fit(child, [p.point for p in promises[:2]], BRIEF)
+        if fitted is None or self.blocks.on_fitted(fitted) > self.blocks.on_fitted(start):
+            model = self.models.of(child)
+            points = [model.coordinates_of(start.values, parent)] if model is not None else []
+            ends = [f for f in (fitted, self.fit(child, points, BRIEF)) if f is not None]
+            fitted = min(ends, key=self.blocks.on_fitted, default=None)
+        return None if fitted is None else (fitted.optimum, newton_errors(fitted, self.blocks))
+
+    def _whole(self, terms: Terms) -> Found | None:
+        """Go on with a fit to its end."""
+        fitted = self.fit(terms, [self.fits[terms].optimum.coordinates], WHOLE)
+        return None if fitted is None else (fitted.optimum, newton_errors(fitted, self.blocks))
+
+    def _from_values(self, terms: Terms, values: Mapping[str, float]) -> Found | None:
+        """Fit a structure from values of another one."""
+        model = self.models.of(terms)
+        fitted = self.fit(terms, [model.coordinates_of(values, terms)], WHOLE) if model is not None else None
+        return None if fitted is None else (fitted.optimum, newton_errors(fitted, self.blocks))
+
+    def _score(self, found: Found | None) -> float:
+        """Score of a fit that a task brought back, on the fitted readings."""
+        if found is None:
+            return math.inf
+        noise = np.array([found[0].noise[o].sd for o in self.blocks.outputs])
+        return self.blocks.score(found[0].whitened.residual, noise)
+
+
+def _tried(work: Callable[[], R]) -> R | None:
+    with suppress(CannotFinishError):
+        return work()
+    return None
+
+
+def _plus(terms: Terms, *more: str) -> Terms:
+    return tuple(sorted({*terms, *more}))
+
+
+def _beside(parent: Terms) -> str:
+    """What is being tried, in words."""
+    return f"trying each term beside {', '.join(parent)}" if parent else "trying each term"
