@@ -11,7 +11,7 @@ from closed_form import held
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import Override
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 LADDER = """model Ladder "Two filters of a resistor and a capacitor each; only their time constants show"
   parameter Real R_1(unit = "Ohm", min = 0) = 1;
@@ -56,7 +56,7 @@ def ladder(tmp_path):
 @pytest.fixture
 def settings(tmp_path):
     return LoopSettings(
-        structures=StructureSettings(max_effects=2), parameters=LATER,
+        max_effects=2, parameters=LATER,
         laws=("square_loss", "linear_loss", "lag", "gain"), cache=tmp_path / "fmu",
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.export import load_flat
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 OVEN = """model Oven "An oven in a hall whose temperature is recorded"
   parameter Real C(unit = "J/K", min = 0) = 350;
@@ -125,7 +125,7 @@ def bake(name: str, seed: int) -> Recording:
 def test_a_loss_to_a_hall_is_found_against_its_recorded_temperature(tmp_path):
     (tmp_path / "Oven.mo").write_text(OVEN, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), parameters=("C", "G"),
+        max_effects=2, parameters=("C", "G"),
         laws=("linear_loss", "square_loss", "radiation", "offset", "gain"), cache=tmp_path / "fmu",
         fit=FitSettings(method="local", calibration=CalibrationSettings(interpolation={"T_hall": "linear"})),
     )  # fmt: skip

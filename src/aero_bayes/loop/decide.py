@@ -151,7 +151,9 @@ def _told(table: Table) -> str:
     """A decision in lines."""
     found = decide(table)
     ratio = math.exp(table.score(found.model) - table.score(()))
-    lines = [f"{', '.join(found.model) or 'no further term'} of {len(table.rows)} structures: left-out error x {ratio:.3g}"]
+    lines = [
+        f"{', '.join(found.model) or 'no further term'} of {len(table.rows)} structures: left-out error x {ratio:.3g}"
+    ]
     lines += [f"  refused by unseen recordings: {', '.join(k)}" for k in found.refused]
     for term, one in found.claims.items():
         others = ", ".join(f"{id_} ({error:.2f})" for id_, error in one.alternatives)

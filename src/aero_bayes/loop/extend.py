@@ -85,8 +85,10 @@ def _effect(
     """What is said of a term in the model that came out."""
     over = context.family.curves().get(id_, "")
     claim = decision.claims.get(id_)
-    share = (claim.share, claim.share_sd, claim.share_of) if claim else table.share(
-        decision.model, table.without(decision.model, id_)
+    share = (
+        (claim.share, claim.share_sd, claim.share_of)
+        if claim
+        else table.share(decision.model, table.without(decision.model, id_))
     )
     others = claim.alternatives if claim is not None else ()
     curve = _learned(context.family.basis(id_), names, fit) if over else None

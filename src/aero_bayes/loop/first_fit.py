@@ -16,6 +16,7 @@ from aero_bayes.estimate.finished_fit import finished_fit
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
+from aero_bayes.estimate.objective import Series, Whitened
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, chosen_parameters
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.progressive_horizon import GOOD_FIT_RATIO
@@ -28,7 +29,7 @@ from aero_bayes.simulation.interface import StartTarget
 
 #: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
 MAX_READING_DEVIATIONS = 5.0
-#: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched, which
+#: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched. It
 #: tells at least this share of what the whole tells, reading by reading.
 FIRST_ROWS, MIN_INFORMATION = 25_000, 0.5
 
@@ -54,7 +55,9 @@ class FirstFit:
         The starts of states that the terms brought have a value in each recording."""
         moved = context.family.transfer(self.plain, model)
         known = set(moved.parameters.names)
-        own = for_recordings(ParameterSet(tuple(p for p in new if p.name not in known)), model, context.recordings.fitted)
+        own = for_recordings(
+            ParameterSet(tuple(p for p in new if p.name not in known)), model, context.recordings.fitted
+        )
         freed = {p.name for p in new}
         items = tuple(
             replace(p, free_if_identified=p.free_if_identified and p.name not in freed) for p in moved.parameters
@@ -84,7 +87,9 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
     def fitted(method: str) -> Fit:
         chosen = declared.with_start(np.array(starts))
         how = replace(own, method=method)  # type: ignore[arg-type]
-        return fit(recordings.fitted, model, parameters=chosen, settings=how, seed=context.seed, workers=context.pool.size)
+        return fit(
+            recordings.fitted, model, parameters=chosen, settings=how, seed=context.seed, workers=context.pool.size
+        )
 
     floors = noise_floors([*recordings.train, *recordings.test], recordings.outputs)
     close = fitted("local")
@@ -106,7 +111,9 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
     found = close
     if any(a.prior != b.prior for a, b in zip(plain.parameters, calibration.parameters, strict=True)):
         found = refitted(context, plain, close.values, close.free, close.optimum.noise)
-        found = replace(found, sensors=close.sensors, solver_difference=close.solver_difference, outcomes=close.outcomes)
+        found = replace(
+            found, sensors=close.sensors, solver_difference=close.solver_difference, outcomes=close.outcomes
+        )
     context.statistics.end_stage("first fit")
     reports = check_residuals(plain, found.series, found.optimum, floors)
     return FirstFit(plain, found, reports, floors, _start_warnings(calibration, found))
@@ -151,19 +158,17 @@ def _start_warnings(close: Calibration, found: Fit) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def beginning_share(first: FirstFit) -> float:
+def beginning_share(rows: Sequence[int], series: Sequence[Series], fitted: Whitened) -> float:
     """The share of each recording, from its beginning, on which structures are searched for; 1 for the whole.
 
-    It is less only where a recording is very long, and tells half as much, reading by reading, of each parameter and of
-    what is missing as the whole does."""
-    longest = max(e.time.size for e in first.plain.data.experiments)
-    rows, white, series = FIRST_ROWS, first.fit.optimum.whitened, first.fit.series
-    squares = np.vstack([white.slopes**2, white.residual**2])
+    It is less only where a recording is very long (``rows`` are their lengths), and tells half as much, reading by
+    reading, of each parameter and of what is missing as the whole does."""
+    first, longest = FIRST_ROWS, max(rows)
+    squares = np.vstack([fitted.slopes**2, fitted.residual**2])
     whole = squares.mean(axis=1)
-    while 2 * rows < longest:
-        parts = [s.sampling.index < rows / longest * first.plain.data.experiments[s.experiment].time.size for s in series]
-        inside = np.concatenate(parts)
+    while 2 * first < longest:
+        inside = np.concatenate([s.sampling.index < first / longest * rows[s.experiment] for s in series])
         if inside.any() and np.all(squares[:, inside].mean(axis=1) >= MIN_INFORMATION * whole):
-            return rows / longest
-        rows *= 2
+            return first / longest
+        first *= 2
     return 1.0

@@ -14,8 +14,8 @@ from aero_bayes.search.table import law_of
 class Limit:
     """The smallest size of a law at a port that would have been named: a value of its first parameter.
 
-    Its signature in the outputs, once the free parameters have readjusted, raises the error that the model leaves by what
-    a material term has to lower it."""
+    Its signature in the outputs, once the free parameters have readjusted, raises the error that the model leaves by
+    what a material term has to lower it."""
 
     law: str
     port: str

@@ -162,19 +162,25 @@ def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
 
 
 def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) -> Search:
-    """Search over structures from the first model at its best; not where another cause has ``explained`` what it leaves."""
+    """Search over structures from the first model; not where another cause has ``explained`` what it leaves."""
     settings, family, statistics = context.settings, context.family, context.statistics
-    family.prepare(first.plain, first.fit.optimum, context.open)
-    share = beginning_share(first)
+    placed = family.prepare(first.plain, first.fit.optimum, context.open)
+    lengths = [e.time.size for e in first.plain.data.experiments]
+    share = beginning_share(lengths, first.fit.series, first.fit.optimum.whitened)
     plain = first.plain if share >= 1.0 else replace(first.plain, data=first.plain.data.beginning(share))
     held = {} if explained else _held_values(first.plain, settings)
     source = ModelSource(family, plain, first.fit.free, context.open_objective, held)
-    laws = () if explained else tuple(dict.fromkeys(t for group in family.candidate_groups() for t in group))
-    library = Library((*laws, *held), family.refinements(), frozenset(family.curves()), settings.require, settings.max_effects)
+    laws = () if explained else placed
+    library = Library(
+        (*laws, *held), family.refinements(), frozenset(family.curves()), settings.require, settings.max_effects
+    )
     context.progress("trying each candidate", 0.15)
     statistics.set_time_limit(60.0 * settings.max_minutes)
     control = Control(
-        context.map, statistics.outcomes, statistics.time_is_up, lambda what, done: context.progress(what, 0.2 + 0.5 * done)
+        context.map,
+        statistics.outcomes,
+        statistics.time_is_up,
+        lambda what, done: context.progress(what, 0.2 + 0.5 * done),
     )
     search = Search(source, library, first.floors, control)
     search.begin(first.values)
@@ -201,9 +207,7 @@ def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parame
             with suppress(InputError):
                 (one,) = parameters_from_model(model, [variable.name])
                 found.append(replace(one, start=start) if one.lower < start < one.upper else one)
-    return {
-        f"{VALUE}{p.name}": p for p in found[:MOST_VALUES] if narrowed.accepts(f"{VALUE}{p.name}", "value", p.name)
-    }
+    return {f"{VALUE}{p.name}": p for p in found[:MOST_VALUES] if narrowed.accepts(f"{VALUE}{p.name}", "value", p.name)}
 
 
 def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: LoopSettings) -> ModelFamily:

@@ -26,9 +26,9 @@ from aero_bayes.loop.limits import Limit
 from aero_bayes.loop.steps import Step
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.scratch import ScratchFolder
+from aero_bayes.search.table import Table, Terms
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Interpolation
-from aero_bayes.search.table import Table, Terms
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
 

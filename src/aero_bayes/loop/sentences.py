@@ -23,9 +23,7 @@ MAX_NAMED = 3
 DISTURBANCE_SHARE = 0.8
 
 
-def extended_sentence(
-    context: LoopContext, extended: ExtendedFit, before: Prediction, decision: Decision
-) -> str:
+def extended_sentence(context: LoopContext, extended: ExtendedFit, before: Prediction, decision: Decision) -> str:
     """The model, the error before and after, and what is claimed of each term."""
     effects = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
     change = describe_error_change(before, extended.after, context.units)
@@ -53,7 +51,9 @@ def _claim_sentence(effect: FoundEffect) -> str:
     if effect.claim == "law":
         return f"{text}; {join_names(named)} {does} as well and {'say' if len(others) > 1 else 'says'} the same."
     if effect.claim == "place":
-        return f"{text}; at the same place {join_names(named)} {does} as well, so that the place is known and not the law."
+        return (
+            f"{text}; at the same place {join_names(named)} {does} as well, so that the place is known and not the law."
+        )
     return f"{text}; {join_names(named)} {does} as well, so that the data do not tell which it is."
 
 
@@ -67,17 +67,23 @@ def refused_sentence(decision: Decision) -> str:
 
 
 def none_sentence(
-    first: FirstFit, decision: Decision, structured: Sequence[str], steps: Sequence[Step], far: Mapping[tuple[str, str], float]
+    first: FirstFit,
+    decision: Decision,
+    structured: Sequence[str],
+    steps: Sequence[Step],
+    far: Mapping[tuple[str, str], tuple[float, bool]],
 ) -> str:
     """Why nothing was added."""
     if not structured:
-        if far:
-            return (
-                "The model fits the training data, but its error on unseen data is far larger: "
-                f"{_ratios(far)}. The training data do not show the missing effect, or do not determine the parameters "
-                "well enough."
-            )
-        return "The model is adequate for these recordings: it leaves no more than what the sensors add."
+        if all(explained for _, explained in far.values()):
+            text = "The model is adequate for these recordings: it leaves no more than what the sensors add."
+            more = f" The error on unseen data is larger: {_ratios(far)}. The uncertainty of the parameters explains"
+            return text + (f"{more} this: the unseen data are sensitive to them." if far else "")
+        return (
+            "The model fits the training data, but its error on unseen data is far larger: "
+            f"{_ratios(far)}. The training data do not show the missing effect, or do not determine the parameters "
+            "well enough."
+        )
     reports = [r for r in first.reports if r.output in structured]
     moment = _disturbance(reports)
     if moment is not None and not decision.refused:
@@ -89,18 +95,8 @@ def none_sentence(
     worst = max(reports, key=lambda r: r.ratio)
     text = f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor{_nature(worst)})"
     if decision.refused:
-        return f"{text}, but unseen recordings refuse all {len(decision.refused)} models that explain a material part of it."
+        return f"{text}, but unseen recordings refuse all {len(decision.refused)} models that explain a part of it."
     return f"{text}, but no effect that was tried is material" + (f": {steps[-1].why}." if steps else ".")
-
-
-def sensitive_sentence(far: Mapping[tuple[str, str], float]) -> str:
-    """An error on unseen data that the uncertainty of the parameters explains."""
-    if not far:
-        return ""
-    return (
-        f" The error on unseen data is larger: {_ratios(far)}. The uncertainty of the parameters explains this, because "
-        "the unseen data are sensitive to them."
-    )
 
 
 def early_end_sentence(context: LoopContext, where: str) -> str:
@@ -113,7 +109,12 @@ def early_end_sentence(context: LoopContext, where: str) -> str:
 
 
 def story_of(
-    context: LoopContext, first: FirstFit, search: Search, steps: Sequence[Step], effects: Sequence[FoundEffect], told: str
+    context: LoopContext,
+    first: FirstFit,
+    search: Search,
+    steps: Sequence[Step],
+    effects: Sequence[FoundEffect],
+    told: str,
 ) -> tuple[str, ...]:
     """What was done, in sentences."""
     worst = max(first.reports, key=lambda r: r.ratio)
@@ -184,9 +185,9 @@ def _nature(report: ResidualReport) -> str:
     return {"autocorrelation": ", not white", "slow": ", drifting"}.get(clearest, f", correlated with {clearest}")
 
 
-def _ratios(far: Mapping[tuple[str, str], float]) -> str:
+def _ratios(far: Mapping[tuple[str, str], tuple[float, bool]]) -> str:
     """Outputs with the worst of their ratios."""
     worst: dict[str, float] = {}
-    for (_, output), ratio in far.items():
+    for (_, output), (ratio, _) in far.items():
         worst[output] = max(ratio, worst.get(output, 0.0))
     return ", ".join(f"{output} ({ratio:.2g} times the error of the fit)" for output, ratio in worst.items())

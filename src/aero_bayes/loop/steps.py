@@ -44,12 +44,17 @@ def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, .
     found: list[Step] = []
     base, left = tuple(sorted(required)), [t for t in decision.model if t not in required]
     while True:
-        beside = {next(iter(set(k) - set(base))): k for k in table.rows if len(k) == len(base) + 1 and set(base) < set(k)}
+        beside = {
+            next(iter(set(k) - set(base))): k for k in table.rows if len(k) == len(base) + 1 and set(base) < set(k)
+        }
         here = [t for t in left if t in beside]
         chosen = min(here, key=lambda t: table.order(beside[t]), default=next(iter(left), None))
         shares = {t: table.share(k, base) for t, k in beside.items()}
         rivals = sorted(
-            (StepCandidate(t, table.ports.get(t, ""), *shares[t][:2], table.rows[k].refitted) for t, k in beside.items()),
+            (
+                StepCandidate(t, table.ports.get(t, ""), *shares[t][:2], table.rows[k].refitted)
+                for t, k in beside.items()
+            ),
             key=lambda one: (one.share, one.id),
         )
         if chosen is not None or rivals:
@@ -70,9 +75,12 @@ def _why(decision: Decision, chosen: str | None, rivals: list[StepCandidate], al
         if one is None:
             return f"{chosen} is required"
         text = f"with {chosen} the error of {one.share_of} on left-out readings {fall(one.share, one.share_sd)}"
-        return text + (f"; {', '.join(alike)} do as well" if len(alike) > 1 else f"; {alike[0]} does as well" if alike else "")
+        return text + (
+            f"; {', '.join(alike)} do as well" if len(alike) > 1 else f"; {alike[0]} does as well" if alike else ""
+        )
     best = rivals[0]
-    return f"no further term is in the model; with {best.id} the error on left-out readings {fall(best.share, best.share_sd)}"
+    change = fall(best.share, best.share_sd)
+    return f"no further term is in the model; with {best.id} the error on left-out readings {change}"
 
 
 def fall(share: float, sd: float) -> str:

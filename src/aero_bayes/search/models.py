@@ -92,8 +92,9 @@ class FittedModel:
         return tuple(found)
 
     def at_declared_values(self) -> FittedModel | None:
-        """The same with the first model's parameters at their starting values; None if that is no other point, or cannot
-        be simulated."""
+        """The same with the first model's parameters at their starting values.
+
+        None if that is no other point, or cannot be simulated."""
         objective, optimum, own = self.model.objective, self.optimum, list(self.model.free_base_columns)
         point = optimum.coordinates.copy()
         point[own] = objective.parameters.to_search(objective.parameters.start)[own]
@@ -101,7 +102,9 @@ class FittedModel:
         if found is None:
             return None
         white = objective.whiten(found, optimum.noise)
-        there = replace(optimum, coordinates=point, evaluation=found, whitened=white, log_likelihood=white.log_likelihood)
+        there = replace(
+            optimum, coordinates=point, evaluation=found, whitened=white, log_likelihood=white.log_likelihood
+        )
         return replace(self, optimum=there)
 
     def structured(self, floors: Mapping[tuple[str, str], float]) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
 """What a term promises beside a fit, without a fit: one gradient at each nominal shape, and simulations where it fails.
 
-The Newton step of a law whose slope at size zero is seen says how much it explains. Where a simulation at that step does
-not confirm it (a law with a threshold), the law is simulated at its nominal sizes. The free parameters of the fit
-readjust to first order.
+The Newton step of a law whose slope at size zero is seen says how much it explains. Where that is not material (a law
+with a threshold, or a fit that has gone astray without it), it is simulated at its nominal sizes, too. The free
+parameters of the fit readjust to first order.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from aero_bayes.search.left_out import Blocks
 from aero_bayes.search.models import CandidateModel, FittedModel
 from aero_bayes.search.table import MATERIAL
 
-#: Share of a predicted fall that a simulation has to confirm for the slope to tell, and share that counts where it does
-#: not: along a bent valley a fit may yet get there.
-CONFIRMED, UNCONFIRMED = 0.5, 0.3
+#: Share of a prediction that a simulation does not confirm which counts all the same: along a bent valley a fit may yet
+#: get there.
+UNCONFIRMED = 0.3
 #: Fall of the logarithm of the error below which a term is not fitted beside others: 3 % is not material.
 LEAST_FALL = 0.03
 #: Smallest and largest step along a line, as multiples of the step that was simulated.
 MIN_STEP, MAX_STEP = 0.05, 3.0
-#: Points that are kept for a term.
-MOST_POINTS = 3
+#: Points that are kept for a term: two sources, each with two signs or shapes.
+MOST_POINTS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Promise:
     """Search coordinates ``point`` (p,) where a fit with the term may begin, and the fall of the score to expect.
 
-    ``kind`` tells points apart: the sign of the size, and the shape."""
+    ``kind`` tells points apart: what was at hand, the sign of the size, and the shape."""
 
     gain: float
     point: FloatArray
@@ -45,8 +45,8 @@ class Promise:
 class Screened:
     """Promises of a term, best first, and the smallest size that would have been seen.
 
-    That size, in the unit of ``parameter`` (name, unit), raises the error that the fit leaves by what a material term has
-    to lower."""
+    That size, in the unit of ``parameter`` (name, unit), raises the error that the fit leaves by what a material term
+    has to lower."""
 
     promises: tuple[Promise, ...] = ()
     smallest: float = math.inf
@@ -86,11 +86,11 @@ class Screen:
         starts = self.candidate.starts
         for shape in dict.fromkeys(start[1:] for start in starts) if starts else [()]:
             self._by_slope(shape)
-        predicted = self._verified()
-        tell = not starts or (self.found and self.found[0].gain >= max(CONFIRMED * predicted, LEAST_FALL))
+        self._verify()
+        tell = not starts or (self.found and self.found[0].gain >= -math.log(MATERIAL))
         if not tell or known:
             self._by_simulation([*([] if tell else starts), *known])
-            self._verified()
+            self._verify()
         size = self.model.objective.parameters.items[self.columns[0]]
         return Screened(tuple(self.found), self.smallest, self.candidate.port, (size.name, size.unit))
 
@@ -117,7 +117,7 @@ class Screen:
         point = origin.copy()
         point[columns] += step
         sign = math.copysign(1.0, step[0]) if self.candidate.starts else 0.0
-        self._add(point, step @ across, step @ back, (1.0,), (sign, *shape))
+        self._add(point, step @ across, step @ back, (1.0,), (0.0, sign, *shape))
         if self.candidate.starts:
             self._note_size(across[0], float(parameters.jacobian(values)[columns[0]]), float(high[0] - low[0]))
 
@@ -136,7 +136,7 @@ class Screen:
             change = change - objective.whiten(there, self.fitted.optimum.noise).residual
             across, back = self.response.readjusted(change[np.newaxis])
             size = abs(start[0] - off)
-            self._add(point, across[0], back[0], (), (math.copysign(1.0, start[0] - off), *start[1:]))
+            self._add(point, across[0], back[0], (), (1.0, math.copysign(1.0, start[0] - off), *start[1:]))
             if np.any(self.blocks.sums(across[0]) >= SEEN * self.left):
                 self.smallest = min(self.smallest, size)
 
@@ -150,7 +150,12 @@ class Screen:
                 self.smallest = min(self.smallest, size * unit)
 
     def _add(
-        self, point: FloatArray, direction: FloatArray, back: FloatArray, steps: Sequence[float], kind: tuple[float, ...]
+        self,
+        point: FloatArray,
+        direction: FloatArray,
+        back: FloatArray,
+        steps: Sequence[float],
+        kind: tuple[float, ...],
     ) -> None:
         """Add the best of some steps along a line; by default of the one that was simulated and the best one."""
         power = float(direction @ direction)
@@ -173,11 +178,10 @@ class Screen:
         point[self.free] = self.origin[self.free] + moved
         self.found.append(Promise(self.here - score, np.clip(point, *parameters.box), kind))
 
-    def _verified(self) -> float:
-        """Simulate the best promises of different kinds and sort them; the best prediction."""
-        self.found.sort(key=lambda p: -p.gain)
-        kept = list({p.kind: p for p in reversed(self.found)}.values())[::-1][:MOST_POINTS]
-        kept.sort(key=lambda p: -p.gain)
+    def _verify(self) -> None:
+        """Simulate the best promises of different kinds, and sort them by what to expect of each."""
+        self.found.sort(key=lambda p: p.gain)
+        kept = sorted({p.kind: p for p in self.found}.values(), key=lambda p: -p.gain)[:MOST_POINTS]
         self.found.clear()
         objective, noise = self.model.objective, self.fitted.optimum.noise
         for p, there in zip(kept, objective.residuals(np.array([p.point for p in kept])) if kept else [], strict=True):
@@ -186,7 +190,6 @@ class Screen:
                 if math.isfinite(gain):
                     self.found.append(Promise(max(gain, UNCONFIRMED * p.gain), p.point, p.kind))
         self.found.sort(key=lambda p: -p.gain)
-        return max((p.gain for p in kept), default=0.0)
 
 
 #: Square of a signature, over the squared error that a fit leaves, from which a term would be material.

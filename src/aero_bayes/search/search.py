@@ -1,9 +1,9 @@
 """The search over structures: it fills a table of errors, size by size.
 
-A structure is the first model with laws attached. A few structures of each size are extended by every offered term: all
-are screened beside the fit, the promising ones are fitted briefly, the best to the end. The search ends where only noise
-is left, or where a size brings nothing material; while structure is left it looks one size further, since two terms may
-explain what neither does alone.
+A structure is the first model with laws attached. A few structures of each size are extended by every offered term:
+all are screened beside the fit, the promising ones are fitted briefly, the best to the end. The search ends where only
+noise is left, or where a size brings nothing material; while structure is left it looks one size further, since two
+terms may explain what neither does alone.
 """
 
 from __future__ import annotations
@@ -28,13 +28,15 @@ from aero_bayes.search.table import MATERIAL, Row, Table, Terms
 
 R = TypeVar("R")
 
-#: Structures of each size that are extended, from none to two terms: one explains the rest only beside the right others.
+#: Structures of each size that are extended, from none to two terms: the best may hold none of the right ones.
 BEAM = (1, 4, 2)
 #: Terms of a structure that are fitted after the screening (of the first model, whose predictions are the worst; of
 #: others), and those of them that are fitted to the end.
 FITTED, FINISHED = (12, 6), 3
 #: Structures that are fitted in a search, and those beside them that are tried in the place of a term of the model.
 MOST_STRUCTURES, MOST_SWAPS = 45, 15
+#: Points from which a term is fitted: by its slope, by simulation, and beside the declared values.
+MOST_STARTS = 3
 #: Steps of a brief fit and of one to the end, and the relative fall of the squared error that a step must promise.
 BRIEF, WHOLE = (4, 2e-3), (25, 1e-4)
 
@@ -88,7 +90,8 @@ class Search:
         self.models = Models(self.source)
         data = self.source.plain.data
         self._least = {
-            o: max(data.floors.get(o, 0.0), ROUNDING_SHARE * float(s)) for o, s in zip(data.outputs, data.scale, strict=True)
+            o: max(data.floors.get(o, 0.0), ROUNDING_SHARE * float(s))
+            for o, s in zip(data.outputs, data.scale, strict=True)
         }
 
     # fits
@@ -96,7 +99,9 @@ class Search:
     def settings(self, how: tuple[int, float]) -> LocalFitSettings:
         """Least squares, each output in units of what is left of it, with some steps and a least fall."""
         steps, share = how
-        readings = sum(int(np.isfinite(e.measured).sum()) for e in self.source.plain.data.experiments if e.measured is not None)
+        readings = sum(
+            int(np.isfinite(e.measured).sum()) for e in self.source.plain.data.experiments if e.measured is not None
+        )
         least = max(0.5 * share * readings, 0.02)
         plain = LocalFitSettings(kinds=dict.fromkeys(self.source.plain.data.outputs, "white"), floors=self._least)
         local = replace(plain.local, iterations=steps, tolerance=least, min_noise_gain=least, min_decrease=least)
@@ -109,7 +114,9 @@ class Search:
             with suppress(CannotFinishError):
                 end = local_fit(model.objective, point, model.free(terms), settings=self.settings(how))
                 found.append(FittedModel(model, terms, end))
-        return min(found, key=self.blocks.on_fitted, default=None) if hasattr(self, "blocks") else next(iter(found), None)
+        return (
+            min(found, key=self.blocks.on_fitted, default=None) if hasattr(self, "blocks") else next(iter(found), None)
+        )
 
     def keep(self, terms: Terms, found: Found | None) -> None:
         """Put a fit into the table if it is better than the one there, and its terms are on."""
@@ -183,14 +190,13 @@ class Search:
         return list(dict.fromkeys([*order[:1], *plain[:1], *places.values(), *order]))[:width]
 
     def extend(self, parent: Terms, near: float | None = None) -> None:
-        """Screen all terms beside a structure and fit those that promise most; with ``near`` all that promise that score.
+        """Screen all terms beside a structure and fit those that promise most, or all that promise a score ``near``.
 
         A finer law is fitted where it promises more than its coarser one, or beside the best, and in place of it."""
         curved = bool(set(parent) & set(self.library.curves))
-        offered = [
-            t for t in self.library.offered
-            if t not in parent and self.library.refines.get(t) not in parent and not (curved and t in self.library.curves)
-        ]  # fmt: skip
+        curves, refines = self.library.curves, self.library.refines
+        free = (t for t in self.library.offered if t not in parent and refines.get(t) not in parent)
+        offered = [t for t in free if not (curved and t in curves)]
         self.fit_children(parent, offered, near)
         children = [k for k in self.fits if len(k) == len(parent) + 1 and set(parent) < set(k)]
         best = sorted(children, key=self.table.order)[: BEAM[1]]
@@ -199,7 +205,12 @@ class Search:
             origin = tuple(x for x in parent if x != of)
             child, second = _plus(origin, t), t in self.library.curves and set(origin) & set(self.library.curves)
             wanted = of in coarse and t in self.library.offered and t not in parent and not second
-            if wanted and origin in self.fits and child not in self.fits and len(self.fits) < MOST_STRUCTURES + MOST_SWAPS:
+            if (
+                wanted
+                and origin in self.fits
+                and child not in self.fits
+                and len(self.fits) < MOST_STRUCTURES + MOST_SWAPS
+            ):
                 self.fit_children(origin, [t])
 
     def fit_children(
@@ -269,8 +280,9 @@ class Search:
         return self.control.map(tasks, lambda share: None)
 
     def _screen(self, parent: Terms, term: str) -> Screened:
-        """Screen a term beside a fit and, beside the first model, beside its declared values: a fit that lacks a term may
-        have moved them to where it does nothing."""
+        """Screen a term beside a fit, of the first model beside its declared values, too.
+
+        A fit that lacks a term may have moved them to where it does nothing."""
         child, fitted = _plus(parent, term), self.fits[parent]
         kept = child in self.fits
         model = self.models.of(child)
@@ -285,7 +297,8 @@ class Search:
         if declared is not None:
             loss = self.blocks.on_fitted(declared) - self.blocks.on_fitted(fitted)
             there = Screen(declared, model, term, self.blocks).run()
-            promises = (*found.promises, *(replace(p, gain=p.gain - loss) for p in there.promises))
+            moved = (replace(p, gain=p.gain - loss, kind=(2.0 + p.kind[0], *p.kind[1:])) for p in there.promises)
+            promises = (*found.promises, *moved)
             found = replace(found, promises=tuple(sorted(promises, key=lambda p: -p.gain)))
         if not kept:
             self.models.drop(child)
@@ -294,7 +307,9 @@ class Search:
     def _brief(self, parent: Terms, term: str, promises: Sequence[Promise]) -> Found | None:
         """Fit a term beside a structure from what it promises, and from the structure itself where that is better."""
         child, start = _plus(parent, term), self.fits[parent]
-        fitted = self.fit(child, [p.point for p in promises[:2]], BRIEF)
+        sources = {p.kind[0]: p.point for p in reversed(promises)}
+        best = [sources[kind] for kind in dict.fromkeys(p.kind[0] for p in promises)]
+        fitted = self.fit(child, best[:MOST_STARTS], BRIEF)
         if fitted is None or self.blocks.on_fitted(fitted) > self.blocks.on_fitted(start):
             model = self.models.of(child)
             points = [model.coordinates_of(start.values, parent)] if model is not None else []
