@@ -7,7 +7,8 @@ where a block decides a parameter, so what the decision hangs on is fitted again
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from aero_bayes.estimate.leave_out import MIN_BLOCK_READINGS, LinearisedFit, blo
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.search.models import FittedModel
+from aero_bayes.sensors.noise import OutputNoise
 
 Readings = NDArray[np.int_]
 
@@ -103,26 +105,42 @@ def newton_errors(fitted: FittedModel, blocks: Blocks) -> FloatArray:
 
 
 def refitted_errors(fitted: FittedModel, blocks: Blocks, settings: LocalFitSettings) -> FloatArray:
-    """Squared errors (blocks, m) of each block, predicted by a fit to all other readings; infinite where it fails."""
+    """Squared errors (blocks, m) of each block, predicted by a fit to all other readings; infinite where it fails.
+
+    Where a simulation after the Newton step is what was predicted, as closely as a fit would end, it is that fit."""
     optimum, own = fitted.optimum, fitted.model.objective
-    columns = [optimum.free[k] for k in blocks.moving(fitted)]
-    settings, found = replace(settings, hold_noise=True), []
+    moving = blocks.moving(fitted)
+    columns, slopes = [optimum.free[k] for k in moving], optimum.whitened.slopes[moving]
+    residual, found = optimum.whitened.residual, []
     points = _newton_points(fitted, blocks)
     for fold, point, row in zip(blocks.folds, points, own.residuals(points), strict=True):
-        others = np.delete(np.arange(blocks.owner.size), fold)
-        start, residual = optimum.coordinates, optimum.whitened.residual
+        moved = residual if row is None else own.whiten(row, optimum.noise).residual
         with np.errstate(over="ignore"):
-            moved = residual if row is None else own.whiten(row, optimum.noise).residual
-            better = bool(np.sum(moved[others] ** 2) < np.sum(residual[others] ** 2))
-        try:
-            without = _without(own, fold)
-            end = local_fit(without, point if better else start, columns, noise=optimum.noise, settings=settings)
-            there = own.residuals(end.coordinates[np.newaxis])[0]
-        except CannotFinishError:
-            there = None
-        squares = blocks.sums(own.whiten(there, optimum.noise).residual, fold) if there is not None else None
-        found.append(np.full(len(blocks.outputs), math.inf) if squares is None else squares)
+            predicted = residual - (point - optimum.coordinates)[columns] @ slopes
+            is_linear = row is not None and float(np.sum((moved - predicted) ** 2)) <= settings.local.tolerance
+            better = float(np.sum(np.delete(moved, fold) ** 2)) < float(np.sum(np.delete(residual, fold) ** 2))
+        if not is_linear:
+            moved = _refit(own, fold, point if better else optimum.coordinates, columns, optimum.noise, settings)
+        found.append(blocks.sums(moved, fold))
     return np.array(found) * fitted.noise**2
+
+
+def _refit(
+    own: Objective,
+    fold: Readings,
+    start: FloatArray,
+    columns: list[int],
+    noise: Mapping[str, OutputNoise],
+    settings: LocalFitSettings,
+) -> FloatArray:
+    """Whitened residual (N,) of all readings after a fit without some; infinite where that fails."""
+    with suppress(CannotFinishError):
+        held = replace(settings, hold_noise=True)
+        end = local_fit(_without(own, fold), start, columns, noise=noise, settings=held)
+        there = own.residuals(end.coordinates[np.newaxis])[0]
+        if there is not None:
+            return own.whiten(there, noise).residual
+    return np.full(own.readings, math.inf)
 
 
 def _newton_points(fitted: FittedModel, blocks: Blocks) -> FloatArray:
