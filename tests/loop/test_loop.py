@@ -17,7 +17,9 @@ from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, close_loo
 from aero_bayes.loop.decide import decide
 from aero_bayes.search import Table
 from aero_bayes.simulation import WorkerPool
-from simulated_aero import Parameters, Truth, effect, random_levels, real, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.designs import random_levels
+from simulated_rigs.sensors import real, white
 
 SETTINGS = LoopSettings(max_effects=2)
 
