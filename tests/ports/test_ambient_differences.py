@@ -52,6 +52,30 @@ end Servo;
 """
 
 
+ARM = """model Arm "An arm that a controller drives to a goal by a voltage"
+  parameter Real k(unit = "V/rad") = 4;
+  parameter Real k_m(unit = "N.m/V") = 0.5;
+  parameter Real J(unit = "kg.m2") = 0.1;
+  parameter Real d(unit = "N.m.s/rad") = 0.3;
+  parameter Real c(unit = "N.m/rad") = 0.2;
+  input Real goal(unit = "rad");
+  output Real phi(unit = "rad", start = 0, fixed = true);
+  Real w(unit = "rad/s", start = 0, fixed = true);
+  Real u(unit = "V");
+equation
+  u = k*(goal - phi);
+  der(phi) = w;
+  J*der(w) = k_m*u - d*w;
+end Arm;
+"""
+
+
+def test_what_a_controller_forms_is_no_place_in_the_mechanics(tmp_path):
+    assert not [p for p in found(tmp_path, ARM) if "-" in p]
+    sprung = ARM.replace("- d*w", "- d*w - c*(phi - goal)")
+    assert "w-goal" in found(tmp_path, sprung)
+
+
 def test_a_temperature_stands_against_every_one_that_is_fed_in(tmp_path):
     ports = found(tmp_path, OVEN)
     assert {p for p in ports if "-" in p} == {"T-T_hall", "T_wall-T_hall"}

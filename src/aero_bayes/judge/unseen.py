@@ -50,15 +50,9 @@ class Unseen:
         """Number of recordings that were fitted."""
         return len(self.recordings.train)
 
-    def predict(
-        self,
-        calibration: Calibration,
-        fit: Optimum,
-        *,
-        close: bool = False,
-    ) -> Prediction:
-        """Predict all recordings with a fitted model; ``close`` keeps initial states close to their readings."""
-        whole, row, starts = self._on_whole_recordings(calibration, fit, close)
+    def predict(self, calibration: Calibration, fit: Optimum) -> Prediction:
+        """Predict all recordings with a fitted model."""
+        whole, row, starts = self._on_whole_recordings(calibration, fit)
         rows, _ = self._with_estimated_starts(whole, row[np.newaxis], starts, fit)
         with self.open_simulator(whole.problem()) as simulator:
             found = simulator.simulate(rows)
@@ -84,12 +78,7 @@ class Unseen:
                     errors[1][key] = rms_error(residual[seen & unseen])
         return Prediction(errors[0], errors[1], fitted)
 
-    def _on_whole_recordings(
-        self,
-        calibration: Calibration,
-        fit: Optimum,
-        close: bool = False,
-    ) -> tuple[Calibration, FloatArray, list[int]]:
+    def _on_whole_recordings(self, calibration: Calibration, fit: Optimum) -> tuple[Calibration, FloatArray, list[int]]:
         """The calibration on whole recordings, SI values (p,), and columns of the initial states to estimate."""
         named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._all_recordings))
         plain = self.family.base_model()
@@ -104,9 +93,7 @@ class Unseen:
         # Only the base model shows which states start at a reading: in an extended one a law may act on it.
         fixed = {name: value for name, value in calibration.simulated.fixed.items() if name in known}
         base_named = calibrate(named, plain, kept, fixed=fixed, settings=own)
-        starts = base_named.parameters
-        if not close:
-            starts = with_free_starts(starts, base_named.data.experiments, plain)
+        starts = with_free_starts(base_named.parameters, base_named.data.experiments, plain)
         own_starts = for_recordings(ParameterSet(tuple(new)), plain, named)
         base_named = replace(base_named, parameters=starts.extended(own_starts.items))
         whole = self.family.transfer(base_named, calibration.model)

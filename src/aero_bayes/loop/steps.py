@@ -58,7 +58,11 @@ def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, .
             key=lambda one: (one.share, one.id),
         )
         if chosen is not None or rivals:
-            alike = tuple(o for o, _ in decision.claims[chosen].alternatives) if chosen in decision.claims else ()
+            alike = (
+                tuple(o for o, _ in decision.claims[chosen].alternatives)
+                if chosen is not None and chosen in decision.claims
+                else ()
+            )
             why = _why(decision, chosen, rivals, alike)
             found.append(Step(len(found) + 1, tuple(rivals), chosen, (chosen, *alike) if chosen and alike else (), why))
         if chosen is None:

@@ -98,25 +98,30 @@ class Search:
 
     def settings(self, how: tuple[int, float]) -> LocalFitSettings:
         """Least squares, each output in units of what is left of it, with some steps and a least fall."""
-        steps, share = how
-        readings = sum(
-            int(np.isfinite(e.measured).sum()) for e in self.source.plain.data.experiments if e.measured is not None
-        )
-        least = max(0.5 * share * readings, 0.02)
-        plain = LocalFitSettings(kinds=dict.fromkeys(self.source.plain.data.outputs, "white"), floors=self._least)
+        data, (steps, share) = self.source.plain.data, how
+        least = max(0.5 * share * data.count, 0.02)
+        plain = LocalFitSettings(kinds=dict.fromkeys(data.outputs, "white"), floors=self._least)
         local = replace(plain.local, iterations=steps, tolerance=least, min_noise_gain=least, min_decrease=least)
         return replace(plain, local=local)
 
-    def fit(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> FittedModel | None:
-        """Fit a structure from some points (p,); the best, None where all fail."""
+    def fits_from(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> list[FittedModel]:
+        """Fits of a structure from some points (p,), without those that fail."""
         model, found = self.models.of(terms), []
         for point in points if model is not None else ():
             with suppress(CannotFinishError):
                 end = local_fit(model.objective, point, model.free(terms), settings=self.settings(how))
                 found.append(FittedModel(model, terms, end))
-        return (
-            min(found, key=self.blocks.on_fitted, default=None) if hasattr(self, "blocks") else next(iter(found), None)
-        )
+        return found
+
+    def found(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> Found | None:
+        """The best of the fits from some points, with its errors on left-out readings."""
+        best = min(self.fits_from(terms, points, how), key=self.blocks.on_fitted, default=None)
+        return None if best is None else (best.optimum, newton_errors(best, self.blocks))
+
+    def at_values(self, terms: Terms, values: Mapping[str, float], on: Terms) -> list[FloatArray]:
+        """The point (p,) of a structure at SI values by name, with some of its terms on; none if it cannot be built."""
+        model = self.models.of(terms)
+        return [] if model is None else [model.coordinates_of(values, on)]
 
     def keep(self, terms: Terms, found: Found | None) -> None:
         """Put a fit into the table if it is better than the one there, and its terms are on."""
@@ -133,14 +138,13 @@ class Search:
 
     def begin(self, values: Mapping[str, float]) -> None:
         """Fit the first model from its values, cut the readings into blocks, and fit the required terms."""
-        model = self.models.of(())
-        fitted = self.fit((), [model.coordinates_of(values, ())], WHOLE) if model is not None else None
-        if fitted is None:
+        first = self.fits_from((), self.at_values((), values, ()), WHOLE)
+        if not first:
             raise CannotFinishError("the first model cannot be simulated")
-        self.blocks = Blocks.of(fitted)
+        self.blocks = Blocks.of(first[0])
         ports = {t: t.rpartition("@")[2] for t in self.library.offered}
         self.table = Table(self.blocks.outputs, self.blocks.least, ports, self.library.refines, self.library.curves)
-        self.keep((), (fitted.optimum, newton_errors(fitted, self.blocks)))
+        self.keep((), (first[0].optimum, newton_errors(first[0], self.blocks)))
         terms: Terms = ()
         for id_ in self.library.required:
             self.fit_children(terms, [id_], least=-math.inf)
@@ -243,22 +247,25 @@ class Search:
         known = self.screened.setdefault(parent, {})
         new = [t for t in offered if t not in known]
         for t, found in zip(new, self._map([partial(self._screen, parent, t) for t in new]), strict=True):
-            if found is not None:
+            if found is not None and found.port:
                 known[t] = found
+            elif found is not None:
+                self.skipped[t] = None
         self.table.ports = {**self.table.ports, **{t: s.port for t, s in known.items() if s.port}}
         return {t: known[t] for t in offered if t in known}
 
     def finish(self, structures: Iterable[Terms]) -> None:
         """Go on with fits until no step promises anything."""
         wanted = [k for k in structures if k in self.fits and not self.fits[k].optimum.reason.converged]
-        for k, found in zip(wanted, self._map([partial(self._whole, k) for k in wanted]), strict=True):
+        works = [partial(self.found, k, [self.fits[k].optimum.coordinates], WHOLE) for k in wanted]
+        for k, found in zip(wanted, self._map(works), strict=True):
             self.keep(k, found)
 
     def complete(self, model: Terms, part: Terms) -> None:
         """Fit a part of a structure, and all that does nearly as well as what it lacks in its place."""
         self.completed.add(part)
         if part not in self.fits:
-            self.keep(part, self._from_values(part, self.fits[model].values))
+            self.keep(part, self.found(part, self.at_values(part, self.fits[model].values, part), WHOLE))
         if part in self.fits and len(part) + 1 == len(model):
             self.extend(part, self.blocks.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
 
@@ -287,7 +294,6 @@ class Search:
         kept = child in self.fits
         model = self.models.of(child)
         if model is None:
-            self.skipped[term] = None
             return Screened()
         known = [f for k, f in self.fits.items() if term in k and k != child]
         best = min(known, key=lambda f: self.table.order(f.terms), default=None)
@@ -309,24 +315,12 @@ class Search:
         child, start = _plus(parent, term), self.fits[parent]
         sources = {p.kind[0]: p.point for p in reversed(promises)}
         best = [sources[kind] for kind in dict.fromkeys(p.kind[0] for p in promises)]
-        fitted = self.fit(child, best[:MOST_STARTS], BRIEF)
-        if fitted is None or self.blocks.on_fitted(fitted) > self.blocks.on_fitted(start):
-            model = self.models.of(child)
-            points = [model.coordinates_of(start.values, parent)] if model is not None else []
-            ends = [f for f in (fitted, self.fit(child, points, BRIEF)) if f is not None]
-            fitted = min(ends, key=self.blocks.on_fitted, default=None)
-        return None if fitted is None else (fitted.optimum, newton_errors(fitted, self.blocks))
-
-    def _whole(self, terms: Terms) -> Found | None:
-        """Go on with a fit to its end."""
-        fitted = self.fit(terms, [self.fits[terms].optimum.coordinates], WHOLE)
-        return None if fitted is None else (fitted.optimum, newton_errors(fitted, self.blocks))
-
-    def _from_values(self, terms: Terms, values: Mapping[str, float]) -> Found | None:
-        """Fit a structure from values of another one."""
-        model = self.models.of(terms)
-        fitted = self.fit(terms, [model.coordinates_of(values, terms)], WHOLE) if model is not None else None
-        return None if fitted is None else (fitted.optimum, newton_errors(fitted, self.blocks))
+        ends = self.fits_from(child, best[:MOST_STARTS], BRIEF)
+        here = self.blocks.on_fitted(start)
+        if all(self.blocks.on_fitted(end) > here for end in ends):
+            ends += self.fits_from(child, self.at_values(child, start.values, parent), BRIEF)
+        end = min(ends, key=self.blocks.on_fitted, default=None)
+        return None if end is None else (end.optimum, newton_errors(end, self.blocks))
 
     def _score(self, found: Found | None) -> float:
         """Score of a fit that a task brought back, on the fitted readings."""
