@@ -26,9 +26,8 @@ class NewParameter:
         return self.value
 
     def to_dict(self) -> dict[str, object]:
-        return {
-            "value": self.value, "sd": self.sd, "q05": self.q05, "q50": self.value, "q95": self.q95, "unit": self.unit,
-        }  # fmt: skip
+        numbers = {name: getattr(self, name) for name in ("value", "sd", "q05", "q95", "unit")}
+        return {**numbers, "q50": self.value}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,22 +78,9 @@ class FoundEffect:
     curve: LearnedCurve | None = None
 
     def to_dict(self, modelica: str) -> dict[str, object]:
-        found: dict[str, object] = {
-            "id": self.id,
-            "port": self.port,
-            "kind": self.kind,
-            "parameters": {p.name: p.to_dict() for p in self.parameters},
-            "share": self.share,
-            "share_sd": self.share_sd,
-            "share_of": self.share_of,
-            "claim": self.claim,
-            "alternatives": [vars(one) for one in self.alternatives],
-            "modelica": modelica,
-            "summary": self.summary,
-            "widths": dict(self.widths),
-        }
-        if self.over:
-            found |= {"over": self.over, "looks_like": self.looks_like}
-        if self.curve is not None:
-            found["curve"] = self.curve.to_dict()
+        """Return the entry of result.json; ``modelica`` is the file that holds it."""
+        found: dict[str, object] = {**vars(self), "modelica": modelica, "widths": dict(self.widths)}
+        found["parameters"] = {p.name: p.to_dict() for p in self.parameters}
+        found["alternatives"] = [vars(one) for one in self.alternatives]
+        found["curve"] = None if self.curve is None else self.curve.to_dict()
         return found

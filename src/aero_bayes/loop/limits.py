@@ -1,13 +1,19 @@
-"""What the recordings would have shown: the smallest size of each law at each port that would have been named."""
+"""What recordings would have shown: the smallest size of each law at each port that would have been named."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-from aero_bayes.search.screen import Screened
-from aero_bayes.search.table import law_of
+from aero_bayes.data import noise_floors
+from aero_bayes.estimate.filter_objective import objective_of
+from aero_bayes.estimate.result import Fit
+from aero_bayes.laws.model_family import ModelFamily
+from aero_bayes.parallel import ParallelMap
+from aero_bayes.search.models import ModelSource
+from aero_bayes.search.search import Control, Library, Search
+from aero_bayes.search.table import Terms, law_of
+from aero_bayes.simulation import WorkerPool, open_simulator
 
 
 @dataclass(frozen=True)
@@ -23,14 +29,29 @@ class Limit:
     smallest: float
     unit: str
 
-    def to_dict(self) -> dict[str, object]:
-        return vars(self)
 
-
-def limits_of(screened: Mapping[str, Screened]) -> tuple[Limit, ...]:
-    """The limits from the screening of terms beside the model that came out; what no size shows is left out."""
+def limits_of(search: Search, model: Terms) -> tuple[Limit, ...]:
+    """What the recordings would have shown beside a structure; what no size shows is left out."""
     return tuple(
         Limit(law_of(id_), found.port, found.parameter[0], found.smallest, found.parameter[1])
-        for id_, found in sorted(screened.items())
-        if math.isfinite(found.smallest) and not id_.startswith("value@")
+        for id_, found in sorted(search.screened.get(model, {}).items())
+        if math.isfinite(found.smallest) and id_ not in search.source.held
     )
+
+
+def limits_of_fit(fit: Fit, family: ModelFamily) -> tuple[Limit, ...]:
+    """What the recordings of a fit show of each law at each port of its model, beside what the fit leaves."""
+    with WorkerPool(0) as pool:
+        placed = family.prepare(fit.calibration, fit.optimum, lambda problem: open_simulator(problem, pool=pool))
+        source = ModelSource(
+            family, fit.calibration, fit.free,
+            lambda own: objective_of(own, open_simulator(own.problem(), pool=pool)), {},
+        )  # fmt: skip
+        laws = tuple(t for t in placed if t not in family.curves())
+        floors = noise_floors(fit.calibration.data.recordings, fit.outputs)
+        control = Control(ParallelMap(pool), {}, lambda: False, lambda what, share: None)
+        search = Search(source, Library(laws, {}, ()), floors, control)
+        search.begin(dict(zip(fit.calibration.parameters.names, fit.values.tolist(), strict=True)))
+        search.screen((), laws)
+        search.models.close()
+        return limits_of(search, ())

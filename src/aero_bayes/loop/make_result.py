@@ -62,7 +62,7 @@ def result_of(
         model=written.name if written is not None else context.family.base,
         effects=effects,
         equivalent=same,
-        limits=limits_of(search.screened.get(decision.model, {})),
+        limits=limits_of(search, decision.model),
         refused=decision.refused,
         before=first.fit,
         after=after,

@@ -275,7 +275,7 @@ class LoopResult:
             "model": self.model,
             "effects": [effect.to_dict(self.modelica_path) for effect in self.effects],
             "equivalent": [list(ids) for ids in self.equivalent],
-            "limits": [limit.to_dict() for limit in self.limits],
+            "limits": [vars(limit) for limit in self.limits],
             "refused": [list(terms) for terms in self.refused],
             "before": {role: self.predicted_before.pooled(role) for role in ("train", "test")},
             "after": {role: self.predicted_after.pooled(role) for role in ("train", "test")},

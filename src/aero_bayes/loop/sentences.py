@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from aero_bayes.check.residual_tests import MAX_FLOOR_RATIO, ResidualReport, structured_residuals
+from aero_bayes.check.residual_tests import ResidualReport, structured_residuals
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.judge.prediction import Prediction, describe_error_change
 from aero_bayes.loop.context import LoopContext
@@ -13,7 +13,6 @@ from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit
 from aero_bayes.loop.first_fit import FirstFit
 from aero_bayes.loop.found_effect import FoundEffect
-from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, fall
 from aero_bayes.search.search import Search
 
@@ -31,7 +30,9 @@ def extended_sentence(context: LoopContext, extended: ExtendedFit, before: Predi
     text += "".join(f" {_claim_sentence(e)}" for e in effects)
     text += refused_sentence(decision)
     left = structured_residuals(extended.reports)
-    return text + (f" Structure remains in the residual of {join_names(_outputs(left))}." if left else "")
+    return text + (
+        f" Structure remains in the residual of {join_names(sorted({r.output for r in left}))}." if left else ""
+    )
 
 
 def _claim_sentence(effect: FoundEffect) -> str:
@@ -39,22 +40,19 @@ def _claim_sentence(effect: FoundEffect) -> str:
     if effect.claim is None:
         return f"{effect.id} is there as required."
     others = [one.id for one in effect.alternatives]
-    named = others if len(others) <= MAX_NAMED else [*others[:MAX_NAMED], f"{len(others) - MAX_NAMED} more"]
+    named = join_names(others if len(others) <= MAX_NAMED else [*others[:MAX_NAMED], f"{len(others) - MAX_NAMED} more"])
     text = f"With {effect.id} the error of {effect.share_of} on left-out readings {fall(effect.share, effect.share_sd)}"
     if not others:
-        if effect.kind == "free_form":
-            like = f"; it looks like {effect.looks_like}" if effect.looks_like else ""
-            return f"{text}; nothing else that was tried does as well, but no law says what this curve is{like}."
-        sure = "nothing else that was tried does as well" if effect.claim == "law" else "no other place does as well"
-        return f"{text}; {sure}."
+        like = f", which looks like {effect.looks_like}" if effect.looks_like else ""
+        no_law = f", but no law says what this curve is{like}" if effect.kind == "free_form" else ""
+        return f"{text}; nothing else that was tried does as well{no_law}."
+    told = {
+        "law": "to the same effect",
+        "place": "at the same place, so that the place is known and not the law",
+        "one of": "so that the data do not tell which it is",
+    }
     does = "do" if len(others) > 1 else "does"
-    if effect.claim == "law":
-        return f"{text}; {join_names(named)} {does} as well and {'say' if len(others) > 1 else 'says'} the same."
-    if effect.claim == "place":
-        return (
-            f"{text}; at the same place {join_names(named)} {does} as well, so that the place is known and not the law."
-        )
-    return f"{text}; {join_names(named)} {does} as well, so that the data do not tell which it is."
+    return f"{text}; {named} {does} as well{', ' if effect.claim == 'one of' else ' '}{told[effect.claim]}."
 
 
 def refused_sentence(decision: Decision) -> str:
@@ -93,7 +91,7 @@ def none_sentence(
             "disturbance, so the model gets no new effect."
         )
     worst = max(reports, key=lambda r: r.ratio)
-    text = f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor{_nature(worst)})"
+    text = f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor)"
     if decision.refused:
         return f"{text}, but unseen recordings refuse all {len(decision.refused)} models that explain a part of it."
     return f"{text}, but no effect that was tried is material" + (f": {steps[-1].why}." if steps else ".")
@@ -120,7 +118,6 @@ def story_of(
     worst = max(first.reports, key=lambda r: r.ratio)
     refits = sum(row.refitted for row in search.table.rows.values())
     lines = [
-        *_restrictions(context.settings),
         f"{context.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
         f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
         *first.start_warnings,
@@ -135,15 +132,6 @@ def story_of(
         values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
         lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
     return (*lines, told)
-
-
-def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
-    """What the configuration allows and excludes."""
-    only = [*(settings.effects or ()), *(settings.laws or ())]
-    lines = [f"The configuration allows only {', '.join(only)}."] if only else []
-    lines += [f"The configuration allows effects only at {', '.join(settings.ports)}."] if settings.ports else []
-    lines += [f"The configuration excludes {', '.join(settings.exclude)}."] if settings.exclude else []
-    return tuple(lines)
 
 
 def _data_sentence(context: LoopContext) -> str:
@@ -164,25 +152,8 @@ def _disturbance(reports: Sequence[ResidualReport]) -> tuple[str, float, float] 
     return None if worst is None else (worst.recording, *worst.worst_time)
 
 
-def _outputs(structured: Sequence[ResidualReport]) -> list[str]:
-    """Outputs with structure, with how far it is above the noise where it is far."""
-    worst: dict[str, float] = {}
-    for report in structured:
-        worst[report.output] = max(report.ratio, worst.get(report.output, 0.0))
-    far = {o: f" ({_ratio(r)} times the noise floor)" for o, r in worst.items() if r > MAX_FLOOR_RATIO}
-    return [f"{o}{far.get(o, '')}" for o in sorted(worst)]
-
-
 def _ratio(ratio: float) -> str:
     return f"{ratio:.2g}" if ratio < 100.0 and math.isfinite(ratio) else "more than 100"
-
-
-def _nature(report: ResidualReport) -> str:
-    """Return how a residual near the noise floor differs from noise, by the test with the least p-value."""
-    if report.ratio > MAX_FLOOR_RATIO or not report.tests:
-        return ""
-    clearest = min(report.tests, key=lambda t: t.p_value).name
-    return {"autocorrelation": ", not white", "slow": ", drifting"}.get(clearest, f", correlated with {clearest}")
 
 
 def _ratios(far: Mapping[tuple[str, str], tuple[float, bool]]) -> str:

@@ -33,58 +33,37 @@ class Step:
 
     def to_dict(self) -> dict[str, object]:
         """Return the entry of result.json."""
-        return {
-            "round": self.number, "candidates": [vars(one) for one in self.candidates], "chosen": self.chosen,
-            "equivalent": list(self.equivalent), "why": self.why,
-        }  # fmt: skip
+        own = {name: value for name, value in vars(self).items() if name != "number"}
+        return {**own, "round": self.number, "candidates": [vars(one) for one in self.candidates]}
 
 
 def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, ...]:
     """Return one step for each term of the model, the one that explains most first, and one for what is left."""
     found: list[Step] = []
     base, left = tuple(sorted(required)), [t for t in decision.model if t not in required]
-    while True:
-        beside = {
-            next(iter(set(k) - set(base))): k for k in table.rows if len(k) == len(base) + 1 and set(base) < set(k)
-        }
-        here = [t for t in left if t in beside]
-        chosen = min(here, key=lambda t: table.order(beside[t]), default=next(iter(left), None))
-        shares = {t: table.share(k, base) for t, k in beside.items()}
-        rivals = sorted(
-            (
-                StepCandidate(t, table.ports.get(t, ""), *shares[t][:2], table.rows[k].refitted)
-                for t, k in beside.items()
-            ),
-            key=lambda one: (one.share, one.id),
-        )
-        if chosen is not None or rivals:
-            alike = (
-                tuple(o for o, _ in decision.claims[chosen].alternatives)
-                if chosen is not None and chosen in decision.claims
-                else ()
-            )
-            why = _why(decision, chosen, rivals, alike)
-            found.append(Step(len(found) + 1, tuple(rivals), chosen, (chosen, *alike) if chosen and alike else (), why))
+    while base in table.rows:
+        larger = (k for k in table.rows if len(k) == len(base) + 1 and set(base) < set(k))
+        beside = {next(iter(set(k) - set(base))): k for k in larger}
+        chosen = min((t for t in left if t in beside), key=lambda t: table.order(beside[t]), default=None)
+        chosen = chosen or next(iter(left), None)
+        rivals = [
+            StepCandidate(t, table.ports.get(t, ""), *table.share(k, base)[:2], table.rows[k].refitted)
+            for t, k in beside.items()
+        ]
+        rivals.sort(key=lambda one: (one.share, one.id))
         if chosen is None:
-            return tuple(found)
+            if not rivals:
+                break
+            why = f"with {rivals[0].id} the error on left-out readings {fall(rivals[0].share, rivals[0].share_sd)}"
+            return (*found, Step(len(found) + 1, tuple(rivals), None, (), f"no further term is in the model; {why}"))
+        claim = decision.claims[chosen]
+        alike = tuple(o for o, _ in claim.alternatives)
+        why = f"with {chosen} the error of {claim.share_of} on left-out readings {fall(claim.share, claim.share_sd)}"
+        why += f"; what else does as well: {', '.join(alike)}" if alike else ""
+        found.append(Step(len(found) + 1, tuple(rivals), chosen, (chosen, *alike) if alike else (), why))
         left.remove(chosen)
         base = tuple(sorted((*base, chosen)))
-        if base not in table.rows:
-            return tuple(found)
-
-
-def _why(decision: Decision, chosen: str | None, rivals: list[StepCandidate], alike: tuple[str, ...]) -> str:
-    if chosen is not None:
-        one = decision.claims.get(chosen)
-        if one is None:
-            return f"{chosen} is required"
-        text = f"with {chosen} the error of {one.share_of} on left-out readings {fall(one.share, one.share_sd)}"
-        return text + (
-            f"; {', '.join(alike)} do as well" if len(alike) > 1 else f"; {alike[0]} does as well" if alike else ""
-        )
-    best = rivals[0]
-    change = fall(best.share, best.share_sd)
-    return f"no further term is in the model; with {best.id} the error on left-out readings {change}"
+    return tuple(found)
 
 
 def fall(share: float, sd: float) -> str:
