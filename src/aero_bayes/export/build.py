@@ -63,10 +63,11 @@ def _compile_library(source: str, identifier: str, *, fmi: int = 2) -> bytes:
     command = c_compiler()
     runtime = _runtime(command, fmi)
     flags = [*_FLAGS, "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
+    shown = f"{{ global: fmi{fmi}*; ab_lanes*; ab_eventless; local: *; }};\n"
 
     def compile_it() -> bytes:
         with ScratchFolder() as folder:
-            (folder / "names.map").write_text(f"{{ global: fmi{fmi}*; ab_lanes*; local: *; }};\n", encoding="utf-8")
+            (folder / "names.map").write_text(shown, encoding="utf-8")
             name = f"{identifier}.c"
             (folder / name).write_text(source, encoding="utf-8")
             (folder / "runtime.o").write_bytes(runtime)

@@ -75,6 +75,9 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> st
     functions = _functions(m, memory, code, leaves, kept)
     given = _given_values(m, memory)
     counts, tables = _counts(m, memory, code), _tables(m, leaves)
+    events = m.model.discrete
+    if not (events.relations or events.roundings or events.samplings or m.steps or events.assertions):
+        functions.append('__attribute__((visibility("default"))) int ab_eventless(void) { return 1; }')
     found = _in_lanes(m, leaves, kept, counts["time_varying"])
     if found is not None:
         functions.append(found[0])

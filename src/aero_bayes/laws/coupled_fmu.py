@@ -6,8 +6,10 @@ The binary (``native/coupler.c``) is the same for all. A table among the resourc
 from __future__ import annotations
 
 import hashlib
+import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -15,7 +17,6 @@ import aero_bayes.simulation
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import compile_kept, write_archive
 from aero_bayes.export.platforms import this_machine
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import BINARY_FOLDERS, Model, Variable
 
 #: In place of a part: the source of a value is an input of the whole, or a state of the base, by its position.
@@ -32,7 +33,7 @@ _SOURCES = (
 _FLAGS = ("-shared", "-s", "-Wl,--build-id=none", *_COUPLER, "bind.c", "fmi2.c", "fmi3.c", "-lm", "-ldl")
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 #: What an FMU of our own exporter has whose equations hold without events.
-_EVENTLESS = b"ab_lanes_constants"
+_EVENTLESS = b"ab_eventless"
 
 
 @dataclass(frozen=True)
@@ -109,14 +110,15 @@ def couple(coupling: Coupling, out: Path) -> None:
 
 
 def _binaries(model: Model, folder: str) -> dict[str, bytes]:
-    """Return the files of an FMU that its binary may need."""
-    with ScratchFolder() as scratch:
-        model.unpack(scratch)
-        kept = (BINARY_FOLDERS[model.fmi_version], "resources")
-        found = [p for k in kept for p in sorted((scratch / k).rglob("*")) if p.is_file()]
-        if (binary := model.binary_in(scratch)) not in found:
-            found.append(binary)
-        return {f"{folder}/{p.relative_to(scratch)}": p.read_bytes() for p in found}
+    """Return the files of an FMU that its binary may need, under the name of a folder."""
+    return {f"{folder}/{name}": data for name, data in _files(model.path, model.sha256, model.fmi_version).items()}
+
+
+@lru_cache(maxsize=128)
+def _files(path: Path, sha256: str, version: int) -> dict[str, bytes]:
+    kept = (f"{BINARY_FOLDERS[version]}/", "resources/")
+    with zipfile.ZipFile(path) as archive:
+        return {n: archive.read(n) for n in archive.namelist() if n.startswith(kept) and not n.endswith("/")}
 
 
 @dataclass(frozen=True)

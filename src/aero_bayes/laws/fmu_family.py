@@ -116,7 +116,7 @@ class FmuFamily(ModelicaFamily):
         laws = self.folder / f"{name}-laws.fmu"
         self.folder.mkdir(parents=True, exist_ok=True)
         export_flat(coupling.flat, laws)
-        couple(attached(self._opened(), placed_laws, self._blocks), folder / f"{name}.fmu")
+        couple(attached(self._opened(), placed_laws, self.blocks), folder / f"{name}.fmu")
         write_ssp(self.inner, laws, coupling, values, folder / f"{name}.ssp")
         before = wrapper_text(self.inner, none, (), values, name)
         return WrittenModel(name, path, text, unified_diff(before, text, f"{self.title}.mo", path.name)), Model.load(

@@ -165,7 +165,7 @@ class ModelicaFamily:
         return ModelWithCandidates(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
 
     @cached_property
-    def _blocks(self) -> LawBlocks:
+    def blocks(self) -> LawBlocks:
         return LawBlocks(self.places.law_models, self.folder)
 
     def _opened(self) -> OpenModel:
@@ -186,7 +186,7 @@ class ModelicaFamily:
         out = self.folder / f"{self.title}-attached-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            couple(attached(base, placed_laws, self._blocks), out)
+            couple(attached(base, placed_laws, self.blocks), out)
         return Model.load(out)
 
     def _simulated(self, placed_laws: Sequence[PlacedLaw]) -> Model:

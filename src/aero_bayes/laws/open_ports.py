@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from aero_bayes.errors import InputError
@@ -23,6 +24,8 @@ from aero_bayes.simulation import Model
 
 #: What the names of probe inputs, and of outputs that show a signal or its derivative, begin with.
 PROBE, SIGNAL, RATE = "probe_", "signal_", "rate_of_"
+#: Where classes of equal variables are in a model, and with which sign.
+Places = Mapping[str, tuple[Source, int]]
 
 
 def open_model(
@@ -42,47 +45,57 @@ def open_model(
     read += [signal for component, found in opened.items() for signal in found.reads_in(component).values()]
     signals = dict.fromkeys(one for given in read for one in given.split(DIFFERENCE))
     rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative)
-    known, shown = _places(base, structure), dict[str, str]()
-    for kind, names in ((SIGNAL, signals), (RATE, rated)):
-        for name in names:
-            found = known.get(structure.of(name))
-            if found is None or (kind == RATE and found[0].part == INPUT):
-                tree = parse_reference(name)
-                shown[f"{kind}{name}"] = out = f"{kind}{identifier(name)}"
-                flat = add_output(flat, out, tree if kind == SIGNAL else Call("der", (tree,)))
-    model = export(flat)
-    known = _places(model, structure)
-    references = {v.name: v.value_reference for v in model.outputs}
-    states = {s.value_reference: k for k, s in enumerate(model.states)}
-
-    def terms(name: str, kind: str) -> Terms:
-        out = shown.get(f"{kind}{name}")
-        if out is not None:
-            reference = references[out]
-            return ((Source(STATE, states[reference]) if reference in states else Source(BASE, reference), 1.0),)
-        source, sign = known[structure.of(name)]
-        gain = float(sign * structure.same.get(name, (name, 1))[1])
-        if kind == RATE:
-            return ((Source(BASE, model.derivatives[source.reference]), gain),)
-        return ((source, gain),)
-
-    own = tuple(v.name for v in model.inputs if v.name not in probes.values())
-    seen = {name: terms(name, SIGNAL) for name in signals}
-    moving = {name: terms(name, RATE) for name in rated}
-    positions = _base_states(base, model, structure)
+    asked = [(SIGNAL, name) for name in signals] + [(RATE, name) for name in rated]
+    shown: dict[tuple[str, str], str] = {}
+    places, model = _places(base, structure), base
+    while missing := [key for key in asked if key not in shown and not _is_known(*key, places, structure)]:
+        for kind, name in missing:
+            tree = parse_reference(name)
+            shown[kind, name] = out = f"{kind}{identifier(name)}"
+            flat = add_output(flat, out, tree if kind == SIGNAL else Call("der", (tree,)))
+        model = export(flat)
+        places = _places(model, structure)
+    model = export(flat) if model is base else model
+    found = _Found(model, _places(model, structure), structure, shown)
+    positions = _base_states(base, found.places, structure)
     names = [s.name for s in model.states]
     for k, there in positions.items():
         names[there] = base.states[k].name
     return OpenModel(
-        model, own, probes, seen, moving, _needs(model), frozenset(shown.values()),
-        copies=_copies(base, model, positions), state_names=names, terminals=opened,
-        constants={component: _constants(flat, component) for component in opened},
+        model, tuple(v.name for v in model.inputs if v.name not in probes.values()), probes,
+        {name: found.terms(SIGNAL, name) for name in signals}, {name: found.terms(RATE, name) for name in rated},
+        _needs(model), frozenset(shown.values()), copies=_copies(base, model, positions), state_names=names,
+        terminals=opened, constants={component: _constants(flat, component) for component in opened},
     )  # fmt: skip
 
 
-def _base_states(base: Model, model: Model, structure: AliasStructure) -> dict[int, int]:
+def _is_known(kind: str, name: str, places: Places, structure: AliasStructure) -> bool:
+    """Return whether a signal is a state or an input, and its derivative that of a state."""
+    found = places.get(structure.of(name))
+    return found is not None and (kind == SIGNAL or found[0].part == STATE)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Where signals and their derivatives are in a model with open ports."""
+
+    model: Model
+    places: Places
+    structure: AliasStructure
+    shown: Mapping[tuple[str, str], str]
+
+    def terms(self, kind: str, name: str) -> Terms:
+        if (kind, name) in self.shown:
+            reference = self.model.output(self.shown[kind, name]).value_reference
+            states = {s.value_reference: k for k, s in enumerate(self.model.states)}
+            return ((Source(STATE, states[reference]) if reference in states else Source(BASE, reference), 1.0),)
+        source, sign = self.places[self.structure.of(name)]
+        gain = float(sign * self.structure.same.get(name, (name, 1))[1])
+        return ((Source(BASE, self.model.derivatives[source.reference]) if kind == RATE else source, gain),)
+
+
+def _base_states(base: Model, there: Places, structure: AliasStructure) -> dict[int, int]:
     """Return the position in a model with open ports of each state of the base."""
-    there = _places(model, structure)
     found = {}
     for k, state in enumerate(base.states):
         names = [state.name, *(n for n, s in state_aliases(base).items() if s == state.name)]
@@ -124,7 +137,7 @@ def _with_probe(flat: FlatModel, port: Port, name: str) -> FlatModel:
     return replace_uses(flat, signal, changed, defining_equations(flat, port))
 
 
-def _places(model: Model, structure: AliasStructure) -> dict[str, tuple[Source, int]]:
+def _places(model: Model, structure: AliasStructure) -> Places:
     """Return the classes of equal variables that are a state or an input of a model, and its sign there."""
     index = {s.name: k for k, s in enumerate(model.states)}
     names = [*((s, s) for s in index), *state_aliases(model).items()]
