@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 from aero_bayes.data import noise_floors
 from aero_bayes.estimate.filter_objective import objective_of
@@ -42,11 +43,10 @@ def limits_of(search: Search, model: Terms) -> tuple[Limit, ...]:
 def limits_of_fit(fit: Fit, family: ModelFamily) -> tuple[Limit, ...]:
     """What the recordings of a fit show of each law at each port of its model, beside what the fit leaves."""
     with WorkerPool(0) as pool:
-        placed = family.prepare(fit.calibration, fit.optimum, lambda problem: open_simulator(problem, pool=pool))
-        source = ModelSource(
-            family, fit.calibration, fit.free,
-            lambda own: objective_of(own, open_simulator(own.problem(), pool=pool)), {},
-        )  # fmt: skip
+        open_ = partial(open_simulator, pool=pool)
+        objective = lambda own: objective_of(own, open_(own.problem()))  # noqa: E731
+        source = ModelSource(family, fit.calibration, fit.free, objective, open_, {})
+        placed = family.prepare(fit.calibration, fit.optimum, open_)
         laws = tuple(t for t in placed if t not in family.curves())
         floors = noise_floors(fit.calibration.data.recordings, fit.outputs)
         control = Control(ParallelMap(pool), {}, lambda: False, lambda what, share: None)

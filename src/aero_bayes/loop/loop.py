@@ -169,7 +169,7 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     share = beginning_share(lengths, first.fit.series, first.fit.optimum.whitened)
     plain = first.plain if share >= 1.0 else replace(first.plain, data=first.plain.data.beginning(share))
     held = {} if explained else _held_values(first.plain, settings)
-    source = ModelSource(family, plain, first.fit.free, context.open_objective, held)
+    source = ModelSource(family, plain, first.fit.free, context.open_objective, context.open, held)
     laws = () if explained else placed
     library = Library(
         (*laws, *held), family.refinements(), frozenset(family.curves()), settings.require, settings.max_effects
@@ -207,7 +207,11 @@ def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parame
             with suppress(InputError):
                 (one,) = parameters_from_model(model, [variable.name])
                 found.append(replace(one, start=start) if one.lower < start < one.upper else one)
-    return {f"{VALUE}{p.name}": p for p in found[:MOST_VALUES] if narrowed.accepts(f"{VALUE}{p.name}", "value", p.name)}
+
+    def wanted(p: Parameter) -> bool:
+        return p.free_if_identified or narrowed.accepts(f"{VALUE}{p.name}", "value", p.name)
+
+    return {f"{VALUE}{p.name}": p for p in found[:MOST_VALUES] if wanted(p)}
 
 
 def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: LoopSettings) -> ModelFamily:

@@ -26,7 +26,8 @@ def extended_sentence(context: LoopContext, extended: ExtendedFit, before: Predi
     """The model, the error before and after, and what is claimed of each term."""
     effects = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
     change = describe_error_change(before, extended.after, context.units)
-    text = f"The model was extended by {join_names([e.id for e in effects])}: {change}"
+    known = all(e.claim == "law" for e in effects)
+    text = f"The model {'lacks' if known else 'was extended by'} {join_names([e.id for e in effects])}: {change}"
     text += "".join(f" {_claim_sentence(e)}" for e in effects)
     text += refused_sentence(decision)
     left = structured_residuals(extended.reports)
@@ -42,12 +43,11 @@ def _claim_sentence(effect: FoundEffect) -> str:
     others = [one.id for one in effect.alternatives]
     named = join_names(others if len(others) <= MAX_NAMED else [*others[:MAX_NAMED], f"{len(others) - MAX_NAMED} more"])
     text = f"With {effect.id} the error of {effect.share_of} on left-out readings {fall(effect.share, effect.share_sd)}"
-    if not others:
+    if not others or effect.claim == "law":
         like = f", which looks like {effect.looks_like}" if effect.looks_like else ""
         no_law = f", but no law says what this curve is{like}" if effect.kind == "free_form" else ""
         return f"{text}; nothing else that was tried does as well{no_law}."
     told = {
-        "law": "to the same effect",
         "place": "at the same place, so that the place is known and not the law",
         "one of": "so that the data do not tell which it is",
     }

@@ -17,7 +17,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, prior_curvature
 from aero_bayes.estimate.recording_parameters import for_recordings
-from aero_bayes.laws.model_family import CandidateTerm, ModelFamily
+from aero_bayes.laws.model_family import CandidateTerm, ModelFamily, OpenSimulator
 from aero_bayes.search.table import Terms
 from aero_bayes.simulation.interface import ParameterTarget
 
@@ -165,6 +165,7 @@ class ModelSource:
     plain: Calibration
     free_base_columns: tuple[int, ...]
     open_objective: Callable[[Calibration], Objective]
+    open: OpenSimulator
     held: Mapping[str, Parameter]
 
     def build(self, terms: Collection[str]) -> CandidateModel:

@@ -20,6 +20,7 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
+from aero_bayes.estimate.progressive_horizon import fit_progressive_horizon
 from aero_bayes.parallel import Task
 from aero_bayes.search.left_out import ROUNDING_SHARE, Blocks, newton_errors, refitted_errors
 from aero_bayes.search.models import FittedModel, Models, ModelSource
@@ -237,10 +238,13 @@ class Search:
         works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
         found = dict(zip(order, self._map(works), strict=True))
         ends = sorted((t for t in order if found[t] is not None), key=lambda t: (self._score(found[t]), t))
-        kept = [_plus(parent, t) for t in ends[:FINISHED]]
         for t in ends:
             self.keep(_plus(parent, t), found[t])
+        kept = [_plus(parent, t) for t in ends[:FINISHED] if _plus(parent, t) in self.fits]
         self.finish(kept)
+        again = [k for k in kept if near is None and self.structured(k)]
+        for k, better in zip(again, self._map([partial(self._from_beginning, k) for k in again]), strict=True):
+            self.keep(k, better)
 
     def screen(self, parent: Terms, offered: Sequence[str]) -> dict[str, Screened]:
         """Screen terms beside a structure, those that were not yet."""
@@ -321,6 +325,17 @@ class Search:
             ends += self.fits_from(child, self.at_values(child, start.values, parent), BRIEF)
         end = min(ends, key=self.blocks.on_fitted, default=None)
         return None if end is None else (end.optimum, newton_errors(end, self.blocks))
+
+    def _from_beginning(self, terms: Terms) -> Found | None:
+        """Fit the beginning of the recordings first, then more and more of them.
+
+        An oscillating or growing motion has few local optima only while a recording is short."""
+        model, known = self.fits[terms].model, self.fits[terms].optimum.coordinates
+        start = model.objective.parameters.revived(known, model.free_base_columns)
+        settings = self.settings(WHOLE).with_limits(WHOLE[0], 0.01)
+        free = model.free(terms)
+        point, _ = fit_progressive_horizon(model.objective, start, free, settings, self.source.open, known)
+        return self.found(terms, [point], WHOLE)
 
     def _score(self, found: Found | None) -> float:
         """Score of a fit that a task brought back, on the fitted readings."""
