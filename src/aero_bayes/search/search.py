@@ -31,13 +31,15 @@ R = TypeVar("R")
 
 #: Structures of each size that are extended, from none to two terms: the best may hold none of the right ones.
 BEAM = (1, 4, 2)
-#: Terms of a structure that are fitted after the screening (of the first model, whose predictions are the worst; of
-#: others), and those of them that are fitted to the end.
+#: Terms beside a structure that are kept after a brief fit (beside the first model, whose predictions are the worst;
+#: beside others), and those of them that are fitted to the end.
 FITTED, FINISHED = (12, 6), 3
 #: Structures that are fitted in a search, and those beside them that are tried in the place of a term of the model.
 MOST_STRUCTURES, MOST_SWAPS = 45, 15
 #: Points from which a term is fitted: by its slope, by simulation, and beside the declared values.
 MOST_STARTS = 3
+#: What the kind of a promise beside the declared values begins with, at least.
+DECLARED = 2.0
 #: Steps of a brief fit and of one to the end, and the relative fall of the squared error that a step must promise.
 BRIEF, WHOLE = (4, 2e-3), (25, 1e-4)
 
@@ -67,10 +69,6 @@ class Control:
     counts: object
     late: Callable[[], bool]
     tell: Callable[[str, float], object]
-
-
-#: What a task in another process brings back of a fit.
-Found = tuple[Optimum, FloatArray]
 
 
 @dataclass(eq=False)
@@ -114,28 +112,31 @@ class Search:
                 found.append(FittedModel(model, terms, end))
         return found
 
-    def found(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> Found | None:
-        """The best of the fits from some points, with its errors on left-out readings."""
+    def found(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> Optimum | None:
+        """The best of the fits from some points."""
         best = min(self.fits_from(terms, points, how), key=self.blocks.on_fitted, default=None)
-        return None if best is None else (best.optimum, newton_errors(best, self.blocks))
+        return None if best is None else best.optimum
 
     def at_values(self, terms: Terms, values: Mapping[str, float], on: Terms) -> list[FloatArray]:
         """The point (p,) of a structure at SI values by name, with some of its terms on; none if it cannot be built."""
         model = self.models.of(terms)
         return [] if model is None else [model.coordinates_of(values, on)]
 
-    def keep(self, terms: Terms, found: Found | None) -> None:
-        """Put a fit into the table if it is better than the one there, and its terms are on."""
-        model = self.models.of(terms) if found is not None else None
-        if found is None or model is None:
-            return
-        fitted, errors = FittedModel(model, terms, found[0]), found[1]
-        known = self.fits.get(terms)
-        better = known is None or self.blocks.on_fitted(fitted) < self.blocks.on_fitted(known)
-        if better and not fitted.off_terms and np.all(np.isfinite(errors)):
-            self.fits[terms] = fitted
-            unseen = self.table.rows[terms].unseen if terms in self.table.rows else None
-            self.table.rows[terms] = Row(terms, errors, len(fitted.optimum.free), unseen=unseen)
+    def keep(self, found: Mapping[Terms, Optimum | None]) -> None:
+        """Put fits into the table that are better than the ones there, and have their terms on."""
+        better: dict[Terms, FittedModel] = {}
+        for terms, optimum in found.items():
+            model = self.models.of(terms) if optimum is not None else None
+            if optimum is not None and model is not None:
+                fitted, known = FittedModel(model, terms, optimum), self.fits.get(terms)
+                ahead = known is None or self.blocks.on_fitted(fitted) < self.blocks.on_fitted(known)
+                better |= {terms: fitted} if ahead and not fitted.off_terms else {}
+        works = [partial(newton_errors, fitted, self.blocks) for fitted in better.values()]
+        for (terms, fitted), errors in zip(better.items(), self._map(works), strict=True):
+            if errors is not None and np.all(np.isfinite(errors)):
+                self.fits[terms] = fitted
+                unseen = self.table.rows[terms].unseen if terms in self.table.rows else None
+                self.table.rows[terms] = Row(terms, errors, len(fitted.optimum.free), unseen=unseen)
 
     def begin(self, values: Mapping[str, float]) -> None:
         """Fit the first model from its values, cut the readings into blocks, and fit the required terms."""
@@ -145,7 +146,7 @@ class Search:
         self.blocks = Blocks.of(first[0])
         ports = {t: t.rpartition("@")[2] for t in self.library.offered}
         self.table = Table(self.blocks.outputs, self.blocks.least, ports, self.library.refines, self.library.curves)
-        self.keep((), (first[0].optimum, newton_errors(first[0], self.blocks)))
+        self.keep({(): first[0].optimum})
         terms: Terms = ()
         for id_ in self.library.required:
             self.fit_children(terms, [id_], least=-math.inf)
@@ -227,24 +228,25 @@ class Search:
         if len(offered) > 1:
             coarse = {t: gains.get(of, -math.inf) for t, of in self.library.refines.items()}
             gains = {t: g for t, g in gains.items() if t not in coarse or g > coarse[t] + LEAST_FALL}
-        # Beside the first model, which lacks the most, predictions are the worst: there the best are fitted anyway.
         if near is None:
-            order = [t for t in gains if gains[t] >= least or (not parent and gains[t] > 0.0)]
-            count = FITTED[bool(parent)]
+            # A first fit may have gone so far astray that no promise is worth anything: from the declared values a law
+            # is fitted whatever it promises.
+            order = [t for t in gains if gains[t] >= least or (not parent and t not in self.library.curves)]
+            count = len(order) if not parent else FITTED[1]
         else:
             order = [t for t in gains if here - gains[t] <= near and _plus(parent, t) not in self.fits]
             count = MOST_STRUCTURES + MOST_SWAPS - len(self.fits)
         order = sorted(order, key=lambda t: (-gains[t], t))[: max(count, 0)]
+        children = [_plus(parent, t) for t in order]
         works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
-        found = dict(zip(order, self._map(works), strict=True))
-        ends = sorted((t for t in order if found[t] is not None), key=lambda t: (self._score(found[t]), t))
-        for t in ends:
-            self.keep(_plus(parent, t), found[t])
-        kept = [_plus(parent, t) for t in ends[:FINISHED] if _plus(parent, t) in self.fits]
+        found = dict(zip(children, self._map(works), strict=True))
+        ends = sorted((k for k in children if found[k] is not None), key=lambda k: (self._score(found[k]), k))
+        ends = ends if near is not None else ends[: FITTED[bool(parent)]]
+        self.keep({k: found[k] for k in ends})
+        kept = [k for k in ends[:FINISHED] if k in self.fits]
         self.finish(kept)
         again = [k for k in kept if near is None and self.structured(k)]
-        for k, better in zip(again, self._map([partial(self._from_beginning, k) for k in again]), strict=True):
-            self.keep(k, better)
+        self.keep(dict(zip(again, self._map([partial(self._from_beginning, k) for k in again]), strict=True)))
 
     def screen(self, parent: Terms, offered: Sequence[str]) -> dict[str, Screened]:
         """Screen terms beside a structure, those that were not yet."""
@@ -262,14 +264,13 @@ class Search:
         """Go on with fits until no step promises anything."""
         wanted = [k for k in structures if k in self.fits and not self.fits[k].optimum.reason.converged]
         works = [partial(self.found, k, [self.fits[k].optimum.coordinates], WHOLE) for k in wanted]
-        for k, found in zip(wanted, self._map(works), strict=True):
-            self.keep(k, found)
+        self.keep(dict(zip(wanted, self._map(works), strict=True)))
 
     def complete(self, model: Terms, part: Terms) -> None:
         """Fit a part of a structure, and all that does nearly as well as what it lacks in its place."""
         self.completed.add(part)
         if part not in self.fits:
-            self.keep(part, self.found(part, self.at_values(part, self.fits[model].values, part), WHOLE))
+            self.keep({part: self.found(part, self.at_values(part, self.fits[model].values, part), WHOLE)})
         if part in self.fits and len(part) + 1 == len(model):
             self.extend(part, self.blocks.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
 
@@ -307,26 +308,27 @@ class Search:
         if declared is not None:
             loss = self.blocks.on_fitted(declared) - self.blocks.on_fitted(fitted)
             there = Screen(declared, model, term, self.blocks).run()
-            moved = (replace(p, gain=p.gain - loss, kind=(2.0 + p.kind[0], *p.kind[1:])) for p in there.promises)
+            moved = (replace(p, gain=p.gain - loss, kind=(DECLARED + p.kind[0], *p.kind[1:])) for p in there.promises)
             promises = (*found.promises, *moved)
             found = replace(found, promises=tuple(sorted(promises, key=lambda p: -p.gain)))
         if not kept:
             self.models.drop(child)
         return found
 
-    def _brief(self, parent: Terms, term: str, promises: Sequence[Promise]) -> Found | None:
+    def _brief(self, parent: Terms, term: str, promises: Sequence[Promise]) -> Optimum | None:
         """Fit a term beside a structure from what it promises, and from the structure itself where that is better."""
         child, start = _plus(parent, term), self.fits[parent]
-        sources = {p.kind[0]: p.point for p in reversed(promises)}
-        best = [sources[kind] for kind in dict.fromkeys(p.kind[0] for p in promises)]
-        ends = self.fits_from(child, best[:MOST_STARTS], BRIEF)
+        sources = {p.kind[0]: p for p in reversed(promises)}
+        points = [p.point for p in sources.values() if p.gain >= LEAST_FALL or p.kind[0] >= DECLARED]
+        points = points[::-1] or [p.point for p in promises[:1]]
+        ends = self.fits_from(child, points[:MOST_STARTS], BRIEF)
         here = self.blocks.on_fitted(start)
         if all(self.blocks.on_fitted(end) > here for end in ends):
             ends += self.fits_from(child, self.at_values(child, start.values, parent), BRIEF)
         end = min(ends, key=self.blocks.on_fitted, default=None)
-        return None if end is None else (end.optimum, newton_errors(end, self.blocks))
+        return None if end is None else end.optimum
 
-    def _from_beginning(self, terms: Terms) -> Found | None:
+    def _from_beginning(self, terms: Terms) -> Optimum | None:
         """Fit the beginning of the recordings first, then more and more of them.
 
         An oscillating or growing motion has few local optima only while a recording is short."""
@@ -337,12 +339,11 @@ class Search:
         point, _ = fit_progressive_horizon(model.objective, start, free, settings, self.source.open, known)
         return self.found(terms, [point], WHOLE)
 
-    def _score(self, found: Found | None) -> float:
+    def _score(self, found: Optimum | None) -> float:
         """Score of a fit that a task brought back, on the fitted readings."""
         if found is None:
             return math.inf
-        noise = np.array([found[0].noise[o].sd for o in self.blocks.outputs])
-        return self.blocks.score(found[0].whitened.residual, noise)
+        return self.blocks.score(found.whitened.residual, np.array([found.noise[o].sd for o in self.blocks.outputs]))
 
 
 def _tried(work: Callable[[], R]) -> R | None:
