@@ -1,7 +1,7 @@
 """What a term promises beside a fit, without a fit: one gradient at each nominal shape, and simulations where it fails.
 
-The Newton step of a law whose slope at size zero is seen says how much it explains. Where that is not material (a law
-with a threshold, or a fit that has gone astray without it), it is simulated at its nominal sizes, too. The free
+The Newton step of a law whose slope at size zero is seen says how much it explains. Where that tells too little (a
+law with a threshold, or a fit that has gone astray without it), it is simulated at its nominal sizes, too. The free
 parameters of the fit readjust to first order.
 """
 
@@ -19,9 +19,9 @@ from aero_bayes.search.left_out import Blocks
 from aero_bayes.search.models import CandidateModel, FittedModel
 from aero_bayes.search.table import MATERIAL
 
-#: Share of a prediction that a simulation does not confirm which counts all the same: along a bent valley a fit may yet
-#: get there.
-UNCONFIRMED = 0.3
+#: Share of a prediction that a simulation has to confirm, and share that counts where it does not: in a bent valley a
+#: fit may yet get there.
+CONFIRMED, UNCONFIRMED = 0.5, 0.3
 #: Fall of the logarithm of the error below which a term is not fitted beside others: 3 % is not material.
 LEAST_FALL = 0.03
 #: Smallest and largest step along a line, as multiples of the step that was simulated.
@@ -82,12 +82,17 @@ class Screen:
         self.here = self.blocks.on_fitted(self.fitted)
 
     def run(self, known: Sequence[tuple[float, ...]] = ()) -> Screened:
-        """Screen the term; ``known`` are values (SI) that it has in other fits."""
+        """Screen the term; ``known`` are values (SI) that it has in other fits.
+
+        Beside the first model a slope tells only what is material, beside others what a simulation confirms."""
         starts = self.candidate.starts
         for shape in dict.fromkeys(start[1:] for start in starts) if starts else [()]:
             self._by_slope(shape)
+        predicted = max((p.gain for p in self.found), default=math.inf)
         self._verify()
-        tell = not starts or (self.found and self.found[0].gain >= -math.log(MATERIAL))
+        needed = min(CONFIRMED * predicted, LEAST_FALL) if self.fitted.terms else -math.log(MATERIAL)
+        gained = self.found[0].gain if self.found else -math.inf
+        tell = not starts or gained >= needed or predicted < (LEAST_FALL if self.fitted.terms else 0.0)
         if not tell or known:
             self._by_simulation([*([] if tell else starts), *known])
             self._verify()
