@@ -22,14 +22,12 @@ def settled(search: Search, unseen: Callable[[FittedModel], dict[str, float]], l
     required = search.library.required
     for _ in range(MOST_DECISIONS):
         decision = decide(search.table, required)
-        rows = search.table.rows
-        if late():
-            _see(search, unseen, decision.compared_unseen)
-            return decide(search.table, required)
-        if new := [k for k in decision.compared if not rows[k].refitted]:
-            search.refit(new)
-            continue
         if _see(search, unseen, decision.compared_unseen):
+            continue
+        if late():
+            return decision
+        if new := [k for k in decision.compared if not search.table.rows[k].refitted]:
+            search.refit(new)
             continue
         before = len(search.fits)
         todo = [k for k in _parts(search, decision) if k not in search.completed]
@@ -37,7 +35,7 @@ def settled(search: Search, unseen: Callable[[FittedModel], dict[str, float]], l
             return decision
         for part in todo:
             search.complete(decision.model, part)
-        if len(search.fits) == before and all(k in rows for k in todo):
+        if len(search.fits) == before and all(k in search.table.rows for k in todo):
             return decision
     return decision
 
