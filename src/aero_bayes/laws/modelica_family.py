@@ -117,7 +117,8 @@ class ModelicaFamily:
         self.terms.placed.clear()
         self._open.clear()
         recorded = set.intersection(*({s.name for s in e.inputs} for e in experiments))
-        for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self.places.taken_names(), nominals)):
+        laws = place_laws(kept, self.places.taken_names(), nominals, free_starts=True)
+        for placed in (with_moved_input(p, recorded) for p in laws):
             declared = self.places.declared.effects.get(placed.id)
             self.terms.add(placed, starting_values(placed, declared, highest))
         self._curve_nominals_pending[:] = [partial(self._curve_nominals, calibration, fit, open_simulator)]
@@ -257,7 +258,8 @@ class ModelicaFamily:
         placed_laws: list[PlacedLaw] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
         for old in self._ordered(ids):
-            own = {p.name: to_significant_digits(values[old.names[p.name]], 6) for p in old.parameters()}
+            known = {p.name: values[old.names[p.name]] for p in old.parameters() if old.names[p.name] in values}
+            own = {name: to_significant_digits(value, 6) for name, value in known.items()}
             placed = place_law(
                 old.law,
                 old.port,
