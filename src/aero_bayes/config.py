@@ -39,10 +39,11 @@ class PriorSection(Section):
 class ParameterSection(Section):
     """``[parameters.R_a]``: whether it is fitted, from where, and within which bounds (SI units).
 
-    ``values`` are each fitted and compared, in place of a search."""
+    ``value = {light = 1.0, heavy = 2.5}`` is known by recording. ``values`` are each fitted and compared, in place of a
+    search."""
 
     free: bool | Literal["auto", "later"] | None = None
-    value: float | None = None
+    value: float | dict[str, float] | None = None
     lower: float | None = None
     upper: float | None = None
     prior: PriorSection | None = None
@@ -75,13 +76,14 @@ class ColumnSection(Section):
 class DataSection(Section):
     """``[data]``: names of inputs and outputs (default: as declared, else the model's), and their columns.
 
-    ``constants`` are inputs without a column."""
+    ``constants`` are inputs without a column; ``batch`` names the column that says which run a row of a table is of."""
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
     interpolation: Literal["auto", "hold", "linear"] | dict[str, Literal["hold", "linear"]] | None = None
     constants: dict[str, float] = Field(default_factory=dict)
     columns: dict[str, ColumnSection] = Field(default_factory=dict)
+    batch: str | None = None
 
 
 class PsoSection(Section):
@@ -108,7 +110,9 @@ class StageSection(Section):
 
 
 class FitSection(Section):
-    """``[fit]``: the cost, the search, and what else is estimated beside the parameters."""
+    """``[fit]``: the cost, the search, and what else is estimated beside the parameters.
+
+    ``priors_from`` is the ``posterior.nc`` of an earlier experiment, the prior of this one."""
 
     cost: Literal["posterior", "weighted", "eq6"] = "posterior"
     method: Literal["pso+local", "pso", "local"] = "pso+local"
@@ -116,6 +120,7 @@ class FitSection(Section):
     initial_states: Literal["auto", "reading", "estimated"] = "auto"
     max_input_delay: Annotated[float, Field(ge=0)] | dict[str, Annotated[float, Field(ge=0)]] | None = None
     ripple: Literal["subtract", "describe", "ignore"] = "subtract"
+    priors_from: Path | None = None
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()
     local: LocalSection = LocalSection()
@@ -252,7 +257,10 @@ def resolve_paths(config: Config, folder: Path) -> Config:
             "libraries": tuple(folder / library for library in model.libraries),
         }
     )
-    return config.model_copy(update={"model": resolved})
+    fit = config.fit
+    if fit.priors_from is not None:
+        fit = fit.model_copy(update={"priors_from": folder / fit.priors_from})
+    return config.model_copy(update={"model": resolved, "fit": fit})
 
 
 def _first_problem(error: ValidationError, whole: type[BaseModel]) -> str:

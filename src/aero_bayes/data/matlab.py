@@ -36,9 +36,9 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.data import matlab_process
-from aero_bayes.data.csv_text import free_memory
 from aero_bayes.data.matlab_process import HDF5
 from aero_bayes.data.signals import Columns, Request, Signals, pick_signals
+from aero_bayes.data.text_table import free_memory
 from aero_bayes.errors import InputError
 
 #: Seconds that reading may take, and for each MiB of the file; the readers can be made to run for ever.

@@ -68,7 +68,9 @@ class InputSignal:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One run: when outputs are sampled, what drives the model, where it starts, and what was measured."""
+    """One run: when outputs are sampled, what drives the model, where it starts, and what was measured.
+
+    ``known`` are parameters of the model that have this value in this run."""
 
     time: FloatArray
     outputs: tuple[str, ...]
@@ -77,6 +79,7 @@ class Experiment:
     measured: FloatArray | None = None
     start_sd: Mapping[str, float] = field(default_factory=dict)
     spread: FloatArray | None = None
+    known: Mapping[str, float] = field(default_factory=dict)
 
     def at_samples(self, chosen: slice | NDArray[np.int_]) -> Experiment:
         """Return the experiment at some of its sample times, with what was measured there."""

@@ -1,0 +1,134 @@
+"""Find the table in rows of cells: the longest run of rows of one width that are mostly numbers, and its header."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from aero_bayes.data.cells import is_value
+from aero_bayes.errors import InputError
+
+#: Rows of words above a table that may belong to it: names, units, types.
+MOST_HEADER_ROWS = 3
+#: Cells that are no units; those of a row that is not one of units but of types, or of kinds of averages.
+NO_UNIT = re.compile(r"|(double|single|float|u?int|real|bool(ean)?|string|char)\d*|ts|rn|-|none|n/?a", re.I)
+NO_UNITS = re.compile(rf"{NO_UNIT.pattern}|avg|smp|max|min|std|tot", re.I)
+COMMENTS = ("#", "%")
+Rows = Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Successive rows (from 0) that are mostly numbers, their width, the part of it in use, and how many are values."""
+
+    start: int = 0
+    stop: int = 0
+    width: int = 0
+    used: int = 0
+    values: float = 0.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """A table: the names of its columns, the rows (from 0) of its header and its first row of data."""
+
+    names: list[str]
+    header: tuple[int, ...]
+    first: int
+
+
+def longest_run(rows: Rows) -> Run:
+    """Find the longest run of rows of one width that are mostly numbers; rows without a cell do not end one."""
+    spans: list[list[int]] = [[]]
+    for r, row in enumerate(rows):
+        kind = _kind(row)
+        if kind == "numbers":
+            if spans[-1] and len(row) != len(rows[spans[-1][0]]):
+                spans.append([])
+            spans[-1].append(r)
+        elif kind != "empty":
+            spans.append([])
+    longest = max(spans, key=len)
+    if not longest:
+        return Run()
+    run = [[cell for cell in rows[r] if cell] for r in longest]
+    share = sum(sum(map(is_value, cells)) / len(cells) for cells in run)
+    used = max(_used(rows[r]) for r in longest)
+    return Run(longest[0], longest[-1] + 1, len(rows[longest[0]]), used, share)
+
+
+def with_header(rows: Rows, run: Run, where: str) -> Found:
+    """Find the names, and units, above a run; InputError if there are none, or if other rows stand in between."""
+    header = _header_above(rows, run)
+    first = run.start
+    if not header and _is_header(rows, run):
+        header, first = (run.start,), run.start + 1
+    if not header:
+        other = any(_kind(row) == "words" and _used(row) > 1 for row in rows[: run.start])
+        expected = f"names above its {run.used} columns" if other else "a header such as time,u,y"
+        raise InputError(f"{where}, row {run.start + 1}: holds numbers, expected {expected}")
+    for r in range(header[-1] + 1, first):
+        if _kind(rows[r]) in ("numbers", "words"):
+            raise InputError(f"{where}, row {r + 1}: {told_width(len(rows[r]), run.used)}")
+    names = [cell.lstrip("".join(COMMENTS)).strip() if len(cell) > 1 else cell for cell in rows[header[0]]]
+    names = [*names, *[""] * run.width][: max(_used(names), run.used)]
+    return Found(with_units(names, rows[header[1]]) if len(header) > 1 else names, header, first)
+
+
+def told_width(cells: int, expected: int) -> str:
+    """Say how many cells a row has."""
+    return f"{cells} {'cell' if cells == 1 else 'cells'}, expected {expected}"
+
+
+def with_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return names of columns with the units of the row below them, ``F [N]``; types and the like are no units."""
+    given = [u.strip("[]() ") for u in [*units, *[""] * len(names)]]
+    no_unit = NO_UNITS if all(map(NO_UNITS.fullmatch, given)) else NO_UNIT
+    known = ["" if no_unit.fullmatch(u) else u for u in given]
+    return [(f"{n} [{u}]" if n else u) if u else n for n, u in zip(names, known, strict=False)]
+
+
+def _kind(row: Sequence[str]) -> str:
+    """Tell rows apart: ``empty``, ``comment``, ``numbers`` (mostly, or two at least) or ``words``."""
+    given = [cell for cell in row if cell]
+    if not given:
+        return "empty"
+    if row[0].startswith(COMMENTS) and row[0] not in COMMENTS:
+        return "comment"
+    values = sum(map(is_value, given))
+    return "numbers" if len(row) > 1 and (values >= 2 or 2 * values >= len(given)) else "words"
+
+
+def _used(row: Sequence[str]) -> int:
+    """Count the cells of a row up to its last that is not empty."""
+    return max((k + 1 for k, cell in enumerate(row) if cell), default=0)
+
+
+def _are_names(row: Sequence[str], run: Run) -> bool:
+    used = _used(row)
+    return run.used <= used <= run.width and 2 * sum(map(bool, row)) > used
+
+
+def _header_above(rows: Rows, run: Run) -> tuple[int, ...]:
+    """Return the rows of names and units above a run, or of the last comment that can be names."""
+    found: list[int] = []
+    comment: tuple[int, ...] = ()
+    for r in range(run.start - 1, -1, -1):
+        kind = _kind(rows[r])
+        if kind == "comment":
+            comment = comment or ((r,) if not found and _are_names(rows[r], run) else ())
+        fits = kind == "words" and _used(rows[r]) <= run.width and len(rows[r]) > 1
+        if fits and len(found) < MOST_HEADER_ROWS and not (found and any(map(is_value, rows[r]))):
+            found.append(r)
+        elif found or comment:
+            break
+    names = next((k for k, r in reversed(list(enumerate(found))) if _are_names(rows[r], run)), None)
+    return comment if names is None else tuple(reversed(found[: names + 1]))
+
+
+def _is_header(rows: Rows, run: Run) -> bool:
+    """Return whether the first row of a run is its header, whose names are mostly numbers: ``time,1,2,3``."""
+    first, below = rows[run.start], [row for row in rows[run.start + 1 : run.stop] if any(row)]
+    words = [k for k, cell in enumerate(first) if cell and not is_value(cell)]
+    return bool(below) and any(all(is_value(row[k]) for row in below if row[k]) for k in words)
