@@ -55,6 +55,7 @@ KEYS: Mapping[str, str] = {
     "declares (the AERO: `hold`), else `auto`",
     "data.constants": "inputs without a column, and the value that each has throughout, in the model's unit: "
     "`{T_amb = 293.15}`",
+    "data.batch": "column of a table that says which run a row is of; each run is a recording",
     "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file; left out: NAME",
     "data.columns.NAME.unit": "unit in the file (s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, "
     "rpm, count, count/s); left out: SI",
@@ -63,7 +64,8 @@ KEYS: Mapping[str, str] = {
     "data.columns.NAME.counts_per_revolution": "of the encoder, for the units `count` and `count/s`",
     "data.columns.NAME.unwrap": "an angle that is recorded modulo one turn: its jumps of a turn are taken out",
     "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
-    "parameters.NAME.value": "start of the search; value of a parameter that is held (SI)",
+    "parameters.NAME.value": "start of the search; value of a parameter that is held (SI); `{light = 1.0, heavy = 2.5}`: "
+    "known values by recording",
     "parameters.NAME.per_recording": "fit a value of its own for each recording, which results call `NAME@recording`",
     "parameters.NAME.values": "`[1, 2, 3]`, `[true, false]` or names of enumeration literals: each is fitted, the "
     "likeliest is reported; for parameters that no search can move, and Real ones (`fit`, `posterior`)",
@@ -84,6 +86,7 @@ KEYS: Mapping[str, str] = {
     "anew in each recording, or `{heater = 1200}` for a dead time of single ones; left out: what the package declares "
     "(the AERO: 0.02), else none",
     "fit.ripple": "what becomes of ripple locked to a rotor",
+    "fit.priors_from": "`posterior.nc` of an earlier experiment, whose draws are the prior of this one",
     "fit.stages[].parameters": "parameters of this stage",
     "fit.stages[].outputs": "outputs of this stage",
     "fit.pso.particles": "particles of the swarm",

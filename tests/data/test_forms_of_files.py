@@ -40,6 +40,11 @@ def summer_time(t: float) -> str:
     return (start + pandas.Timedelta(seconds=t)).isoformat()
 
 
+def late(t: float, form: str) -> str:
+    """A time of the night from the first to the second of March."""
+    return (pandas.Timestamp("2026-03-01T23:30") + pandas.Timedelta(seconds=t)).strftime(form)
+
+
 FORMS = {
     "sep.csv": lines("sep=;\ntime;P;Q;T", lambda *r: ";".join(f"{x:.3f}".replace(".", ",") for x in r)),
     "spaces.csv": lines("  time    P   Q     T", lambda *r: "  ".join(f"{x:12.4f}" for x in r)),
@@ -59,6 +64,11 @@ FORMS = {
         "#1\n# of CombiTimeTable\ndouble tab(40,4) # P, Q, T",
         lambda *r: " ".join(map(str, r)) + ("  # start" if r[0] == 0 else ""),
     ),
+    "day first.csv": lines("time,P,Q,T", lambda t, *r: f"{late(t, '%d/%m/%Y %H:%M:%S')},{','.join(map(str, r))}"),
+    "month first.csv": lines("time,P,Q,T", lambda t, *r: f"{late(t, '%m/%d/%Y %H:%M:%S')},{','.join(map(str, r))}"),
+    "am and pm.csv": lines("time,P,Q,T", lambda t, *r: f"{late(t, '%m/%d/%y %I:%M:%S %p')},{','.join(map(str, r))}"),
+    "rigol.csv": lines("time,P,Q,T,Increment\ns,W,W,K,1e-6", lambda *r: ",".join(map(str, r)) + ","),
+    "names of numbers.csv": lines("time,P,Q,T,1,2,3,4,5", lambda *r: ",".join(map(str, (*r, 1, 2, 3, 4, 5)))),
     "zones.csv": lines("time,P,Q,T", lambda t, *r: f"{summer_time(t)},{','.join(map(str, r))}"),
 }
 
@@ -125,6 +135,10 @@ def test_a_repeated_time_without_an_event_is_an_error(tmp_path: Path) -> None:
             ("one reading a row", "tag"),
         ),
         (lines("tag,time,value", lambda t, p, q, y: f"P,{t},{p}\nT,{t},{y}"), ("no reading of Q", "tag")),
+        (
+            lines("tag,time,value", lambda t, p, q, y: f"P,{t},{p}\nP,{t},{p + 1}\nQ,{t},{q}\nT,{t},{y}"),
+            ("row 3", "second reading of P", "batch"),
+        ),
         (lines("#1\ndouble tab(41,4)", lambda *r: " ".join(map(str, r))), ("row 2", "tab", "expected 164")),
         (lines("LabVIEW Measurement\nSeparator\tTab\ntime\tP", lambda *r: "1\t2"), ("End_of_Header",)),
         (lines("time_P,P,time_T,Q,T", lambda t, p, q, y: f"{t},{p},{t + 7},{q},{y}"), ("time_P", "time_T", "resample")),

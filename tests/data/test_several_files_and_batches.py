@@ -104,6 +104,16 @@ def test_batches_of_a_table_are_recordings(tmp_path: Path, label: bool) -> None:
     assert found[1].first_row == 8
 
 
+def test_batches_of_a_table_with_one_reading_a_row(tmp_path: Path) -> None:
+    rows = [f"{run},{t},{signal},{value}" for run, size in (("wet", 5), ("dry", 9)) for t in range(size)
+            for signal, value in (("u", len(run)), ("y", 10 * size + t))]  # fmt: skip
+    (tmp_path / "lab.csv").write_text("\n".join(["batch,time,tag,value", *rows]))
+    wet, dry = read_recordings([tmp_path / "lab.csv"], layout=LAYOUT, batch="batch")
+    assert (wet.name, dry.name) == ("lab wet", "lab dry")
+    assert wet.outputs["y"].tolist() == [50, 51, 52, 53, 54]
+    assert dry.outputs["y"].tolist() == [*range(90, 99)]
+
+
 def test_a_batch_whose_rows_are_wrong_is_named_by_the_row_of_the_file(tmp_path: Path) -> None:
     path = stacked(tmp_path / "runs.csv", "batch,time,u,y", True)
     path.write_text(path.read_text().replace("11,1.0,1,102", "11,1.0,,102"))

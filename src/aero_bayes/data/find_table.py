@@ -62,8 +62,8 @@ def with_header(rows: Rows, run: Run, where: str) -> Found:
     """Find the names, and units, above a run; InputError if there are none, or if other rows stand in between."""
     header = _header_above(rows, run)
     first = run.start
-    if not header and _is_header(rows, run):
-        header, first = (run.start,), run.start + 1
+    if _is_header(rows, run, whole=bool(header)) and len(header) < 2:
+        header, first = (*header, run.start), run.start + 1
     if not header:
         other = any(_kind(row) == "words" and _used(row) > 1 for row in rows[: run.start])
         expected = f"names above its {run.used} columns" if other else "a header such as time,u,y"
@@ -127,8 +127,12 @@ def _header_above(rows: Rows, run: Run) -> tuple[int, ...]:
     return comment if names is None else tuple(reversed(found[: names + 1]))
 
 
-def _is_header(rows: Rows, run: Run) -> bool:
-    """Return whether the first row of a run is its header, whose names are mostly numbers: ``time,1,2,3``."""
+def _is_header(rows: Rows, run: Run, *, whole: bool) -> bool:
+    """Return whether the first row of a run belongs to its header: names of which most are numbers, ``time,1,2,3``.
+
+    Below names (``whole``) it has units, and a word in every column that has cells below it."""
     first, below = rows[run.start], [row for row in rows[run.start + 1 : run.stop] if any(row)]
     words = [k for k, cell in enumerate(first) if cell and not is_value(cell)]
+    if whole:
+        return bool(below) and all(k in words for k in range(run.width) if any(row[k] for row in below))
     return bool(below) and any(all(is_value(row[k]) for row in below if row[k]) for k in words)

@@ -119,7 +119,7 @@ def read_recordings(
     for files in asked.runs([Path(p) for p in paths]):
         name, parts = asked.run(files)
         given = asked.joined(parts) if len(parts) > 1 else asked.read(parts[0])
-        batches = _batches(given, batch)
+        batches = _batches(given, batch if len(parts) == 1 else None)
         for label, rows in batches.items():
             own = _at_rows(given, rows) if label else given
             found.append(asked.recording(f"{name} {label}" if label else name, parts, own))
@@ -132,6 +132,8 @@ def read_recordings(
 def _batches(given: Columns, batch: str | None) -> dict[str, NDArray[np.intp]]:
     """Return the rows of each run in a table, by its label; one without a label if there are not several."""
     if batch is not None:
+        if given.batch is None:
+            raise InputError(f"[data] batch = {batch!r} needs a table with one time for all of its signals")
         labels = np.asarray(given.batch)
         return {str(label): np.flatnonzero(labels == label) for label in dict.fromkeys(labels.tolist())}
     time = given.columns["time"]
@@ -231,7 +233,7 @@ class _Asked:
         notes, sums, begin = [], [], None
         for file in files:
             own = self.signals_in(file)
-            given = self._columns(file, ["time", *own], [])
+            given = replace(self, batch=None)._columns(file, ["time", *own], [])
             begin = given.origin if begin is None else begin
             time = given.columns["time"] + (given.origin - begin)
             for name in own:

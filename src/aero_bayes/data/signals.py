@@ -56,15 +56,13 @@ class Columns:
 
 @dataclass(frozen=True)
 class Signals:
-    """Vectors of a file by name; ``clocks`` has the name of the times of those that have their own."""
+    """Vectors of a file by name; ``clocks`` has the name of the times of those that have their own.
+
+    ``hint`` says what to do about one that is not there."""
 
     vectors: Mapping[str, FloatArray]
     clocks: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of all vectors."""
-        return list(self.vectors)
+    hint: str = MAP_COLUMNS
 
 
 def column_called(source: str, names: Iterable[str]) -> str | None:
@@ -83,7 +81,7 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
     return None
 
 
-def pick_signals(path: Path, signals: Signals, request: Request, hint: str = MAP_COLUMNS) -> Columns:
+def pick_signals(path: Path, signals: Signals, request: Request) -> Columns:
     """Return the signals that a recording asks for, at one time."""
     if request.batch is not None and request.batch not in signals.vectors:
         raise InputError(f"{path}: no column {request.batch}, which [data] batch names")
@@ -100,7 +98,7 @@ def pick_signals(path: Path, signals: Signals, request: Request, hint: str = MAP
     shown = ", ".join([*signals.vectors][:20]) or "nothing"
     for name in request.wanted:
         if name not in named:
-            raise InputError(f"{path}: no column {request.sources[name]}, found {shown}{hint}")
+            raise InputError(f"{path}: no column {request.sources[name]}, found {shown}{signals.hint}")
     if own and len(set(clocks.values())) > 1:
         first = signals.vectors[named["time"]]
         if not all(np.array_equal(signals.vectors[clock], first) for clock in clocks.values()):

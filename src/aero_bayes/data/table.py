@@ -195,7 +195,8 @@ def _is_numeric(column: pandas.Series) -> bool:
 def _read_rows(file: TableFile, request: Request, rows: _Rows) -> Columns:
     """Read signals from a table with one reading a row, at the union of their times."""
     about = [n for n in file.names if re.sub(r"[\W_]", "", n.casefold()) in QUALITY_NAMES]
-    table = file.read(list(dict.fromkeys([rows.time, rows.signal, rows.value, *about])), request.memory)
+    batch = [] if request.batch is None else [_batch_column(file, request.batch)]
+    table = file.read(list(dict.fromkeys([rows.time, rows.signal, rows.value, *about, *batch])), request.memory)
 
     def place(row: int) -> str:
         return f"{file.path}, {table.line(row)}"
@@ -203,21 +204,30 @@ def _read_rows(file: TableFile, request: Request, rows: _Rows) -> Columns:
     time, origin = times_in(table.frame[rows.time], place, rows.time)
     whose = table.frame[rows.signal].astype(str).str.strip().to_numpy()
     good = ~np.logical_or.reduce([np.zeros(time.size, dtype=bool), *(_bad(table.frame[c]) for c in about)])
-    there, pairs = sorted(set(whose)), {}
-    for name in (*request.wanted, *request.optional):
-        source = request.sources[name]
-        own = np.flatnonzero((whose == source) & good)
-        if name == "time" or (own.size == 0 and name in request.optional):
-            continue
-        if own.size == 0:
-            raise InputError(f"{file.path}: no reading of {source} in column {rows.signal}"
-                             f"{known_names_hint(source, there)}")  # fmt: skip
-        cells = table.frame[rows.value].iloc[own]
-        values = numbers_in(cells, lambda row, own=own: place(int(own[row])), source)  # type: ignore[misc]
-        order = np.argsort(time[own], kind="stable")
-        pairs[name] = (time[own][order], values[order])
-    named = {n: request.sources[n] for n in pairs}
-    return Columns(joined(pairs, request.held), table.sha256, named, origin=origin, note=table.note)
+    runs = table.frame[batch[0]].map(_label).to_numpy() if batch else np.full(time.size, "")
+    parts: dict[str, dict[str, NDArray[np.float64]]] = {}
+    for run in dict.fromkeys(runs.tolist()):
+        pairs = {}
+        for name in (n for n in (*request.wanted, *request.optional) if n != "time"):
+            source = request.sources[name]
+            own = np.flatnonzero((whose == source) & (runs == run) & good)
+            if own.size == 0 and name in request.wanted:
+                raise InputError(f"{file.path}: no reading of {source} in column {rows.signal}"
+                                 f"{known_names_hint(source, sorted(set(whose)))}")  # fmt: skip
+            own = own[np.argsort(time[own], kind="stable")]
+            cells = table.frame[rows.value].iloc[own]
+            values = numbers_in(cells, lambda row, own=own: place(int(own[row])), source)  # type: ignore[misc]
+            twice = np.flatnonzero((np.diff(time[own]) == 0.0) & (np.diff(values) != 0.0))
+            if twice.size:
+                raise InputError(f"{place(int(own[twice[0] + 1]))}: a second reading of {source} for one time; if the "
+                                 "table holds several runs, name their column in [data] batch")  # fmt: skip
+            pairs[name] = (time[own], values)
+        parts[run] = joined(pairs, request.held)
+    columns = {n: np.concatenate([part[n] for part in parts.values()]) for n in next(iter(parts.values()))}
+    columns = {n: v for n, v in columns.items() if np.isfinite(v).any()}
+    labels = [run for run, part in parts.items() for _ in part["time"]] if batch else None
+    named = {n: request.sources[n] for n in columns}
+    return Columns(columns, table.sha256, named, origin=origin, batch=labels, note=table.note)
 
 
 def row_names(file: TableFile) -> list[str]:
