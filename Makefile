@@ -21,7 +21,6 @@ CONFIG  ?=
 RESUME  ?=
 AIM     ?=
 SEPARATE ?=
-LOOP    ?=
 DURATION ?=
 AMPLIFIER ?=
 TRAVEL  ?=
@@ -31,7 +30,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-long test-platforms test-arm test-coverage lint size bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -65,9 +64,9 @@ loop: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## close the loop on DATA
 	$(RUN) close-loop $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--train $(f)) \
 	  $(foreach f,$(or $(TEST),$(if $(DATA),,$(SIMULATED)/test_1.csv)),--test $(f)) --out $(or $(OUT),reports/loop) $(OPTIONS)
 
-design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment: for AIM="D_p K_sp", SEPARATE="effect effect" or LOOP=dir
+design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment: for AIM="D_p K_sp" or SEPARATE="effect effect"
 	$(RUN) design $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv),--data $(f)) --out $(or $(OUT),reports/design) $(OPTIONS) \
-	  $(foreach p,$(AIM),--aim $(p)) $(if $(SEPARATE),--separate $(SEPARATE)) $(if $(LOOP),--loop $(LOOP)) \
+	  $(foreach p,$(AIM),--aim $(p)) $(if $(SEPARATE),--separate $(SEPARATE)) \
 	  $(if $(DURATION),--duration $(DURATION)) $(if $(AMPLIFIER),--amplifier $(AMPLIFIER)) $(foreach t,$(TRAVEL),--travel $(t))
 
 replay: setup ## the paper's Table 1 and Fig. 6
@@ -87,6 +86,8 @@ test: $(VENV)/.tested ## set up and run the tests
 
 test-long: $(VENV)/.tested ## the studies' tests, and longer tests of what shorter ones test
 	$(BIN)/python -m pytest -n 2 -m long --durations 10 --junitxml reports/tests_long.xml
+
+test-all: test test-long ## all tests
 
 test-fast: $(VENV)/.tested ## the tests that take no longer than a minute together
 	$(BIN)/python -m pytest -n 2 -m "fast and not slow and not long"
