@@ -104,19 +104,17 @@ def read_table(file: TableFile, request: Request) -> Columns:
     # a cell that is marked as bad may hold a word
     cells |= {n: cells[n].astype(object).mask(marked, None) for n, marked in bad.items() if cells[n].dtype.kind == "O"}
     values = {n: numbers_in(column, place, request.sources[n]) for n, column in cells.items()}
-    if clocks:
-        values |= {n: np.where(marked, np.nan, values[n]) for n, marked in bad.items()}
-        times = {n: times_in(table.frame[clock].dropna(), place, clock) for n, clock in clocks.items()}
-        begin = min(origin for _, origin in times.values())
-        pairs = {n: (t + (origin - begin), values[n][: t.size]) for n, (t, origin) in times.items()}
-        return Columns(joined(pairs, request.held), table.sha256, named, note=table.note, origin=begin)
-    values["time"], origin = times_in(table.frame[named["time"]], place, request.sources["time"])
-    if not batch and _is_sparse(values, request.held):
-        values |= {n: np.where(marked, np.nan, values[n]) for n, marked in bad.items()}
-        pairs = {n: (values["time"], v) for n, v in values.items() if n != "time"}
-        return Columns(joined(pairs, request.held), table.sha256, named, note=table.note, origin=origin)
-    labels = table.frame[batch[0]].map(_label).tolist() if batch else None
-    return Columns(values, table.sha256, named, table.line, table.first_row, bad, origin, labels, table.note)
+    if not clocks and (batch or not _is_sparse(values, request.held)):
+        values["time"], origin = times_in(table.frame[named["time"]], place, request.sources["time"])
+        labels = table.frame[batch[0]].map(_label).tolist() if batch else None
+        return Columns(values, table.sha256, named, table.line, table.first_row, bad, origin, labels, table.note)
+    own = clocks or dict.fromkeys(values, named.get("time", ""))
+    times = {clock: times_in(table.frame[clock].dropna(), place, clock) for clock in dict.fromkeys(own.values())}
+    begin, pairs = min(origin for _, origin in times.values()), {}
+    for n, clock in own.items():
+        time, origin = times[clock]
+        pairs[n] = time + (origin - begin), np.where(bad.get(n, False), np.nan, values[n])[: time.size]
+    return Columns(joined(pairs, request.held), table.sha256, named, note=table.note, origin=begin)
 
 
 def _batch_column(file: TableFile, name: str) -> str:
@@ -136,7 +134,7 @@ def _label(cell: object) -> str:
 def _is_sparse(values: Mapping[str, NDArray[np.float64]], held: Collection[str]) -> bool:
     """Return whether a row holds what one clock read: inputs have empty cells, and no row an input and an output."""
     inputs = [np.isfinite(v) for n, v in values.items() if n in held]
-    outputs = [np.isfinite(v) for n, v in values.items() if n not in held and n != "time"]
+    outputs = [np.isfinite(v) for n, v in values.items() if n not in held]
     if not inputs or not outputs or all(there.all() for there in inputs):
         return False
     driven, read = np.logical_or.reduce(inputs), np.logical_or.reduce(outputs)

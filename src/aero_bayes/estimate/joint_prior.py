@@ -42,7 +42,7 @@ def with_joint_prior(parameters: ParameterSet, draws: Mapping[str, FloatArray]) 
     >>> first = np.exp(np.random.default_rng(1).normal([3.7, 1.1], 0.01, (500, 2)))
     >>> known = with_joint_prior(parameters_from_model(model, ["k", "d"]), {"k": first[:, 0], "d": first[:, 1]})
     >>> known["k"].prior.describe("N/m")
-    'log-normal, 40.44 ± 1 % N/m'
+    'log-normal, 40.41 N/m ± 0.97 %'
     """
     shared = [p for p in parameters if p.name in draws]
     if not shared:
