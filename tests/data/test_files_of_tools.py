@@ -218,7 +218,7 @@ def test_dates_of_historians_and_german_spreadsheets(header: str, row: str, last
         ),
         (
             "Record Length,60,,\nSample Interval,0.1,,\nSource,F,y,\nSecond,N,m,\n",
-            "{0},{1},{2},\n", ["Source [Second]", "F [N]", "y [m]"],
+            "{0},{1},{2},\n", ["Source [s]", "F [N]", "y [m]"],
         ),
     ],
     ids=["dSPACE", "oscilloscope"],

@@ -123,6 +123,22 @@ def test_a_batch_whose_rows_are_wrong_is_named_by_the_row_of_the_file(tmp_path: 
         read_recordings([path], layout=LAYOUT, batch="lot")
 
 
+def test_batches_of_a_few_rows_are_left_out_and_told(tmp_path: Path) -> None:
+    time = np.array([0, 1, 2, 3, 4, 0, 1, 0, 0.5, 1, 1.5, 2])
+    write(tmp_path / "runs.csv", "time,u,y", time, time, time)
+    first, third = read_recordings([tmp_path / "runs.csv"], layout=LAYOUT)
+    assert (first.name, third.name, third.rows) == ("runs 1", "runs 3", 5)
+    assert any("2 with fewer than 4 rows" in note for note in third.notes)
+
+
+def test_one_wrong_time_is_no_batch(tmp_path: Path) -> None:
+    time = np.arange(60.0)
+    time[30] = 0.0
+    write(tmp_path / "run.csv", "time,u,y", time, time, time)
+    with pytest.raises(InputError, match="row 32, column time: runs backwards"):
+        read_recordings([tmp_path / "run.csv"], layout=LAYOUT)
+
+
 def test_a_clock_that_was_set_back_is_no_batch(tmp_path: Path) -> None:
     time = np.concatenate([np.arange(0.0, 60.0), np.arange(30.0, 90.0)])
     write(tmp_path / "run.csv", "time,u,y", time, time, time)

@@ -52,7 +52,7 @@ def numbers_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
     if column.dtype.kind in "mM":
         raise InputError(f"{place(0)}, column {name}: holds dates or durations, something else than numbers")
     cells = column.astype(object).map(_plain_cell)
-    found = pandas.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
+    found = np.asarray(pandas.to_numeric(cells, errors="coerce"), dtype=np.float64)
     wrong = np.isnan(found) & cells.notna().to_numpy()
     if wrong.any():
         row = int(np.argmax(wrong))

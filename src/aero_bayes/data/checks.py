@@ -49,7 +49,7 @@ def _check_time(name: str, time: FloatArray, place: RowName) -> None:
         verb = "repeats" if step[bad[0]] == 0.0 else "runs backwards"
         raise InputError(
             f"{name}, {place(row)}, column time: {verb} ({time[row]:.9g} after {time[row - 1]:.9g}), "
-            "expected strictly increasing seconds"
+            "expected strictly increasing seconds (of several runs in one table, name their column: [data] batch)"
         )
 
 

@@ -8,12 +8,15 @@ from dataclasses import dataclass
 
 from aero_bayes.data.cells import is_value
 from aero_bayes.errors import InputError
+from aero_bayes.language.units import TEMPERATURES, base_units, to_modelica_unit
 
 #: Rows of words above a table that may belong to it: names, units, types.
 MOST_HEADER_ROWS = 3
 #: Cells that are no units; those of a row that is not one of units but of types, or of kinds of averages.
 NO_UNIT = re.compile(r"|(double|single|float|u?int|real|bool(ean)?|string|char)\d*|ts|rn|-|none|n/?a", re.I)
 NO_UNITS = re.compile(rf"{NO_UNIT.pattern}|avg|smp|max|min|std|tot", re.I)
+#: Units as oscilloscopes spell them.
+UNIT_WORDS = {"second": "s", "seconds": "s", "volt": "V", "volts": "V", "ampere": "A", "amp": "A", "watt": "W"}
 COMMENTS = ("#", "%")
 Rows = Sequence[Sequence[str]]
 
@@ -64,6 +67,8 @@ def with_header(rows: Rows, run: Run, where: str) -> Found:
     first = run.start
     if _is_header(rows, run, whole=bool(header)) and len(header) < 2:
         header, first = (*header, run.start), run.start + 1
+    if len(header) > 1 and not _are_units(rows[header[1]]):
+        header = header[1:]
     if not header:
         other = any(_kind(row) == "words" and _used(row) > 1 for row in rows[: run.start])
         expected = f"names above its {run.used} columns" if other else "a header such as time,u,y"
@@ -85,8 +90,17 @@ def with_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
     """Return names of columns with the units of the row below them, ``F [N]``; types and the like are no units."""
     given = [u.strip("[]() ") for u in [*units, *[""] * len(names)]]
     no_unit = NO_UNITS if all(map(NO_UNITS.fullmatch, given)) else NO_UNIT
-    known = ["" if no_unit.fullmatch(u) else u for u in given]
+    known = ["" if no_unit.fullmatch(u) else UNIT_WORDS.get(u.lower(), u) for u in given]
     return [(f"{n} [{u}]" if n else u) if u else n for n, u in zip(names, known, strict=False)]
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Return whether at least half of the cells are units, types, or mean that there is no unit."""
+    given = [u.strip("[]() ") for u in row if u]
+    plain = [to_modelica_unit(u) for u in given]
+    known = [p in TEMPERATURES or base_units(p or "?") or NO_UNITS.fullmatch(u) or u.lower() in UNIT_WORDS
+             for u, p in zip(given, plain, strict=True)]  # fmt: skip
+    return 2 * sum(map(bool, known)) >= len(given)
 
 
 def _kind(row: Sequence[str]) -> str:

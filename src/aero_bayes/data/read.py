@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import plain_seconds
-from aero_bayes.data.checks import check_recording
+from aero_bayes.data.checks import MIN_SAMPLES, check_recording
 from aero_bayes.data.clock import with_steady_clock
 from aero_bayes.data.file_forms import column_names, data_files, read_columns
 from aero_bayes.data.layout import ColumnMap, Layout
@@ -120,12 +120,17 @@ def read_recordings(
         name, parts = asked.run(files)
         given = asked.joined(parts) if len(parts) > 1 else asked.read(parts[0])
         batches = _batches(given, batch if len(parts) == 1 else None)
+        short = [label for label, rows in batches.items() if label and rows.size < MIN_SAMPLES]
         for label, rows in batches.items():
+            if label in short:
+                continue
             own = _at_rows(given, rows) if label else given
             found.append(asked.recording(f"{name} {label}" if label else name, parts, own))
-        if len(batches) > 1 and batch is None:
-            note = f"{name}: the time runs back to its start: read as {len(batches)} recordings, {name} 1 and so on"
-            found[-1] = replace(found[-1], notes=(*found[-1].notes, note))
+        told = [f"{name}: the time runs back to its start {len(batches) - 1} times; each part is a recording, {name} 1 "
+                "and so on"] if len(batches) > 1 and batch is None else []  # fmt: skip
+        told += [f"{name}: {', '.join(short)} with fewer than {MIN_SAMPLES} rows are left out"] if short else []
+        if told and found:
+            found[-1] = replace(found[-1], notes=(*found[-1].notes, *told))
     return tuple(found)
 
 
@@ -140,7 +145,10 @@ def _batches(given: Columns, batch: str | None) -> dict[str, NDArray[np.intp]]:
     starts = np.concatenate(([0], np.flatnonzero(np.diff(time) < 0.0) + 1))
     lasting = time[np.append(starts[1:], time.size) - 1] - time[starts]
     late = time[starts[1:]] - time[0] > MAX_LATE_START * lasting[:-1]
-    if starts.size < 2 or not np.isfinite(time).all() or late.any() or (lasting <= 0.0).any():
+    on = [
+        r for r in starts[1:] if r + 1 < time.size and 0.0 < time[r + 1] - time[r - 1] < 3.0 * np.median(np.diff(time))
+    ]
+    if starts.size < 2 or not np.isfinite(time).all() or late.any() or on:  # on: one wrong number in between
         return {"": np.arange(time.size)}
     return {str(k + 1): rows for k, rows in enumerate(np.split(np.arange(time.size), starts[1:]))}
 
