@@ -62,6 +62,12 @@ def test_dates_of_several_files_have_one_origin(tmp_path: Path) -> None:
     assert found.inputs["u"] == pytest.approx(found.time)
 
 
+def test_files_whose_clocks_have_nothing_in_common_are_refused(flight: list[Path]) -> None:
+    write(flight[1], "timestamp,y", READINGS - 250_000_000, READINGS / 1e6)
+    with pytest.raises(InputError, match="do not overlap"):
+        read_recordings(flight, {"time": ColumnMap("timestamp", unit="us")}, layout=LAYOUT)
+
+
 def test_files_that_belong_together_in_more_than_one_way_are_a_question(flight: list[Path]) -> None:
     other = write(flight[0].parent / "rates2.csv", "timestamp,y", READINGS, READINGS / 1e6)
     with pytest.raises(InputError, match=r"commands.csv: has u but not y.*folder") as refused:

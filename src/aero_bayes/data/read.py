@@ -6,6 +6,7 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -142,15 +143,14 @@ def _batches(given: Columns, batch: str | None) -> dict[str, NDArray[np.intp]]:
         labels = np.asarray(given.batch)
         return {str(label): np.flatnonzero(labels == label) for label in dict.fromkeys(labels.tolist())}
     time = given.columns["time"]
-    starts = np.concatenate(([0], np.flatnonzero(np.diff(time) < 0.0) + 1))
-    lasting = time[np.append(starts[1:], time.size) - 1] - time[starts]
-    late = time[starts[1:]] - time[0] > MAX_LATE_START * lasting[:-1]
-    on = [
-        r for r in starts[1:] if r + 1 < time.size and 0.0 < time[r + 1] - time[r - 1] < 3.0 * np.median(np.diff(time))
-    ]
-    if starts.size < 2 or not np.isfinite(time).all() or late.any() or on:  # on: one wrong number in between
+    starts = np.flatnonzero(np.diff(time) < 0.0) + 1
+    edges = [0, *starts.tolist(), time.size]
+    usual = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    begins = all(time[b] - time[0] <= MAX_LATE_START * (time[b - 1] - time[a]) for a, b in pairwise(edges[:-1]))
+    goes_on = any(0.0 < time[r + 1] - time[r - 1] < 3.0 * usual for r in starts if r + 1 < time.size)
+    if not starts.size or not np.isfinite(time).all() or not begins or goes_on:  # it goes on after one wrong number
         return {"": np.arange(time.size)}
-    return {str(k + 1): rows for k, rows in enumerate(np.split(np.arange(time.size), starts[1:]))}
+    return {str(k + 1): rows for k, rows in enumerate(np.split(np.arange(time.size), starts))}
 
 
 @dataclass(frozen=True)
@@ -255,6 +255,12 @@ class _Asked:
         lacking += [] if set(pairs) & set(self.outputs) else self.outputs
         if lacking:
             raise InputError(f"{files[0].parent}: no file of the run has a column of {self.sources[lacking[0]]}")
+        begins, ends = zip(*((times[0], times[-1]) for times, _ in pairs.values() if times.size), strict=True)
+        if max(begins) > min(ends):
+            raise InputError(
+                f"{files[0]}: its times and those of {files[-1].name} do not overlap, expected files of one run that "
+                "count time from one instant"
+            )
         sha256 = hashlib.sha256("".join(sums).encode()).hexdigest()
         return Columns(joined(pairs, self.held), sha256, named, note="joined on time: " + "; ".join(notes))
 
