@@ -60,6 +60,7 @@ def excel(path: Path) -> None:
     rows = [["Test bench 3", None, None, None, None], [None] * 5, ["time", "P", "Q", "T", "T status"],
             ["s", "kW", "W", "degC", None]]  # fmt: skip
     rows += [[t, p / 1e3, q, y - 273.15, "Good"] for t, p, q, y in zip(TIME, P, Q, T, strict=True)]
+    rows += [[None] * 5, ["Mean", 1.5, -5.0, 20.0, None]]
     pandas.DataFrame(rows).to_excel(path, header=False, index=False)
 
 

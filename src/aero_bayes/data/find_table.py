@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from aero_bayes.data.cells import is_value
+from aero_bayes.data.findings import runs_of
 from aero_bayes.errors import InputError
 from aero_bayes.language.units import TEMPERATURES, base_units, to_modelica_unit
 
@@ -18,6 +19,8 @@ NO_UNITS = re.compile(rf"{NO_UNIT.pattern}|avg|smp|max|min|std|tot", re.I)
 #: Units as oscilloscopes spell them.
 UNIT_WORDS = {"second": "s", "seconds": "s", "volt": "V", "volts": "V", "ampere": "A", "amp": "A", "watt": "W"}
 COMMENTS = ("#", "%")
+#: Share of the cells of a column of values that are values.
+MOSTLY = 0.6
 Rows = Sequence[Sequence[str]]
 
 
@@ -34,11 +37,25 @@ class Run:
 
 @dataclass(frozen=True)
 class Found:
-    """A table: the names of its columns, the rows (from 0) of its header and its first row of data."""
+    """A table: the names of its columns, the rows (from 0) of its header and its first row of data.
+
+    ``lead`` is the first column that holds values, ``skipped`` are rows of cells above that are not read."""
 
     names: list[str]
     header: tuple[int, ...]
     first: int
+    lead: int | None
+    skipped: tuple[int, ...]
+
+    def goes_on(self, row: Sequence[str]) -> bool:
+        """Return whether a row of the table's width belongs to it: not if it is empty, or a word leads it."""
+        return any(row) and (self.lead is None or not row[self.lead] or is_value(row[self.lead]))
+
+    def note(self, file: str, below: Sequence[int]) -> str:
+        """Tell which rows above and below (from 0) are not read; empty if all are."""
+        rows = [r + 1 for r in (*self.skipped, *below)]
+        told = f"{file}: the names stand in row {self.header[0] + 1}; rows {runs_of(rows)} are not read"
+        return told if rows else ""
 
 
 def longest_run(rows: Rows) -> Run:
@@ -78,7 +95,13 @@ def with_header(rows: Rows, run: Run, where: str) -> Found:
             raise InputError(f"{where}, row {r + 1}: {told_width(len(rows[r]), run.used)}")
     names = [cell.lstrip("".join(COMMENTS)).strip() if len(cell) > 1 else cell for cell in rows[header[0]]]
     names = [*names, *[""] * run.width][: max(_used(names), run.used)]
-    return Found(with_units(names, rows[header[1]]) if len(header) > 1 else names, header, first)
+    names = with_units(names, rows[header[1]]) if len(header) > 1 else names
+    data = [row for row in rows[first : run.stop] if any(row)]
+    columns = [[row[k] for row in data if row[k]] for k in range(run.used)]
+    lead = next((k for k, cells in enumerate(columns) if sum(map(is_value, cells)) > MOSTLY * len(cells)), None)
+    above = (r for r in range(first) if r not in header[:2] and _kind(rows[r]) not in ("empty", "comment"))
+    skipped = tuple(r for r in above if not rows[r][0].lower().startswith("sep="))
+    return Found(names, header, first, lead, skipped)
 
 
 def told_width(cells: int, expected: int) -> str:

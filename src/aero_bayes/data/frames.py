@@ -50,7 +50,7 @@ class FrameTable:
         # Without its name pandas would ask the file for its engine first.
         options = {"engine": "openpyxl", "header": None, "sheet_name": None} if extra == "excel" else {}
         frame = _read_with_extra(path, extra, name, **options)
-        self.first_row, self.where = 1, str(path)
+        self.first_row, self.where, self._note = 1, str(path), ""
         if extra == "excel":
             frame = self._sheet(frame)
         elif frame.index.name is not None and frame.index.name not in frame.columns:
@@ -68,25 +68,25 @@ class FrameTable:
         if not len(found):
             raise InputError(f"{self.path}: holds a header but no data, expected one sample a row")
         digest, first = hashlib.sha256(self.path.read_bytes()).hexdigest(), self.first_row
-        return FileTable(found, digest, lambda row: f"row {row + first}", first)
+        return FileTable(found, digest, lambda row: f"row {row + first}", first, self._note)
 
     def _sheet(self, sheets: dict[str, pandas.DataFrame]) -> pandas.DataFrame:
         """Return the table of the first sheet that has one; its columns are those with a name."""
         for title, sheet in sheets.items():
-            rows = [
-                ["" if cell is None or cell != cell else str(cell).strip() for cell in row]
-                for row in sheet.head(MOST_ROWS).to_numpy()
-            ]
+            rows = [list(map(_text, row)) for row in sheet.head(MOST_ROWS).to_numpy()]
             run = longest_run(rows)
             if not run.stop:
                 continue
             found = with_header(rows, run, f"{self.path}, sheet {title}")
-            data = sheet.iloc[found.first :, : len(found.names)].set_axis(found.names, axis=1)
-            data = data.iloc[:, [k for k, name in enumerate(found.names) if name]].reset_index(drop=True)
+            stop = len(sheet)
+            while stop > found.first and not found.goes_on(list(map(_text, sheet.iloc[stop - 1]))):
+                stop -= 1
+            below = [r for r in range(stop, len(sheet)) if sheet.iloc[r].notna().any()]
+            self._note = found.note(f"{self.path.name}, sheet {title}", below)
             self.first_row, self.where = found.first + 1, f"{self.path}, sheet {title}, row {found.header[0] + 1}"
-            while len(data) and data.iloc[-1].isna().all():
-                data = data.iloc[:-1]
-            return data.infer_objects()
+            data = sheet.iloc[found.first : stop, : len(found.names)].set_axis(found.names, axis=1)
+            used = [k for k, name in enumerate(found.names) if name]
+            return data.iloc[:, used].reset_index(drop=True).infer_objects()
         raise InputError(f"{self.path}: no sheet has a row of names above rows of numbers")
 
 
@@ -109,3 +109,7 @@ def missing_extra(path: Path, extra: str) -> InputError:
         f"{path}: reading {path.suffix} files needs a further package: pip install 'aero-bayes[{extra}]', or write the "
         "signals as CSV"
     )
+
+
+def _text(cell: Any) -> str:
+    return "" if cell is None or cell != cell else str(cell).strip()

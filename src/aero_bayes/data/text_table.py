@@ -20,9 +20,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from aero_bayes.data.cells import DATE, NO_READING, NUMBER, is_value
+from aero_bayes.data.cells import DATE, NO_READING, NUMBER
 from aero_bayes.data.find_table import COMMENTS, longest_run, told_width, with_header
-from aero_bayes.data.findings import runs_of
 from aero_bayes.data.table import FileTable
 from aero_bayes.errors import InputError
 
@@ -42,8 +41,6 @@ EXACT_SINCE = (3, 1)
 BYTES_PER_VALUE, LEAST_BYTES = 24, 64 << 20
 #: Most lines of totals that may end a table.
 MOST_TOTALS = 50
-#: Share of the cells of a column of values that are values.
-MOSTLY = 0.6
 
 
 class TextTable:
@@ -65,11 +62,6 @@ class TextTable:
         self._found, self._width = with_header(self._rows, run, str(path)), run.width
         self.names = self._found.names
         self.where = f"{path}, row {self._found.header[0] + 1}"
-        values = [row for row in self._rows[self._found.first : run.stop] if any(row)]
-        columns = [[r[k] for r in values if r[k]] for k in range(run.used)]
-        shares = [sum(map(is_value, cells)) / max(len(cells), 1) for cells in columns]
-        #: The first column that holds values: a word in it ends the table.
-        self._lead = next((k for k, share in enumerate(shares) if share > MOSTLY), None)
 
     def head(self) -> pandas.DataFrame:
         """Return the first rows, as text."""
@@ -98,7 +90,7 @@ class TextTable:
                 at += blank <= at
             return at
 
-        note = self._note(below)
+        note = self._found.note(self.path.name, [number - 1 for number in below])
         return FileTable(frame.set_axis(list(columns), axis=1), sha256, lambda row: f"row {line(row)}", line(0), note)
 
     def _open(self) -> TextIO:
@@ -138,20 +130,7 @@ class TextTable:
         return blanks, count, sorted(number for number, _ in below), (comma, thousands)
 
     def _goes_on(self, line: str) -> bool:
-        """Return whether a line of the table's width belongs to it: it is not empty, and no word stands for a value."""
-        cells = _cells(line, self._separator)
-        return any(cells) and (self._lead is None or not cells[self._lead] or is_value(cells[self._lead]))
-
-    def _note(self, below: Sequence[int]) -> str:
-        """Tell which lines above and below the table are not read; comments go without saying."""
-        header = self._found.header
-        said = [(r, row) for r, row in enumerate(self._rows[: self._found.first]) if r not in header[:2] and any(row)]
-        above = [r + 1 for r, row in said if not row[0].lower().startswith((*COMMENTS, "sep="))]
-        if not above and not below:
-            return ""
-        return (
-            f"{self.path.name}: the names stand in row {header[0] + 1}; rows {runs_of([*above, *below])} are not read"
-        )
+        return self._found.goes_on(_cells(line, self._separator))
 
     def _frame(self, places: Sequence[int], count: int, marks: tuple[bool, bool]) -> pandas.DataFrame:
         """Return columns, cells with a decimal comma in columns of text put with a point."""
