@@ -17,6 +17,10 @@ CASES = Path(os.environ.get("AERO_BAYES_CASES", Path(__file__).parents[2].parent
 pytestmark = pytest.mark.skipif(not CASES.is_dir(), reason=f"no cases at {CASES}")
 
 
+#: Files with lines beside their table that are told; a separator too many goes without saying.
+SKIPPED = ("campbell.dat", "canape.csv", "foot.csv", "hobo.csv", "scope.csv")
+
+
 def run(*words: str | Path) -> Result:
     return CliRunner().invoke(main, [*map(str, words)])
 
@@ -52,6 +56,7 @@ def started(case: Path, model: str, data: str) -> dict[str, Any]:
     written = run("init", case / model, case / data, "--out", case / "new.toml")
     assert written.exit_code == 0, written.output
     assert "matches" not in written.output
+    assert ("are not read" in written.output) == (data in SKIPPED)
     return fitted(case, "new.toml", data)
 
 

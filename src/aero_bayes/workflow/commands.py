@@ -47,6 +47,7 @@ from aero_bayes.workflow.job import (
     layout_of,
     open_job,
     recordings_of,
+    tell_notes,
     which_model,
 )
 from aero_bayes.workflow.loop import (
@@ -152,8 +153,7 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     if config_path is None:
         check_default(files, layout)
     recordings = recordings_of(config, files, layout)
-    for note in dict.fromkeys(note for recording in recordings for note in recording.notes):
-        click.echo(f"note: {note}", err=True)
+    tell_notes(recordings)
     if model is not None:
         check_plausible(recordings, model)
     summaries = [summarise(recording) for recording in recordings]

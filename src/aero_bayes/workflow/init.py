@@ -29,7 +29,7 @@ from aero_bayes.language.sources import main_class, read_classes_of
 from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_modelica_unit
 from aero_bayes.simulation import Model, Variable, open_simulator
 from aero_bayes.simulation.load_model import load_model
-from aero_bayes.workflow.job import columns_of, layout_of
+from aero_bayes.workflow.job import columns_of, layout_of, tell_notes
 
 #: Number of sample times at which sensitivities are computed.
 SAMPLE_COUNT = 2000
@@ -264,6 +264,7 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
     layout = layout_of(config, model.declared, model)
     left = {v.name: _usual(v) for v in model.inputs if v.name not in (config.data.inputs or ())}
     recordings = read_recordings([data], columns_of(config), layout=replace(layout, constants=left))
+    tell_notes(recordings)
     settings = CalibrationSettings(delay="none", initial_states="estimated")
     whole = calibrate(recordings, model, parameters, settings=settings)
     calibration = replace(whole, data=whole.data.thinned(SAMPLE_COUNT))

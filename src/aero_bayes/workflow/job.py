@@ -125,8 +125,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         click.echo(f"note: {slow}", err=True)
     read = (*recordings, *test_recordings)
     recordings, test_recordings = screened(recordings, model), screened(test_recordings, model)
-    for note in dict.fromkeys(note for recording in read for note in recording.notes):
-        click.echo(f"note: {note}", err=True)
+    tell_notes(read)
     for finding in dict.fromkeys(f for recording in (*recordings, *test_recordings) for f in recording.findings):
         click.echo(f"note: {finding.sentence}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -212,6 +211,12 @@ def recordings_of(config: Config, files: Sequence[Path], layout: Layout) -> tupl
                     )
             found = tuple(replace(r, known={**r.known, name: values[r.name]}) for r in found)
     return found
+
+
+def tell_notes(recordings: Sequence[Recording]) -> None:
+    """Print what of the files was not read, and how they were joined."""
+    for note in dict.fromkeys(note for recording in recordings for note in recording.notes):
+        click.echo(f"note: {note}", err=True)
 
 
 def fit_parameters(model: Model, config: Config) -> ParameterSet:
