@@ -108,6 +108,17 @@ def test_readings_that_are_marked_as_bad_are_not_fitted(column: str, tmp_path: P
     assert "rows 5, 11" in found.findings[0].where
 
 
+@pytest.mark.parametrize("first", [1, 4])
+def test_rows_that_are_marked_as_bad_may_hold_words_only(first: int, tmp_path: Path) -> None:
+    layout = Layout.of([], ["P", "T"], {"P": "W", "T": "K"})
+    rows = [f"{t},{p},{y},Good" if not first <= k < first + 3 else f"{t},Bad Input,No Data,Bad"
+            for k, (t, p, _, y) in enumerate(ROWS, 1)]  # fmt: skip
+    (tmp_path / "run.csv").write_text("\n".join(["time,P,T,Quality", *rows]))
+    found = read_recording(tmp_path / "run.csv", layout=layout)
+    assert found.rows == 40
+    assert np.flatnonzero(np.isnan(found.outputs["T"])).tolist() == [first - 1, first, first + 1]
+
+
 def test_signals_with_clocks_of_their_own_come_to_one_time(tmp_path: Path) -> None:
     """Inputs hold until their next reading, outputs are missing between theirs."""
     rows = [f"P,{t},{t}" for t in range(0, 60, 3)] + [f"Q,{t},1" for t in (1, 30)] + [f"T,{t},{t}" for t in range(50)]

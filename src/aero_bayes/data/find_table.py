@@ -67,6 +67,8 @@ def longest_run(rows: Rows) -> Run:
             if spans[-1] and len(row) != len(rows[spans[-1][0]]):
                 spans.append([])
             spans[-1].append(r)
+        elif kind == "mixed" and spans[-1] and len(row) == len(rows[spans[-1][0]]):
+            spans[-1].append(r)  # readings may be words
         elif kind != "empty":
             spans.append([])
     longest = max(spans, key=len)
@@ -80,19 +82,24 @@ def longest_run(rows: Rows) -> Run:
 
 def with_header(rows: Rows, run: Run, where: str) -> Found:
     """Find the names, and units, above a run; InputError if there are none, or if other rows stand in between."""
-    header = _header_above(rows, run)
-    first = run.start
-    if _is_header(rows, run, whole=bool(header)) and len(header) < 2:
-        header, first = (*header, run.start), run.start + 1
+    header = _header_above(rows, run, ()) or _header_above(rows, run, (run.start - 1,))
+    between = (
+        [r for r in range(header[-1] + 1, run.start) if _kind(rows[r]) not in ("empty", "comment")] if header else []
+    )
+    for r in between:
+        if len(rows[r]) != run.width:
+            raise InputError(f"{where}, row {r + 1}: {told_width(len(rows[r]), run.used)}")
+    first = min(between, default=run.start)
+    if len(header) < 2 and _is_header(
+        rows[first], [row for row in rows[first + 1 : run.stop] if any(row)], bool(header)
+    ):
+        header, first = (*header, first), first + 1
     if len(header) > 1 and not _are_units(rows[header[1]]):
         header = header[1:]
     if not header:
         other = any(_kind(row) == "words" and _used(row) > 1 for row in rows[: run.start])
         expected = f"names above its {run.used} columns" if other else "a header such as time,u,y"
         raise InputError(f"{where}, row {run.start + 1}: holds numbers, expected {expected}")
-    for r in range(header[-1] + 1, first):
-        if _kind(rows[r]) in ("numbers", "words"):
-            raise InputError(f"{where}, row {r + 1}: {told_width(len(rows[r]), run.used)}")
     names = [cell.lstrip("".join(COMMENTS)).strip() if len(cell) > 1 else cell for cell in rows[header[0]]]
     names = [*names, *[""] * run.width][: max(_used(names), run.used)]
     names = with_units(names, rows[header[1]]) if len(header) > 1 else names
@@ -127,14 +134,16 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _kind(row: Sequence[str]) -> str:
-    """Tell rows apart: ``empty``, ``comment``, ``numbers`` (mostly, or two at least) or ``words``."""
+    """Tell rows apart: ``empty``, ``comment``, ``numbers`` (mostly, or two at least), ``mixed`` or ``words``."""
     given = [cell for cell in row if cell]
     if not given:
         return "empty"
     if row[0].startswith(COMMENTS) and row[0] not in COMMENTS:
         return "comment"
     values = sum(map(is_value, given))
-    return "numbers" if len(row) > 1 and (values >= 2 or 2 * values >= len(given)) else "words"
+    if len(row) > 1 and (values >= 2 or 2 * values >= len(given)):
+        return "numbers"
+    return "mixed" if values else "words"
 
 
 def _used(row: Sequence[str]) -> int:
@@ -147,7 +156,7 @@ def _are_names(row: Sequence[str], run: Run) -> bool:
     return run.used <= used <= run.width and 2 * sum(map(bool, row)) > used
 
 
-def _header_above(rows: Rows, run: Run) -> tuple[int, ...]:
+def _header_above(rows: Rows, run: Run, may_hold_numbers: Sequence[int]) -> tuple[int, ...]:
     """Return the rows of names and units above a run, or of the last comment that can be names."""
     found: list[int] = []
     comment: tuple[int, ...] = ()
@@ -155,8 +164,12 @@ def _header_above(rows: Rows, run: Run) -> tuple[int, ...]:
         kind = _kind(rows[r])
         if kind == "comment":
             comment = comment or ((r,) if not found and _are_names(rows[r], run) else ())
-        fits = kind == "words" and _used(rows[r]) <= run.width and len(rows[r]) > 1
-        if fits and len(found) < MOST_HEADER_ROWS and not (found and any(map(is_value, rows[r]))):
+        fits = (
+            (kind == "words" or (kind == "mixed" and r in may_hold_numbers))
+            and _used(rows[r]) <= run.width
+            and len(rows[r]) > 1
+        )
+        if fits and len(found) < MOST_HEADER_ROWS:
             found.append(r)
         elif found or comment:
             break
@@ -164,12 +177,11 @@ def _header_above(rows: Rows, run: Run) -> tuple[int, ...]:
     return comment if names is None else tuple(reversed(found[: names + 1]))
 
 
-def _is_header(rows: Rows, run: Run, *, whole: bool) -> bool:
-    """Return whether the first row of a run belongs to its header: names of which most are numbers, ``time,1,2,3``.
+def _is_header(first: Sequence[str], below: Rows, named: bool) -> bool:
+    """Return whether the first row of a table belongs to its header: names of which most are numbers, ``time,1,2,3``.
 
-    Below names (``whole``) it has units, and a word in every column that has cells below it."""
-    first, below = rows[run.start], [row for row in rows[run.start + 1 : run.stop] if any(row)]
+    Below names it has units, and a word in every column that has cells below it."""
     words = [k for k, cell in enumerate(first) if cell and not is_value(cell)]
-    if whole:
-        return bool(below) and all(k in words for k in range(run.width) if any(row[k] for row in below))
+    if named:
+        return bool(below) and all(k in words for k in range(len(first)) if any(row[k] for row in below))
     return bool(below) and any(all(is_value(row[k]) for row in below if row[k]) for k in words)
