@@ -85,7 +85,7 @@ KEYS: Mapping[str, str] = {
     "anew in each recording, or `{heater = 1200}` for a dead time of single ones; left out: what the package declares "
     "(the AERO: 0.02), else none",
     "fit.ripple": "what becomes of ripple locked to a rotor",
-    "fit.priors_from": "`posterior.nc` of an earlier experiment, whose draws are the prior of this one",
+    "priors_from": "`posterior.nc` of an earlier experiment, whose draws are the prior of this one",
     "fit.stages[].parameters": "parameters of this stage",
     "fit.stages[].outputs": "outputs of this stage",
     "fit.pso.particles": "particles of the swarm",
@@ -177,14 +177,15 @@ def _section(section: type[BaseModel], path: str) -> Iterator[str]:
         if inner is not None:
             below.append((inner, f"{path}.{name}".lstrip(".") + {"dict": ".NAME", "list": "[]", "": ""}[many]))
         else:
-            rows.append((f"`{name}`", _type(field.annotation), _default(field), _meaning(f"{path}.{name}", field)))
+            rows.append((f"`{name}`", _type(field.annotation), _default(field),
+                         _meaning(f"{path}.{name}".lstrip("."), field)))  # fmt: skip
     if "__pydantic_extra__" in section.__annotations__:  # a table of any other name
         inner, _ = _inner(typing.get_type_hints(section)["__pydantic_extra__"])
         assert inner is not None
         below.append((inner, f"{path}.NAME"))
     if rows:
-        title = f"[[{path[:-2]}]]" if path.endswith("[]") else f"[{path}]"
-        yield f"## `{title}`\n\n" + _table(("key", "value", "default", "meaning"), rows)
+        title = f"`[[{path[:-2]}]]`" if path.endswith("[]") else f"`[{path}]`" if path else "Above all tables"
+        yield f"## {title}\n\n" + _table(("key", "value", "default", "meaning"), rows)
     for inner, place in below:
         yield from _section(inner, place)
 

@@ -110,9 +110,7 @@ class StageSection(Section):
 
 
 class FitSection(Section):
-    """``[fit]``: the cost, the search, and what else is estimated beside the parameters.
-
-    ``priors_from`` is the ``posterior.nc`` of an earlier experiment, the prior of this one."""
+    """``[fit]``: the cost, the search, and what else is estimated beside the parameters."""
 
     cost: Literal["posterior", "weighted", "eq6"] = "posterior"
     method: Literal["pso+local", "pso", "local"] = "pso+local"
@@ -120,7 +118,6 @@ class FitSection(Section):
     initial_states: Literal["auto", "reading", "estimated"] = "auto"
     max_input_delay: Annotated[float, Field(ge=0)] | dict[str, Annotated[float, Field(ge=0)]] | None = None
     ripple: Literal["subtract", "describe", "ignore"] = "subtract"
-    priors_from: Path | None = None
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()
     local: LocalSection = LocalSection()
@@ -196,7 +193,7 @@ class SolverSection(Section):
 
 
 class Config(Section):
-    """The whole file."""
+    """The whole file; ``priors_from`` is the ``posterior.nc`` of an earlier experiment, the prior of this one."""
 
     model: ModelSection = ModelSection()
     data: DataSection = DataSection()
@@ -207,6 +204,7 @@ class Config(Section):
     prediction: PredictionSection = PredictionSection()
     loop: LoopSection = LoopSection()
     solver: SolverSection = SolverSection()
+    priors_from: Path | None = None
     _file: Path | None = PrivateAttr(None)
 
     def place(self, name: str) -> str:
@@ -256,10 +254,8 @@ def resolve_paths(config: Config, folder: Path) -> Config:
             "libraries": tuple(folder / library for library in model.libraries),
         }
     )
-    fit = config.fit
-    if fit.priors_from is not None:
-        fit = fit.model_copy(update={"priors_from": folder / fit.priors_from})
-    return config.model_copy(update={"model": resolved, "fit": fit})
+    prior = folder / config.priors_from if config.priors_from is not None else None
+    return config.model_copy(update={"model": resolved, "priors_from": prior})
 
 
 def _first_problem(error: ValidationError, whole: type[BaseModel]) -> str:

@@ -1,4 +1,4 @@
-"""``[fit] priors_from``: draws of an earlier experiment become the prior of those parameters that have none here."""
+"""``priors_from``: draws of an earlier experiment become the prior of those parameters that have none here."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from aero_bayes.workflow.job import fit_parameters
 
 pytestmark = pytest.mark.fast
 
-TOML = """[fit]
-priors_from = "first/posterior.nc"
+TOML = """priors_from = "first/posterior.nc"
 [parameters]
 a = {free = true, lower = 1e-3, upper = 1e3}
 b = {free = true, lower = -10, upper = 10}

@@ -247,10 +247,10 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
                 which = "" if name in str(error) else f"{name}: "
                 raise InputError(f"{config.place(name)}{which}{error}") from None
     parameters = parameters_from_model(model, overrides=overrides)
-    if config.fit.priors_from is None:
+    if config.priors_from is None:
         return parameters
     own = [name for name, section in config.parameters.items() if section.prior is not None]
-    return _after_experiment(config.fit.priors_from, parameters, own)
+    return _after_experiment(config.priors_from, parameters, own)
 
 
 def _after_experiment(path: Path, parameters: ParameterSet, own: Sequence[str]) -> ParameterSet:
