@@ -63,8 +63,8 @@ KEYS: Mapping[str, str] = {
     "data.columns.NAME.counts_per_revolution": "of the encoder, for the units `count` and `count/s`",
     "data.columns.NAME.unwrap": "an angle that is recorded modulo one turn: its jumps of a turn are taken out",
     "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
-    "parameters.NAME.value": "start of the search; value of a parameter that is held (SI); `{light = 1.0, heavy = 2.5}`: "
-    "known values by recording",
+    "parameters.NAME.value": "start of the search; value of a parameter that is held (SI); "
+    "`{light = 1.0, heavy = 2.5}`: known values by recording",
     "parameters.NAME.per_recording": "fit a value of its own for each recording, which results call `NAME@recording`",
     "parameters.NAME.values": "`[1, 2, 3]`, `[true, false]` or names of enumeration literals: each is fitted, the "
     "likeliest is reported; for parameters that no search can move, and Real ones (`fit`, `posterior`)",
