@@ -100,11 +100,6 @@ class ModelicaFamily:
         """Return the declared priors."""
         return declared_overrides(model)
 
-    @property
-    def extra_terms_are_free(self) -> bool:
-        """Never: a structure costs what its own terms cost."""
-        return False
-
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
         kept = self.places.allowed(self.places.candidates_for(calibration.data))
@@ -126,10 +121,6 @@ class ModelicaFamily:
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
         return port_nominals(self.places.flat, self.places.ports, calibration, fit, open_simulator)
-
-    def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
-        """Return ids of candidates that are best tried on one model together."""
-        return tuple((id_,) for id_ in self.terms.placed)
 
     def refinements(self) -> Mapping[str, str]:
         """Return, for each law that refines another one at the same port, that one."""

@@ -18,12 +18,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.parameters import Parameter, parameters_from_model
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.result import Fit
-<<<<<<< HEAD
 from aero_bayes.estimate.step_budget import steps_taken
-from aero_bayes.judge.choice import Choice
-from aero_bayes.judge.choose import Chooser, worth_all_readings
-=======
->>>>>>> loop
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
 from aero_bayes.laws.candidate_filter import CandidateFilter
@@ -167,26 +162,6 @@ def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
     return found
 
 
-<<<<<<< HEAD
-def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, Choice]:
-    """Search over structures from the first model at its best, and choose."""
-    settings, family = context.settings, context.family
-    plain = base.plain
-    family.prepare(plain, base.fit, context.open)
-    interpolation_is_free = settings.fitting.calibration.interpolation == "auto"
-    with context.open(plain.problem()) as simulator:
-        steps = steps_taken(plain, simulator, base.fit.coordinates)
-    source = ModelSource(
-        family, plain, base.fit.free, context.open_objective, context.open, interpolation_is_free, steps
-    )
-    cache, curves = ModelCache(source), tuple(family.curves())
-    groups = family.candidate_groups()
-    searched = other_cause(base, settings) is None
-    library = Library(groups, family.refinements(), curves) if searched else Library((), {}, ())
-    fit = replace(settings.local_fit, floors=plain.data.floors)
-    work = SearchControl(
-        context.statistics.time_is_up, context.map, lambda what, share: context.progress(what, 0.2 + 0.5 * share)
-=======
 def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) -> Search:
     """Search over structures from the first model; not where another cause has ``explained`` what it leaves."""
     settings, family, statistics = context.settings, context.family, context.statistics
@@ -195,11 +170,12 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     share = beginning_share(lengths, first.fit.series, first.fit.optimum.whitened)
     plain = first.plain if share >= 1.0 else replace(first.plain, data=first.plain.data.beginning(share))
     held = {} if explained else _held_values(first.plain, settings)
-    source = ModelSource(family, plain, first.fit.free, context.open_objective, context.open, held)
+    with context.open(plain.problem()) as simulator:
+        steps = steps_taken(plain, simulator, first.fit.optimum.coordinates)
+    source = ModelSource(family, plain, first.fit.free, context.open_objective, context.open, held, steps)
     laws = () if explained else placed
     library = Library(
         (*laws, *held), family.refinements(), frozenset(family.curves()), settings.require, settings.max_effects
->>>>>>> loop
     )
     context.progress("trying each candidate", 0.15)
     statistics.set_time_limit(60.0 * settings.max_minutes)

@@ -15,21 +15,12 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise
 from aero_bayes.estimate.objective import Objective
-<<<<<<< HEAD
-from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.progressive_horizon import OpenSimulator
-from aero_bayes.estimate.step_budget import with_step_budget
-from aero_bayes.laws.model_family import CandidateTerm, ModelFamily
-from aero_bayes.search.response import LinearResponse
-from aero_bayes.search.structure import Structure
-from aero_bayes.sensors.noise import OutputNoise
-=======
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, prior_curvature
 from aero_bayes.estimate.recording_parameters import for_recordings
+from aero_bayes.estimate.step_budget import with_step_budget
 from aero_bayes.laws.model_family import CandidateTerm, ModelFamily, OpenSimulator
 from aero_bayes.search.table import Terms
 from aero_bayes.simulation.interface import ParameterTarget
->>>>>>> loop
 
 #: What the id of a value that is held fixed and may be wrong begins with: ``value@J_p``.
 VALUE = "value@"
@@ -169,22 +160,18 @@ class LinearResponse:
 
 @dataclass(frozen=True, eq=False)
 class ModelSource:
-<<<<<<< HEAD
-    """Where candidate models come from. ``steps`` are those of the first model in each recording, which limit them."""
-=======
-    """Where models of structures come from; ``held`` are values that are held fixed and may be wrong, by their ids."""
->>>>>>> loop
+    """Where models of structures come from.
+
+    ``held`` are values that are held fixed and may be wrong, by their ids; ``steps`` are those of the first model in
+    each recording, which limit what a run may take."""
 
     family: ModelFamily
     plain: Calibration
     free_base_columns: tuple[int, ...]
     open_objective: Callable[[Calibration], Objective]
     open: OpenSimulator
-<<<<<<< HEAD
-    interpolation_is_free: bool
-    steps: tuple[int, ...] = ()
-=======
     held: Mapping[str, Parameter]
+    steps: tuple[int, ...] = ()
 
     def build(self, terms: Collection[str]) -> CandidateModel:
         """Return the model with some terms and no others, switched off. CannotFinishError if there is none."""
@@ -196,7 +183,7 @@ class ModelSource:
             first += count
         for id_ in sorted(t for t in terms if t in self.held):
             parts.append((value_candidate(self.held[id_]), (replace(self.held[id_], free_if_identified=False),)))
-        calibration = self.family.transfer(self.plain, offer.model)
+        calibration = with_step_budget(self.family.transfer(self.plain, offer.model), self.steps)
         candidates: dict[str, CandidateTerm] = {}
         for candidate, own in parts:
             known = {p.name for p in calibration.parameters}
@@ -218,7 +205,6 @@ class ModelSource:
         if not any(p.starts for p in own):
             return tuple(own)
         return for_recordings(ParameterSet(tuple(own)), calibration.model, calibration.data.recordings).items
->>>>>>> loop
 
 
 def value_candidate(held: Parameter) -> CandidateTerm:
@@ -244,48 +230,10 @@ class Models:
                 self._built[key] = None
         return self._built[key]
 
-<<<<<<< HEAD
-    def _build(self, setting: Structure, wanted: frozenset[str]) -> CandidateModel:
-        plain, own = with_setting(self.source.plain, self.source.free_base_columns, setting)
-        offer = self.source.family.with_candidates(wanted)
-        calibration = with_step_budget(self.source.family.transfer(plain, offer.model), self.source.steps)
-        calibration = replace(calibration, parameters=calibration.parameters.extended(offer.parameters))
-        first = len(plain.parameters)
-        found = {}
-        for candidate, count in offer.candidates:
-            found[candidate.id] = replace(candidate, columns=tuple(range(first, first + count)))
-            first += count
-        return CandidateModel(self.source.open_objective(calibration), found, own, self.source.open)
-
-    @property
-    def free_later(self) -> tuple[str, ...]:
-        """Parameters that are fixed until the search frees them."""
-        return tuple(p.name for p in self.source.plain.parameters if p.free_if_identified)
-
-    @property
-    def interpolation_is_free(self) -> bool:
-        """Whether the search may change the interpolation of the inputs."""
-        return self.source.interpolation_is_free and with_other_interpolation(self.source.plain) is not None
-
-    @property
-    def ports(self) -> dict[str, str]:
-        """The port of each term that was built in."""
-        return {id_: c.port for model in self._built.values() for id_, c in model.candidates.items()}
-
-    def on_beginning(self, share: float) -> ModelCache:
-        """Return the same models on the first ``share`` of each recording."""
-        plain = self.source.plain
-        return ModelCache(replace(self.source, plain=replace(plain, data=plain.data.beginning(share))))
-
-    def close(self, count: Callable[[Objective], None] = lambda objective: None) -> None:
-        """Close all simulators; ``count`` is told each objective."""
-        for model in self._built.values():
-=======
     def drop(self, terms: Collection[str], count: Callable[[Objective], None] = lambda objective: None) -> None:
         """Close a model; ``count`` is told its objective."""
         model = self._built.pop(tuple(sorted(terms)), None)
         if model is not None:
->>>>>>> loop
             count(model.objective)
             model.objective.simulator.close()
 
