@@ -17,7 +17,6 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, prior_curvature
 from aero_bayes.estimate.recording_parameters import for_recordings
-from aero_bayes.estimate.step_budget import with_step_budget
 from aero_bayes.laws.model_family import CandidateTerm, ModelFamily, OpenSimulator
 from aero_bayes.search.table import Terms
 from aero_bayes.simulation.interface import ParameterTarget
@@ -160,10 +159,7 @@ class LinearResponse:
 
 @dataclass(frozen=True, eq=False)
 class ModelSource:
-    """Where models of structures come from.
-
-    ``held`` are values that are held fixed and may be wrong, by their ids; ``steps`` are those of the first model in
-    each recording, which limit what a run may take."""
+    """Where models of structures come from; ``held`` are values that are held fixed and may be wrong, by their ids."""
 
     family: ModelFamily
     plain: Calibration
@@ -171,7 +167,6 @@ class ModelSource:
     open_objective: Callable[[Calibration], Objective]
     open: OpenSimulator
     held: Mapping[str, Parameter]
-    steps: tuple[int, ...] = ()
 
     def build(self, terms: Collection[str]) -> CandidateModel:
         """Return the model with some terms and no others, switched off. CannotFinishError if there is none."""
@@ -183,7 +178,7 @@ class ModelSource:
             first += count
         for id_ in sorted(t for t in terms if t in self.held):
             parts.append((value_candidate(self.held[id_]), (replace(self.held[id_], free_if_identified=False),)))
-        calibration = with_step_budget(self.family.transfer(self.plain, offer.model), self.steps)
+        calibration = self.family.transfer(self.plain, offer.model)
         candidates: dict[str, CandidateTerm] = {}
         for candidate, own in parts:
             known = {p.name for p in calibration.parameters}
