@@ -20,14 +20,14 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.attach import AlgebraicLoopError, OpenModel, attached
+from aero_bayes.laws.attach import OpenModel, attached
 from aero_bayes.laws.candidates import (
     is_possible,
     ports_with_laws,
 )
 from aero_bayes.laws.compose import compose_laws
 from aero_bayes.laws.coupled_fmu import couple
-from aero_bayes.laws.law_blocks import LawBlocks, can_be_attached
+from aero_bayes.laws.law_blocks import AlgebraicLoopError, LawBlocks, can_be_attached
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.learned_curve import curve_basis, curve_variable, isolated_curve, with_curve_inputs
 from aero_bayes.laws.model_family import (
