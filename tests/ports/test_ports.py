@@ -17,7 +17,6 @@ from aero_bayes.laws import (
     find_candidates,
     place_law,
     ports_with_laws,
-    with_candidates,
     with_probes,
     write_laws,
 )
@@ -222,25 +221,6 @@ end Chain;
     change = wide(point)["der(x[2])"] - base(point)["der(x[2])"]
     assert change == pytest.approx(-0.9 * point["x[2]"] / 5)
     assert again(point) == pytest.approx(wide(point))
-
-
-@pytest.mark.parametrize("model", FOUND)
-def test_screening_carries_every_law_switched_off(
-    model: str, laws: tuple[Law, ...], models: LawModels, rng: Generator
-) -> None:
-    flat = rig(model)
-    ports = ports_with_laws(flat, laws)
-    wide_flat, placed_laws = with_candidates(flat, find_candidates(ports, laws), {}, models)
-    names = [n for u in placed_laws for n in u.names.values()]
-    assert len(names) == len(set(names))
-    assert {u.id for u in placed_laws} == {f"{law}@{p.id}" for p in ports for law in p.laws} - {
-        "exchange@h2", "exchange@two.port",
-    }  # fmt: skip
-    base, wide = Numbers(explicit(flat)), Numbers(explicit(wide_flat))
-    point = somewhere(base.names(), rng)
-    expected = base(point)
-    found = wide({**dict.fromkeys(wide.names(), 0.3), **point})
-    assert {k: found[k] for k in expected} == pytest.approx(expected, rel=1e-11)
 
 
 @pytest.mark.parametrize("model", FOUND)

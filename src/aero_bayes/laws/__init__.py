@@ -3,7 +3,7 @@
 from aero_bayes.laws.attach import OpenModel, attached
 from aero_bayes.laws.candidate_filter import CandidateFilter
 from aero_bayes.laws.candidates import Candidate, find_candidates, ports_with_laws
-from aero_bayes.laws.compose import LawModels, compose_law, compose_laws, law_models, with_candidates, with_probes
+from aero_bayes.laws.compose import LawModels, compose_law, compose_laws, law_models, with_probes
 from aero_bayes.laws.coupled_fmu import couple
 from aero_bayes.laws.fmu_places import FmuPlaces
 from aero_bayes.laws.fmu_ports import FmuBoundary
@@ -21,5 +21,5 @@ __all__ = [
     "FmuBoundary", "FmuPlaces", "Law", "LawBlocks", "LawModels", "LawPlaces",
     "ModelicaFamily", "OpenModel", "PlacedLaw", "WrittenModel", "attached", "compose_law", "compose_laws", "couple",
     "find_candidates", "law_models", "place_law", "place_laws", "ports_with_laws", "read_laws",
-    "reserved_names", "shipped_laws", "with_candidates", "with_probes", "write_laws",
+    "reserved_names", "shipped_laws", "with_probes", "write_laws",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, AttachedLaw, Coupling, Setting, Source, Terms
-from aero_bayes.laws.law_blocks import RATE_SUFFIX, LawBlocks
+from aero_bayes.laws.law_blocks import RATE_SUFFIX, AlgebraicLoopError, LawBlocks
 from aero_bayes.laws.open_replaceables import Terminals
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.ports.port import DIFFERENCE, Port
@@ -18,10 +18,6 @@ from aero_bayes.simulation import Model
 
 #: A law, and the component of a replaceable model in which it is; empty for none.
 Placed = tuple[PlacedLaw, str]
-
-
-class AlgebraicLoopError(Exception):
-    """What a law reads depends at once on what it gives back, so that it cannot be attached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +62,8 @@ class _Attaching:
             for placed in placed_laws
             for component in (placed.port.replaceable.components if placed.port.replaceable is not None else ("",))
         ]
+        if closed := [component for _, component in self.placed if component and component not in base.terminals]:
+            raise AlgebraicLoopError(closed[0])
         self.acting: dict[str, Terms] = {name: ((Source(INPUT, k), 1.0),) for k, name in enumerate(base.inputs)}
         self.changed: dict[str, Terms] = {}
         self.probed: dict[str, Terms] = {}

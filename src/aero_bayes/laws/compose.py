@@ -21,10 +21,9 @@ from aero_bayes.export.compose import (
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.language.syntax import Call, Expression, Name, Number, map_names, parse_reference
-from aero_bayes.laws.candidates import Candidate
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.law_text import class_text
-from aero_bayes.laws.placed_law import PlacedLaw, identifier, place_laws
+from aero_bayes.laws.placed_law import PlacedLaw, identifier
 from aero_bayes.ports import Attachment, Port, defining_equations, signal_expression
 from aero_bayes.scratch import ScratchFolder
 
@@ -177,42 +176,34 @@ def compose_laws(flat: FlatModel, placed_laws: Sequence[PlacedLaw], models: LawM
     return flat
 
 
-def with_candidates(
-    flat: FlatModel, found: Sequence[Candidate], nominals: Mapping[str, Mapping[str, float]], models: LawModels
-) -> tuple[FlatModel, tuple[PlacedLaw, ...]]:
-    """Build many candidates into one model, all switched off.
-
-    Laws that need the derivative of a reading are the innermost ones there."""
-    placed_laws = place_laws(found, {v.name for v in flat.variables}, nominals)
-    inner_first = sorted(placed_laws, key=lambda u: not u.law.needs_derivative)
-    return compose_laws(flat, inner_first, models), placed_laws
-
-
 def with_probes(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict[str, str]]:
     """Return the model with a probe input at every port, zero by default, and the name of each by the id of its port.
 
     A probe is added to an input or an output. In a balance it drives, where a law would oppose."""
     names: dict[str, str] = {}
     for port in ports:
-        name = f"probe_{identifier(port.id)}"
-        flat = add_input(flat, name, port.unit, f"Unknown signal at {port.id}")
-        names[port.id] = name
+        name = names[port.id] = f"probe_{identifier(port.id)}"
         signal = port.signals.get("u", "")
         if signal:
             flat = separate_elements(flat, signal)
-        if port.attachment == "input":
-            flat = replace_uses(flat, signal, Call("+", (parse_reference(signal), Name(name))))
-        elif port.defining_equation is not None:
-            flat = replace_uses(
-                flat, signal, Call("+", (parse_reference(signal), Name(name))), defining_equations(flat, port)
-            )
-        elif port.attachment == "output":
+        if port.attachment == "output":
+            flat = add_input(flat, name, port.unit, f"Unknown signal at {port.id}")
             inner = f"{identifier(signal)}_without_{name}"
             flat = replace_uses(flat, signal, Name(inner))
             flat = _with_start_moved(add_variable(flat, inner, port.unit), signal, inner)
             flat = equate(flat, signal, Call("+", (Name(inner), Name(name))))
-        else:
-            flat = add_to_balance(flat, port, Name(name), -1.0)
-            if port.kind == "motion" and port.neighbours:
-                flat = add_to_balance(flat, next(p for p in ports if p.id == port.neighbours[0]), Name(name), 1.0)
+            continue
+        flat = with_probe(flat, port, name, -1.0)
+        if port.balance is not None and port.kind == "motion" and port.neighbours:
+            flat = add_to_balance(flat, next(p for p in ports if p.id == port.neighbours[0]), Name(name), 1.0)
     return flat, names
+
+
+def with_probe(flat: FlatModel, port: Port, name: str, sign: float) -> FlatModel:
+    """Return the model with a probe input that is added to a balance with a sign, or to a signal where it is used."""
+    flat = add_input(flat, name, port.unit, f"Unknown signal at {port.id}")
+    if port.defining_equation is None and port.attachment != "input":
+        return add_to_balance(flat, port, Name(name), sign)
+    signal = port.signals["u"]
+    kept = defining_equations(flat, port) if port.defining_equation is not None else ()
+    return replace_uses(flat, signal, Call("+", (parse_reference(signal), Name(name))), kept)

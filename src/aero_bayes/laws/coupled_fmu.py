@@ -212,7 +212,7 @@ class _Table:
                          self.first_state + i, initial=initial, start=s.start)  # fmt: skip
             yield _rate(s, name, BASE, rate)
         for k, law in enumerate(self.coupling.laws, 1):
-            nominals = law.nominals or [s.nominal for s in law.model.states]
+            nominals: Sequence[float | None] = law.nominals or [None] * len(law.model.states)
             for s, rate, nominal in zip(law.model.states, law.model.derivatives, nominals, strict=True):
                 name = f"{law.name}.{s.name}"
                 yield _Shown(

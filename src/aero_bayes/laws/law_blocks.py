@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from aero_bayes.errors import InputError
 from aero_bayes.export.causalisation import causalise
 from aero_bayes.export.compose import attribute_value
 from aero_bayes.export.embedded import export_flat
@@ -25,6 +26,10 @@ from aero_bayes.simulation import Model, Variable
 RATE_SUFFIX = "_rate"
 
 
+class AlgebraicLoopError(Exception):
+    """A law and the model have to be solved together, so that it cannot be attached."""
+
+
 @dataclass(frozen=True, eq=False)
 class LawBlocks:
     """The FMUs of laws: inputs are what a law reads, parameters its sizes and what is fitted."""
@@ -34,14 +39,17 @@ class LawBlocks:
     _exported: dict[tuple[str, str], Model] = field(default_factory=dict, repr=False)
 
     def model(self, placed: PlacedLaw) -> Model:
-        """Return the FMU of a law."""
+        """Return the FMU of a law. Raises AlgebraicLoopError where it cannot be solved for what it gives."""
         law, place = placed.law, placed.port.replaceable
         key = (law.kind, law.id)
         if key not in self._exported:
             flat = self.models[key]
             join = None if place is None else place.combination
             flat = _block(law, flat) if join is None else effect_block(flat, join)
-            self._exported[key] = self._export(_simplified(_with_fitted(flat, law)), f"{law.kind}_{law.id}")
+            try:
+                self._exported[key] = self._export(_simplified(_with_fitted(flat, law)), f"{law.kind}_{law.id}")
+            except InputError as error:
+                raise AlgebraicLoopError(f"{placed.id}: {error}") from None
         return self._exported[key]
 
     def attached(self, placed: PlacedLaw, name: str, others: Mapping[str, float]) -> AttachedLaw:

@@ -85,17 +85,8 @@ class ModelFamily(Protocol):
         """Return priors and bounds that are known beside those that the model declares, by parameter."""
         ...
 
-    @property
-    def extra_terms_are_free(self) -> bool:
-        """Whether further candidates in a model do not slow its simulation down."""
-        ...
-
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the candidates, with nominal values from a fit of the base model. Returns their ids."""
-        ...
-
-    def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
-        """Return ids of candidates that are best tried on one model together."""
         ...
 
     def refinements(self) -> Mapping[str, str]:

@@ -20,14 +20,14 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.attach import AlgebraicLoopError, OpenModel, attached
+from aero_bayes.laws.attach import OpenModel, attached
 from aero_bayes.laws.candidates import (
     is_possible,
     ports_with_laws,
 )
 from aero_bayes.laws.compose import compose_laws
 from aero_bayes.laws.coupled_fmu import couple
-from aero_bayes.laws.law_blocks import LawBlocks, can_be_attached
+from aero_bayes.laws.law_blocks import AlgebraicLoopError, LawBlocks, can_be_attached
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.learned_curve import curve_basis, curve_variable, isolated_curve, with_curve_inputs
 from aero_bayes.laws.model_family import (
@@ -100,11 +100,6 @@ class ModelicaFamily:
         """Return the declared priors."""
         return declared_overrides(model)
 
-    @property
-    def extra_terms_are_free(self) -> bool:
-        """Never: a structure costs what its own terms cost."""
-        return False
-
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
         kept = self.places.allowed(self.places.candidates_for(calibration.data))
@@ -126,10 +121,6 @@ class ModelicaFamily:
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
         return port_nominals(self.places.flat, self.places.ports, calibration, fit, open_simulator)
-
-    def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
-        """Return ids of candidates that are best tried on one model together."""
-        return tuple((id_,) for id_ in self.terms.placed)
 
     def refinements(self) -> Mapping[str, str]:
         """Return, for each law that refines another one at the same port, that one."""

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.compose import add_input, add_output, attribute_value, replace_uses
+from aero_bayes.export.compose import add_output, attribute_value
 from aero_bayes.export.flat import FlatModel
-from aero_bayes.language.syntax import Call, Name, parse_reference
+from aero_bayes.language.syntax import Call, parse_reference
 from aero_bayes.laws.attach import OpenModel
-from aero_bayes.laws.compose import add_to_balance
+from aero_bayes.laws.compose import with_probe
 from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, Source, Terms
 from aero_bayes.laws.open_replaceables import members, open_replaceables
 from aero_bayes.laws.placed_law import PlacedLaw, identifier
 from aero_bayes.laws.state_names import state_aliases
-from aero_bayes.ports import AliasStructure, Port, alias_structure, defining_equations
+from aero_bayes.ports import AliasStructure, alias_structure
 from aero_bayes.ports.port import DIFFERENCE
 from aero_bayes.simulation import Model
 
@@ -40,7 +40,7 @@ def open_model(
     for port in ports.values():
         if port.attachment not in ("input", "output", "redeclare"):
             probes[port.id] = f"{PROBE}{identifier(port.id)}"
-            flat = _with_probe(flat, port, probes[port.id])
+            flat = with_probe(flat, port, probes[port.id], 1.0)
     read = [given for port in ports.values() for given in port.signals.values()]
     read += [signal for component, found in opened.items() for signal in found.reads_in(component).values()]
     signals = dict.fromkeys(one for given in read for one in given.split(DIFFERENCE))
@@ -123,16 +123,6 @@ def _constants(flat: FlatModel, component: str) -> dict[str, float]:
             with suppress(InputError):
                 found[v.name] = attribute_value(flat, f"{component}.{v.name}", "value")
     return found
-
-
-def _with_probe(flat: FlatModel, port: Port, name: str) -> FlatModel:
-    """Add an input that is added to a balance, or to a signal wherever it is used."""
-    flat = add_input(flat, name, port.unit, f"What laws give at {port.id}")
-    if port.defining_equation is None:
-        return add_to_balance(flat, port, Name(name), 1.0)
-    signal = port.signals["u"]
-    changed = Call("+", (parse_reference(signal), Name(name)))
-    return replace_uses(flat, signal, changed, defining_equations(flat, port))
 
 
 def _places(model: Model, structure: AliasStructure) -> Places:

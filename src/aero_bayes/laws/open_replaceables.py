@@ -74,9 +74,10 @@ def open_replaceables(
     A replaceable model whose neutral class states something else stays as it is."""
     names: dict[str, str] = {}
     opened: dict[str, Terminals] = {}
-    for place in places:
-        for component in place.components if place.combination is not None else ():
-            found = terminals(place.combination, members(flat, component))
+    for join, components in ((place.combination, place.components) for place in places):
+        for component in components if join is not None else ():
+            assert join is not None
+            found = terminals(join, members(flat, component))
             neutral = [i for i, e in enumerate(flat.equations) if e.component == component and e.origin == "component"]
             if len(neutral) != len(found.definitions):
                 continue
