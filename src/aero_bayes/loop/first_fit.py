@@ -18,17 +18,13 @@ from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.objective import Series, Whitened
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, chosen_parameters
-from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.progressive_horizon import GOOD_FIT_RATIO
 from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.sensors.noise import NoiseModel, OutputNoise
 from aero_bayes.simulation import Model
-from aero_bayes.simulation.interface import StartTarget
 
-#: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
-MAX_READING_DEVIATIONS = 5.0
 #: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched. It
 #: tells at least this share of what the whole tells, reading by reading.
 FIRST_ROWS, MIN_INFORMATION = 25_000, 0.5
@@ -42,7 +38,6 @@ class FirstFit:
     fit: Fit
     reports: tuple[ResidualReport, ...]
     floors: Mapping[tuple[str, str], float]
-    start_warnings: tuple[str, ...]
 
     @property
     def values(self) -> dict[str, float]:
@@ -116,7 +111,7 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
         )
     context.statistics.end_stage("first fit")
     reports = check_residuals(plain, found.series, found.optimum, floors)
-    return FirstFit(plain, found, reports, floors, _start_warnings(calibration, found))
+    return FirstFit(plain, found, reports, floors)
 
 
 def _chosen(context: LoopContext, model: Model) -> ParameterSet:
@@ -142,20 +137,6 @@ def refitted(
         end = search.refit(objective.parameters.to_search(values), tuple(free), noise)
         result = GlobalSearchResult(end, None, (), search.iterations)
         return finished_fit(search, result, context.settings.fitting, time.perf_counter() - began)
-
-
-def _start_warnings(close: Calibration, found: Fit) -> tuple[str, ...]:
-    """Initial values that are far off their readings: they may imitate what is missing."""
-    warnings = []
-    for p, value in zip(close.parameters, found.values.tolist(), strict=True):
-        if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):
-            off = abs(value - p.prior.mean) / p.prior.sd
-            if off > MAX_READING_DEVIATIONS:
-                warnings.append(
-                    f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations from its reading. It "
-                    "may compensate for a missing effect."
-                )
-    return tuple(warnings)
 
 
 def beginning_share(rows: Sequence[int], series: Sequence[Series], fitted: Whitened) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 
@@ -49,7 +50,7 @@ def limits_of_fit(fit: Fit, family: ModelFamily) -> tuple[Limit, ...]:
         placed = family.prepare(fit.calibration, fit.optimum, open_)
         laws = tuple(t for t in placed if t not in family.curves())
         floors = noise_floors(fit.calibration.data.recordings, fit.outputs)
-        control = Control(ParallelMap(pool), {}, lambda: False, lambda what, share: None)
+        control = Control(ParallelMap(pool), Counter(), lambda: False, lambda what, share: None)
         search = Search(source, Library(laws, {}, ()), floors, control)
         search.begin(dict(zip(fit.calibration.parameters.names, fit.values.tolist(), strict=True)))
         search.screen((), laws)

@@ -268,45 +268,29 @@ class LoopResult:
 
     def to_dict(self) -> dict[str, object]:
         """Return the ``loop`` entry of result.json."""
+        roles, before, after = ("train", "test"), self.predicted_before, self.predicted_after
+        moved = ("before", "before_sd", "after", "after_sd", "in_sd")
         return {
-            "outcome": self.outcome,
-            "sentence": self.sentence,
-            "base": self.base,
-            "model": self.model,
+            "outcome": self.outcome, "sentence": self.sentence, "base": self.base, "model": self.model,
             "effects": [effect.to_dict(self.modelica_path) for effect in self.effects],
             "equivalent": [list(ids) for ids in self.equivalent],
             "limits": [vars(limit) for limit in self.limits],
             "refused": [list(terms) for terms in self.refused],
-            "before": {role: self.predicted_before.pooled(role) for role in ("train", "test")},
-            "after": {role: self.predicted_after.pooled(role) for role in ("train", "test")},
-            "before_sd": {role: self.predicted_before.uncertainty(role) for role in ("train", "test")},
-            "after_sd": {role: self.predicted_after.uncertainty(role) for role in ("train", "test")},
+            "before": {role: before.pooled(role) for role in roles},
+            "after": {role: after.pooled(role) for role in roles},
+            "before_sd": {role: before.uncertainty(role) for role in roles},
+            "after_sd": {role: after.uncertainty(role) for role in roles},
             "noise_floor": _pooled_floors(self.floors),
             "steps": [step.to_dict() for step in self.steps],
-            "shifts": {
-                s.name: {
-                    "before": s.before,
-                    "before_sd": s.before_sd,
-                    "after": s.after,
-                    "after_sd": s.after_sd,
-                    "in_sd": s.in_sd,
-                }
-                for s in self.shifts
-            },
+            "shifts": {s.name: {key: getattr(s, key) for key in moved} for s in self.shifts},
             "whiteness": {
                 "before": reports_by_recording(self.residual_before),
                 "after": reports_by_recording(self.residual_after),
             },
-            "blocks": self.blocks,
-            "separate": list(self.separate),
-            "story": list(self.story),
-            "diff": self.diff,
-            "modelica_source": self.modelica,
-            "notes": list(self.data_notes),
-            "simulations": self.simulations,
-            "failures": self.failures,
-            "seconds": dict(self.seconds),
-        }
+            "blocks": self.blocks, "separate": list(self.separate), "story": list(self.story), "diff": self.diff,
+            "modelica_source": self.modelica, "notes": list(self.data_notes), "simulations": self.simulations,
+            "failures": self.failures, "seconds": dict(self.seconds),
+        }  # fmt: skip
 
     def series(self) -> dict[str, FloatArray]:
         """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`).

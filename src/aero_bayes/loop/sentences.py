@@ -120,7 +120,6 @@ def story_of(
     lines = [
         f"{context.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
         f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
-        *first.start_warnings,
         _data_sentence(context),
         f"{len(search.fits)} model structures were compared by their error on readings that were left out, in "
         f"{search.table.blocks} blocks; {refits} of them were fitted again without each block.",

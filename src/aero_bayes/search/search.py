@@ -9,11 +9,12 @@ terms may explain what neither does alone.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,11 +22,12 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.progressive_horizon import fit_progressive_horizon
-from aero_bayes.parallel import Task
+from aero_bayes.parallel import ParallelMap, Task
 from aero_bayes.search.left_out import ROUNDING_SHARE, Blocks, newton_errors, refitted_errors
 from aero_bayes.search.models import FittedModel, Models, ModelSource
 from aero_bayes.search.screen import LEAST_FALL, Promise, Screen, Screened
 from aero_bayes.search.table import MATERIAL, Row, Table, Terms
+from aero_bayes.simulation.interface import Outcome
 
 R = TypeVar("R")
 
@@ -44,12 +46,6 @@ DECLARED = 2.0
 BRIEF, WHOLE = (4, 2e-3), (25, 1e-4)
 
 
-class Mapper(Protocol):
-    """Does independent tasks; None in place of the result of those that were not begun because the time was up."""
-
-    def __call__(self, tasks: Sequence[Task[R]], told: Callable[[float], object]) -> list[R | None]: ...
-
-
 @dataclass(frozen=True, eq=False)
 class Library:
     """Terms that may be added, for each refinement the coarser law, the learned curves, and what has to be in."""
@@ -65,8 +61,8 @@ class Library:
 class Control:
     """How a search is run: its map over independent tasks, their counts, its time limit and its report."""
 
-    map: Mapper
-    counts: object
+    map: ParallelMap
+    counts: Counter[Outcome]
     late: Callable[[], bool]
     tell: Callable[[str, float], object]
 
@@ -288,8 +284,8 @@ class Search:
 
     def _map(self, works: Sequence[Callable[[], R]]) -> list[R | None]:
         """Do tasks; those that cannot be done give None."""
-        tasks = [Task(partial(_tried, work), self.control.counts) for work in works]  # type: ignore[arg-type]
-        return self.control.map(tasks, lambda share: None)
+        tasks = [Task(partial(_tried, work), self.control.counts) for work in works]
+        return self.control.map(tasks)
 
     def _screen(self, parent: Terms, term: str) -> Screened:
         """Screen a term beside a fit, of the first model beside its declared values, too.
