@@ -158,7 +158,10 @@ class _Attaching:
                 outer = self.outputs.get(signal) if placed[0].port.attachment == "output" else None
                 found[name] = self._terms(signal) if outer is None else ((outer, 1.0),)
             if f"{name}{RATE_SUFFIX}" in inputs:
-                if signal not in self.base.rates or signal in self.outputs:
+                changed = signal in self.outputs or (
+                    signal in self.base.copies and self.base.output_needs(signal) & self.probed.keys()
+                )
+                if changed or signal not in self.base.rates:
                     raise AlgebraicLoopError(placed[0].id)
                 found[f"{name}{RATE_SUFFIX}"] = self.base.rates[signal]
         return found

@@ -21,7 +21,6 @@ from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
 from aero_bayes.laws.attach import AlgebraicLoopError, OpenModel, attached
-from aero_bayes.laws.candidate_groups import candidate_groups, refinements
 from aero_bayes.laws.candidates import (
     is_possible,
     ports_with_laws,
@@ -50,7 +49,8 @@ from aero_bayes.laws.placed_law import (
     place_laws,
     with_moved_input,
 )
-from aero_bayes.laws.redeclare import can_be_combined, load_with_redeclarations, split_by_replaceable
+from aero_bayes.laws.redeclare import load_with_redeclarations, split_by_replaceable
+from aero_bayes.laws.refinements import refinements
 from aero_bayes.laws.starting_values import fitted_parameters, starting_values
 from aero_bayes.laws.state_names import state_aliases, state_names, states_by_base_name
 from aero_bayes.laws.write_model import WrittenModel, write_laws
@@ -102,8 +102,8 @@ class ModelicaFamily:
 
     @property
     def extra_terms_are_free(self) -> bool:
-        """Whether one model can have all candidates at once, because all of them are replaceable models."""
-        return all(can_be_combined(placed) for placed in self.terms.placed.values())
+        """Never: a structure costs what its own terms cost."""
+        return False
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
@@ -129,7 +129,7 @@ class ModelicaFamily:
 
     def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
         """Return ids of candidates that are best tried on one model together."""
-        return candidate_groups(self.terms.placed)
+        return tuple((id_,) for id_ in self.terms.placed)
 
     def refinements(self) -> Mapping[str, str]:
         """Return, for each law that refines another one at the same port, that one."""

@@ -45,7 +45,8 @@ def open_model(
     read += [signal for component, found in opened.items() for signal in found.reads_in(component).values()]
     signals = dict.fromkeys(one for given in read for one in given.split(DIFFERENCE))
     rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative)
-    asked = [(SIGNAL, name) for name in signals] + [(RATE, name) for name in rated]
+    copied = {v.name: k for v in base.outputs if (k := base.copied_state(v.name)) is not None}
+    asked = [(SIGNAL, name) for name in signals] + [(RATE, name) for name in rated if name not in copied]
     shown: dict[tuple[str, str], str] = {}
     places, model = _places(base, structure), base
     while missing := [key for key in asked if key not in shown and not _is_known(*key, places, structure)]:
@@ -58,13 +59,15 @@ def open_model(
     model = export(flat) if model is base else model
     found = _Found(model, _places(model, structure), structure, shown)
     positions = _base_states(base, found.places, structure)
+    moving = {name: found.terms(RATE, name) for name in rated if name not in copied}
+    moving |= {n: ((Source(BASE, model.derivatives[positions[copied[n]]]), 1.0),) for n in rated if n in copied}
     names = [s.name for s in model.states]
     for k, there in positions.items():
         names[there] = base.states[k].name
     return OpenModel(
         model, tuple(v.name for v in model.inputs if v.name not in probes.values()), probes,
-        {name: found.terms(SIGNAL, name) for name in signals}, {name: found.terms(RATE, name) for name in rated},
-        _needs(model), frozenset(shown.values()), copies=_copies(base, model, positions), state_names=names,
+        {name: found.terms(SIGNAL, name) for name in signals}, moving,
+        _needs(model), frozenset(shown.values()), copies=_copies(copied, model, positions), state_names=names,
         terminals=opened, constants={component: _constants(flat, component) for component in opened},
     )  # fmt: skip
 
@@ -106,15 +109,10 @@ def _base_states(base: Model, there: Places, structure: AliasStructure) -> dict[
     return found
 
 
-def _copies(base: Model, model: Model, positions: Mapping[int, int]) -> dict[str, int]:
+def _copies(copied: Mapping[str, int], model: Model, positions: Mapping[int, int]) -> dict[str, int]:
     """Return outputs that are states of the base and are none while a probe acts on them, with the state there."""
     states = {s.value_reference for s in model.states}
-    copied = {v.name: base.copied_state(v.name) for v in base.outputs}
-    return {
-        name: positions[k]
-        for name, k in copied.items()
-        if k in positions and model.output(name).value_reference not in states
-    }
+    return {n: positions[k] for n, k in copied.items() if model.output(n).value_reference not in states}
 
 
 def _constants(flat: FlatModel, component: str) -> dict[str, float]:

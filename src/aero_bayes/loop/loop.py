@@ -18,6 +18,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.parameters import Parameter, parameters_from_model
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.step_budget import steps_taken, with_step_budget
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
 from aero_bayes.laws.candidate_filter import CandidateFilter
@@ -168,6 +169,8 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     lengths = [e.time.size for e in first.plain.data.experiments]
     share = beginning_share(lengths, first.fit.series, first.fit.optimum.whitened)
     plain = first.plain if share >= 1.0 else replace(first.plain, data=first.plain.data.beginning(share))
+    with context.open(plain.problem()) as simulator:
+        plain = with_step_budget(plain, steps_taken(plain, simulator, first.fit.optimum.coordinates))
     held = {} if explained else _held_values(first.plain, settings)
     source = ModelSource(family, plain, first.fit.free, context.open_objective, context.open, held)
     laws = () if explained else placed
