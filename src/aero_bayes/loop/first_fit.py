@@ -93,18 +93,14 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
         if max(r.ratio for r in reports) > GOOD_FIT_RATIO:
             close = fitted(own.method)
     context.statistics.outcomes.update(close.outcomes)
-    calibration = close.calibration
-    named = {p.name: p.start for p in declared}
-    plain = replace(
-        calibration,
-        parameters=with_free_starts(
-            calibration.parameters.with_start(np.array([named.get(p.name, p.start) for p in calibration.parameters])),
-            calibration.data.experiments,
-            model,
-        ),
-    )
-    found = close
-    if any(a.prior != b.prior for a, b in zip(plain.parameters, calibration.parameters, strict=True)):
+    calibration, named = close.calibration, {p.name: p.start for p in declared}
+    again = calibration.parameters.with_start(np.array([named.get(p.name, p.start) for p in calibration.parameters]))
+    again = with_free_starts(again, calibration.data.experiments, model)
+    # All structures are compared under one noise, each reading of an output alike.
+    alike = calibration.data.with_experiments(replace(e, spread=None) for e in calibration.data.experiments)
+    plain, found = replace(calibration, parameters=again, data=replace(alike, spreads={}), noise=own.noise), close
+    moved = any(a.prior != b.prior for a, b in zip(plain.parameters, calibration.parameters, strict=True))
+    if moved or calibration.data.spreads:
         found = refitted(context, plain, close.values, close.free, close.optimum.noise)
         found = replace(
             found, sensors=close.sensors, solver_difference=close.solver_difference, outcomes=close.outcomes

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.diagnosis import DiagnosisRow
@@ -25,8 +23,8 @@ from aero_bayes.search.search import Search
 from aero_bayes.simulation.interface import DelayTarget
 from aero_bayes.simulation.model import ModelicaSource
 
-#: Standard deviations in a band of 90 %, and of an error on unseen data that the parameters explain.
-BAND_DEVIATIONS, MAX_PREDICTION_DEVIATIONS = 3.29, 4.0
+#: Largest error on unseen data, in standard deviations of its prediction, that the parameters explain.
+MAX_PREDICTION_DEVIATIONS = 4.0
 
 
 def result_of(
@@ -113,20 +111,18 @@ def _calibrated(
 
 
 def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> dict[tuple[str, str], tuple[float, bool]]:
-    """Errors on unseen data over what an adequate fit leaves, by recording and output, where they are far larger, and
-    whether the uncertainty of the parameters explains them."""
+    """Errors on unseen data over what an adequate fit leaves, by recording and output, where they are far larger.
+
+    And whether the uncertainty of the parameters explains them."""
     left = {(r.recording, r.output): r.rms for r in first.reports}
-    every = {r.name: r for r in (*context.recordings.train, *context.recordings.test)}
-    far: dict[tuple[str, str], tuple[float, bool]] = {}
+    far: dict[tuple[str, str], float] = {}
     for (name, output), error in before.test.items():
         own = [rms for (_, other), rms in left.items() if other == output]
         expected = max([first.fit.noise[output].sd, first.floors.get((name, output), 0.0), *own])
         if error.rms > context.settings.max_error_ratio * expected:
-            seen = first.fit.predict(every[name], seed=context.seed)
-            band = seen.predictive.upper - seen.predictive.lower
-            sd = float(np.sqrt(np.mean(band[:, seen.outputs.index(output)] ** 2))) / BAND_DEVIATIONS
-            far[name, output] = error.rms / expected, error.rms <= MAX_PREDICTION_DEVIATIONS * sd
-    return far
+            far[name, output] = error.rms / expected
+    unsure = context.unseen.uncertainty_of(first.plain, first.fit.optimum) if far else {}
+    return {k: (ratio, before.test[k].rms <= MAX_PREDICTION_DEVIATIONS * unsure[k]) for k, ratio in far.items()}
 
 
 def _separate(decision: Decision) -> tuple[str, ...]:
