@@ -34,8 +34,8 @@ R = TypeVar("R")
 #: Structures of each size that are extended, from none to two terms: the best may hold none of the right ones.
 BEAM = (1, 4, 2)
 #: Terms beside a structure that are kept after a brief fit (beside the first model, whose predictions are the worst;
-#: beside others), and those of them that are fitted to the end.
-FITTED, FINISHED = (12, 6), 3
+#: beside others), those of them that are fitted to the end, and those that begin with a beginning of the recordings.
+FITTED, FINISHED, BEGUN = (12, 6), 5, (3, 1)
 #: Structures that are fitted in a search, and those beside them that are tried in the place of a term of the model.
 MOST_STRUCTURES, MOST_SWAPS = 45, 15
 #: Points from which a term is fitted: by its slope, by simulation, and beside the declared values.
@@ -241,7 +241,7 @@ class Search:
         self.keep({k: found[k] for k in ends})
         kept = [k for k in ends[:FINISHED] if k in self.fits]
         self.finish(kept)
-        again = [k for k in kept if near is None and self.structured(k)]
+        again = [k for k in kept[: BEGUN[bool(parent)]] if near is None and self.structured(k)]
         self.keep(dict(zip(again, self._map([partial(self._from_beginning, k) for k in again]), strict=True)))
 
     def screen(self, parent: Terms, offered: Sequence[str]) -> dict[str, Screened]:
