@@ -78,41 +78,6 @@ class Unseen:
                     errors[1][key] = rms_error(residual[seen & unseen])
         return Prediction(errors[0], errors[1], fitted)
 
-    def uncertainty_of(self, calibration: Calibration, fit: Optimum) -> dict[tuple[str, str], float]:
-        """Standard deviation of a prediction of what was not fitted, by recording and output, to first order.
-
-        That of the fitted parameters, and of where a recording begins."""
-        whole, row, _ = self._on_whole_recordings(calibration, fit)
-        shared = [j for j, p in enumerate(whole.parameters) if p.recording is None]
-        theirs = [calibration.parameters.index(whole.parameters.names[j]) for j in shared]
-        known = [(k, fit.free.index(j)) for k, j in enumerate(theirs) if j in fit.free]
-        begins = {
-            j: first.sd
-            for j, p in enumerate(whole.parameters)
-            if p.recording is not None
-            and p.recording >= self._fitted
-            and (first := first_reading(self._all_recordings[p.recording], p.target, whole)) is not None
-        }
-        columns = [*(shared[k] for k, _ in known), *begins]
-        covariance = np.diag([0.0] * len(known) + [sd**2 for sd in begins.values()])
-        scale = whole.parameters.jacobian(row)[columns[: len(known)]]
-        rows = [k for _, k in known]
-        covariance[: len(known), : len(known)] = fit.covariance[np.ix_(rows, rows)] * np.outer(scale, scale)
-        with self.open_simulator(whole.problem()) as simulator:
-            found = simulator.simulate(row[np.newaxis], active=columns)
-        assert found.sensitivities is not None
-        spread: dict[tuple[str, str], float] = {}
-        for e, recording in enumerate(self._all_recordings):
-            start = self.recordings.unseen_from.get(recording.name, math.inf) if e < self._fitted else -math.inf
-            unseen = recording.time >= start
-            for column, output in enumerate(self.recordings.outputs):
-                if unseen.any() and output in recording.outputs:
-                    slopes = found.sensitivities[e][0, unseen, column]
-                    spread[recording.name, output] = math.sqrt(
-                        float(np.mean(np.einsum("nk,kl,nl->n", slopes, covariance, slopes)))
-                    )
-        return spread
-
     def _on_whole_recordings(self, calibration: Calibration, fit: Optimum) -> tuple[Calibration, FloatArray, list[int]]:
         """The calibration on whole recordings, SI values (p,), and columns of the initial states to estimate."""
         named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._all_recordings))

@@ -16,13 +16,14 @@ from aero_bayes.estimate.finished_fit import finished_fit
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series, Whitened
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, chosen_parameters
 from aero_bayes.estimate.progressive_horizon import GOOD_FIT_RATIO
 from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.context import LoopContext
-from aero_bayes.sensors.noise import NoiseModel, OutputNoise
+from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model
 
 #: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched. It
@@ -101,7 +102,7 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
     plain, found = replace(calibration, parameters=again, data=replace(alike, spreads={}), noise=own.noise), close
     moved = any(a.prior != b.prior for a, b in zip(plain.parameters, calibration.parameters, strict=True))
     if moved or calibration.data.spreads:
-        found = refitted(context, plain, close.values, close.free, close.optimum.noise)
+        found = refitted(context, plain, close.values, replace(close.optimum, free=close.free))
         found = replace(
             found, sensors=close.sensors, solver_difference=close.solver_difference, outcomes=close.outcomes
         )
@@ -118,19 +119,13 @@ def _chosen(context: LoopContext, model: Model) -> ParameterSet:
     return chosen_parameters(model, chosen, known)
 
 
-def refitted(
-    context: LoopContext,
-    calibration: Calibration,
-    values: FloatArray,
-    free: Sequence[int],
-    noise: Mapping[str, OutputNoise],
-) -> Fit:
-    """The fit of a calibration from SI values (p,), under the objective of ``fit``."""
+def refitted(context: LoopContext, calibration: Calibration, values: FloatArray, like: Optimum) -> Fit:
+    """The fit of a calibration from SI values (p,), under the objective of ``fit``; free is what is so in ``like``."""
     began = time.perf_counter()
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
         search = GlobalSearch(objective, context.settings.fitting.global_search)
-        end = search.refit(objective.parameters.to_search(values), tuple(free), noise)
+        end = search.refit(objective.parameters.to_search(values), like.free, like.noise)
         result = GlobalSearchResult(end, None, (), search.iterations)
         return finished_fit(search, result, context.settings.fitting, time.perf_counter() - began)
 

@@ -34,6 +34,7 @@ from aero_bayes.loop.first_fit import FirstFit, beginning_share, first_fit
 from aero_bayes.loop.from_fit import recordings_of, settings_of
 from aero_bayes.loop.make_result import result_of
 from aero_bayes.loop.result import LoopResult
+from aero_bayes.loop.sentences import Ended
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.settle import settled
 from aero_bayes.progress import Progress, watching
@@ -157,7 +158,7 @@ def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
         raise CannotFinishError(f"the model with {', '.join(decision.model)} cannot be written or simulated")
     context.folder.mkdir(parents=True, exist_ok=True)
     (context.folder / "structures.json").write_text(json.dumps(search.table.to_dict(), separators=(",", ":")))
-    found = result_of(context, first, search, decision, extended, cause)
+    found = result_of(context, Ended(first, search, decision, extended), cause)
     search.models.close()
     return found
 

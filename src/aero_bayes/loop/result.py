@@ -107,25 +107,18 @@ class LoopResult:
 
     Examples
     --------
-    >>> loop.outcome, loop.effects[0].id
-    ('extended', 'coulomb_friction@v')
-    >>> "F_c" in loop.after.parameters or len(loop.after.parameters) > len(loop.before.parameters)
-    True
+    >>> loop.outcome, loop.effects[0].id, loop.effects[0].claim
+    ('extended', 'coulomb_friction@v', 'law')
     >>> bool(loop.predicted_after.pooled("test")["position"] < loop.predicted_before.pooled("test")["position"])
     True
     >>> friction = loop.effects[0].parameters[0]
     >>> friction.unit, bool(friction.q05 < friction.value < friction.q95)  # the truth is 0.4 N
     ('N', True)
-    >>> print(loop.diff[:30].splitlines()[0][:3])
-    ---
-    >>> loop.calibrated.name
-    'Rig_coulomb_friction_fitted'
     >>> [row.cause for row in loop.diagnosis if row.found]
     ['model']
-    >>> loop.to_dict()["outcome"]
-    'extended'
-    >>> curves = loop.series()
-    >>> curves["before/test/position"].shape == (test.rows,)
+    >>> loop.calibrated.name, loop.to_dict()["outcome"], loop.diff[:3]
+    ('Rig_coulomb_friction_fitted', 'extended', '---')
+    >>> loop.series()["before/test/position"].shape == (test.rows,)
     True
     """
 
