@@ -37,7 +37,7 @@ BEAM = (1, 4, 2)
 #: beside others), those of them that are fitted to the end, and those that begin with a beginning of the recordings.
 FITTED, FINISHED, BEGUN = (12, 6), 5, (3, 1)
 #: Structures that are fitted in a search, and those beside them that are tried in the place of a term of the model.
-MOST_STRUCTURES, MOST_SWAPS = 45, 15
+MOST_STRUCTURES, MOST_SWAPS, LEAST_SWAPS = 45, 15, 2
 #: Points from which a term is fitted: by its slope, by simulation, and beside the declared values.
 MOST_STARTS = 3
 #: What the kind of a promise beside the declared values begins with, at least.
@@ -232,7 +232,7 @@ class Search:
         else:
             order = [t for t in gains if here - gains[t] <= near and _plus(parent, t) not in self.fits]
             count = MOST_STRUCTURES + MOST_SWAPS - len(self.fits)
-        order = sorted(order, key=lambda t: (-gains[t], t))[: max(count, 0)]
+        order = sorted(order, key=lambda t: (-gains[t], t))[: max(count, LEAST_SWAPS)]
         children = [_plus(parent, t) for t in order]
         works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
         found = dict(zip(children, self._map(works), strict=True))
