@@ -28,7 +28,6 @@ from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop.context import LoopContext, LoopStatistics
-from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.first_fit import FirstFit, beginning_share, first_fit
 from aero_bayes.loop.from_fit import recordings_of, settings_of
@@ -148,7 +147,8 @@ def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
 
     decision = settled(search, unseen, statistics.time_is_up)
     if cause is None:
-        search.screen(decision.model, _not_in(search, decision))
+        told = {*decision.model, *search.library.curves, *search.source.held}
+        search.screen(decision.model, [t for t in search.library.offered if t not in told])
     statistics.end_stage("search")
     extended: ExtendedFit | None = None
     if decision.model:
@@ -191,12 +191,6 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     statistics.end_stage("models")
     search.run()
     return search
-
-
-def _not_in(search: Search, decision: Decision) -> list[str]:
-    """Laws that may be added to the model, of which it is told which size would have been seen."""
-    out = {*decision.model, *search.library.curves, *search.source.held}
-    return [t for t in search.library.offered if t not in out]
 
 
 def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parameter]:

@@ -84,10 +84,8 @@ class Search:
     def __post_init__(self) -> None:
         self.models = Models(self.source)
         data = self.source.plain.data
-        self._least = {
-            o: max(data.floors.get(o, 0.0), ROUNDING_SHARE * float(s))
-            for o, s in zip(data.outputs, data.scale, strict=True)
-        }
+        rounding = zip(data.outputs, (ROUNDING_SHARE * data.scale).tolist(), strict=True)
+        self._least = {o: max(data.floors.get(o, 0.0), least) for o, least in rounding}
 
     # fits
 
