@@ -140,7 +140,8 @@ class Search:
         self.blocks = Blocks.of(first[0])
         ports = {t: t.rpartition("@")[2] for t in self.library.offered}
         self.table = Table(self.blocks.outputs, self.blocks.least, ports, self.library.refines, self.library.curves)
-        self.keep({(): first[0].optimum})
+        self.fits[()] = first[0]
+        self.table.rows[()] = Row((), newton_errors(first[0], self.blocks), len(first[0].optimum.free))
         terms: Terms = ()
         for id_ in self.library.required:
             self.fit_children(terms, [id_], least=-math.inf)
