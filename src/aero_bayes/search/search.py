@@ -165,7 +165,8 @@ class Search:
             parents = self._beam(size - 1)
             for k, parent in enumerate(parents):
                 if len(self.fits) < MOST_STRUCTURES and not self._late(f"structures of {size} terms"):
-                    self.control.tell(_beside(parent), (size - 1 + k / len(parents)) / self.library.most_terms)
+                    what = f"trying each term{' beside ' * bool(parent)}{', '.join(parent)}"
+                    self.control.tell(what, (size - 1 + k / len(parents)) / self.library.most_terms)
                     self.extend(parent)
             here = self.table.best_of_size(self.fits).get(size)
             if here is not None and self.table.material(here, best):
@@ -349,8 +350,3 @@ def _tried(work: Callable[[], R]) -> R | None:
 
 def _plus(terms: Terms, *more: str) -> Terms:
     return tuple(sorted({*terms, *more}))
-
-
-def _beside(parent: Terms) -> str:
-    """What is being tried, in words."""
-    return f"trying each term beside {', '.join(parent)}" if parent else "trying each term"
