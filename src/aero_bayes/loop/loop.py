@@ -109,6 +109,8 @@ def close_loop(
         begin = {name: entry.value for name, entry in train.parameters.items()}
         model, settings, train = train.calibration.model, settings_of(train, settings), recordings_of(train)
     train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
+    if settings.fitting.noise.process:
+        raise InputError("the loop knows no process noise: [noise.process] is for a fit")
     if not train:
         raise InputError("the closed loop needs at least one training recording")
     if not test and not 0.0 < settings.held_out < 1.0:

@@ -14,8 +14,7 @@ from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, describe, fitted_parameters
 from aero_bayes.loop.first_fit import FirstFit
-from aero_bayes.loop.found_effect import NewParameter
-from aero_bayes.loop.limits import limits_of
+from aero_bayes.loop.found_effect import NewParameter, limits_of
 from aero_bayes.loop.result import LoopOutcome, LoopResult
 from aero_bayes.loop.sentences import Ended, early_end_sentence, extended_sentence, none_sentence, story_of
 from aero_bayes.simulation.interface import DelayTarget
@@ -102,7 +101,7 @@ def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> dict[
 
 
 def _separate(decision: Decision) -> tuple[str, ...]:
-    """How to find an experiment that tells an effect from what does as well in its place."""
+    """How to find an experiment that tells effects apart."""
     return tuple(
         f"`aero-bayes design --separate {term} {claim.alternatives[0][0]}` proposes what would tell them apart."
         for term, claim in decision.claims.items()

@@ -21,8 +21,7 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.loop.found_effect import FoundEffect, NewParameter
-from aero_bayes.loop.limits import Limit
+from aero_bayes.loop.found_effect import FoundEffect, Limit, NewParameter
 from aero_bayes.loop.steps import Step
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.scratch import ScratchFolder

@@ -47,7 +47,8 @@ def extended_sentence(context: LoopContext, ended: Ended, before: Prediction) ->
     known = all(e.claim == "law" for e in effects)
     text = f"The model {'lacks' if known else 'was extended by'} {join_names([e.id for e in effects])}: {change}"
     text += "".join(f" {_claim_sentence(e)}" for e in effects)
-    text += refused_sentence(ended.decision)
+    count = len(ended.decision.refused)
+    text += f" Unseen recordings refused {count} model{'s' * (count > 1)} before it." if count else ""
     left = structured_residuals(extended.reports)
     return text + (
         f" Structure remains in the residual of {join_names(sorted({r.output for r in left}))}." if left else ""
@@ -73,15 +74,6 @@ def _claim_sentence(effect: FoundEffect) -> str:
     return f"{text}; {named} {does} as well{', ' if effect.claim == 'one of' else ' '}{told[effect.claim]}."
 
 
-def refused_sentence(decision: Decision) -> str:
-    """How many models unseen recordings refused."""
-    count = len(decision.refused)
-    if not count:
-        return ""
-    models = "a model that does" if count == 1 else f"{count} models that do"
-    return f" Unseen recordings refused {models} better on left-out readings."
-
-
 def none_sentence(ended: Ended, structured: Sequence[str], far: Mapping[str, float]) -> str:
     """Why nothing was added."""
     if far:
@@ -102,7 +94,8 @@ def none_sentence(ended: Ended, structured: Sequence[str], far: Mapping[str, flo
             "disturbance, so the model gets no new effect."
         )
     worst = max(reports, key=lambda r: r.ratio)
-    text = f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor)"
+    far_above = "more than 100" if worst.ratio >= 100.0 else f"{worst.ratio:.2g}"
+    text = f"The residual of {worst.output} is structured ({far_above} times the noise floor)"
     if decision.refused:
         return f"{text}, but unseen recordings refuse all {len(decision.refused)} models that explain a part of it."
     return f"{text}, but no effect that was tried is material" + (f": {steps[-1].why}." if steps else ".")
@@ -155,7 +148,3 @@ def _disturbance(reports: Sequence[ResidualReport]) -> tuple[str, float, float] 
     found = [r for r in structured_residuals(reports) if r.worst_share > DISTURBANCE_SHARE and math.isfinite(r.ratio)]
     worst = max(found, key=lambda r: r.worst_share, default=None)
     return None if worst is None else (worst.recording, *worst.worst_time)
-
-
-def _ratio(ratio: float) -> str:
-    return f"{ratio:.2g}" if ratio < 100.0 and math.isfinite(ratio) else "more than 100"

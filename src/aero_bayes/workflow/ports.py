@@ -35,7 +35,7 @@ from aero_bayes.laws.law import SIGNAL_DEFAULTS
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import describe_law, identifier
-from aero_bayes.loop.limits import Limit, limits_of
+from aero_bayes.loop.found_effect import Limit, limits_of
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.ports.nominal_values import port_nominals
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_expression
