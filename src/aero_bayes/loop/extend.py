@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals
-from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.result import Fit
@@ -34,10 +33,6 @@ class ExtendedFit:
     fit: Fit
     reports: tuple[ResidualReport, ...]
     after: Prediction
-
-    @property
-    def calibration(self) -> Calibration:
-        return self.fit.calibration
 
 
 def extend(context: LoopContext, first: FirstFit, search: Search, decision: Decision) -> ExtendedFit:

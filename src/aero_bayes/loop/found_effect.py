@@ -50,8 +50,7 @@ class LearnedCurve:
 
 @dataclass(frozen=True)
 class Alternative:
-    """What does as well in the place of an effect: ``error_ratio`` is the left-out error with it over that with the
-    effect."""
+    """What does as well in the place of an effect, and the left-out error with it over that with the effect."""
 
     id: str
     port: str
