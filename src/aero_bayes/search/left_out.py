@@ -24,8 +24,8 @@ from aero_bayes.sensors.noise import OutputNoise
 
 Readings = NDArray[np.int_]
 
-#: Blocks of time that are left out in turn, and those of few readings, of which less is clear and a fit costs less: fewer
-#: say nothing of the spread, more cost a fit each.
+#: Blocks of time that are left out in turn, and those of few readings, of which less is clear and a fit costs less.
+#: Fewer say nothing of the spread, more cost a fit each.
 BLOCKS, MORE_BLOCKS, FEW_READINGS = 10, 20, 2000
 #: Recordings from which on whole ones are left out: of two, the one that is left says too little alone.
 MIN_WHOLE_RECORDINGS = 3
