@@ -56,7 +56,7 @@ def track(name, seed, damping):
 def meter(name, seed):
     """A first-order lag, exact; the instrument is full at 1.5 V."""
     rng = np.random.default_rng(seed)
-    u, decay = np.repeat(rng.uniform(-1.0, 1.0, 40), 20), np.exp(-0.05 / 0.8)
+    u, decay = np.repeat(rng.uniform(-1.2, 1.2, 40), 20), np.exp(-0.05 / 0.8)
     x = np.zeros(u.size)
     for n in range(u.size - 1):
         x[n + 1] = decay * x[n] + (1.0 - decay) * 2.2 * u[n]

@@ -1,4 +1,4 @@
-"""What a growing motion makes of the last digits of its parameters is no missing physics."""
+"""A model that fits what it was fitted to and misses the rest."""
 
 from __future__ import annotations
 
@@ -42,18 +42,7 @@ def found(tmp_path, growth: float) -> LoopResult:
     )  # fmt: skip
 
 
-def test_a_prediction_is_as_far_off_as_its_parameters_let_expect(tmp_path) -> None:
-    result = found(tmp_path, GROWTH)
-    # sensitivity of exp(growth t) to growth, at the end
-    by_growth = 12.0 * np.exp(GROWTH * 12.0) * result.parameters["growth"].sd
-    assert result.predicted_before.test["test", "n"].rms > 10.0 * NOISE
-    assert result.predicted_before.test["test", "n"].rms < 4.0 * by_growth
-    assert result.outcome == "adequate"
-    assert "sensitive" in result.sentence
-
-
-def test_what_is_farther_off_than_that_is_not_adequate(tmp_path) -> None:
+def test_a_model_that_misses_unseen_data_by_far_is_not_adequate(tmp_path) -> None:
     result = found(tmp_path, GROWTH * 1.05)
     assert result.outcome == "unexplained"
-    assert "sensitive" not in result.sentence
     assert "n (" in result.sentence

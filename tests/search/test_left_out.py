@@ -10,7 +10,7 @@ from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objecti
 from aero_bayes.estimate.local_fit import local_fit
 from aero_bayes.laws import CandidateTerm
 from aero_bayes.search import Blocks, CandidateModel, FittedModel, Row, Table, newton_errors, refitted_errors
-from aero_bayes.search.left_out import BLOCKS
+from aero_bayes.search.left_out import MORE_BLOCKS
 from aero_bayes.sensors import OutputNoise
 from aero_bayes.simulation import ParameterTarget
 
@@ -72,7 +72,7 @@ def test_blocks_of_time_are_predicted_as_by_least_squares_without_them(size):
     fits = study([TIME], [y[:, None]], lambda t, k: rows(t), [free(n) for n in "abc"], 2)
     common = Blocks.of(fits[-1])
     blocks = list(common.folds)
-    assert len(blocks) == BLOCKS
+    assert len(blocks) == MORE_BLOCKS
     assert sorted(np.concatenate(blocks).tolist()) == list(range(TIME.size))
     for fitted, columns in zip(fits, ([0, 1, 2], [0, 1]), strict=True):
         exact = 0.1**2 * squares_without(x[:, columns] / 0.1, y / 0.1, blocks)

@@ -44,8 +44,3 @@ class Recordings:
             unseen_from[recording.name] = cut
             parts.append(replace(recording.without(after=cut), name=recording.name))
         return cls(tuple(train), (), tuple(parts), unseen_from, outputs)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the training recordings."""
-        return tuple(r.name for r in self.train)

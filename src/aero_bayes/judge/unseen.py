@@ -53,9 +53,9 @@ class Unseen:
     def predict(self, calibration: Calibration, fit: Optimum) -> Prediction:
         """Predict all recordings with a fitted model."""
         whole, row, starts = self._on_whole_recordings(calibration, fit)
-        rows, _ = self._with_estimated_starts(whole, row[np.newaxis], starts, fit)
+        row = self._with_estimated_starts(whole, row, starts, fit)
         with self.open_simulator(whole.problem()) as simulator:
-            found = simulator.simulate(rows)
+            found = simulator.simulate(row[np.newaxis])
         if np.any(found.outcomes[0] != 0):
             raise CannotFinishError("the fitted model cannot be simulated over the whole recordings")
         errors: tuple[dict[tuple[str, str], RmsError], dict[tuple[str, str], RmsError]] = ({}, {})
@@ -109,21 +109,17 @@ class Unseen:
         ]  # fmt: skip
 
     def _with_estimated_starts(
-        self, whole: Calibration, rows: FloatArray, starts: Sequence[int], fit: Optimum
-    ) -> tuple[FloatArray, list[Optimum]]:
-        """Values (n, p) with initial states estimated from the beginnings of the recordings, and these optima."""
-        if not starts:
-            return rows, []
-        settled, ends = rows.copy(), []
+        self, whole: Calibration, row: FloatArray, starts: Sequence[int], fit: Optimum
+    ) -> FloatArray:
+        """Values (p,) with initial states estimated from the beginnings of the recordings."""
         beginning = replace(whole, data=whole.data.beginning(INITIAL_STATE_SHARE))
-        with self.open_simulator(beginning.problem()) as simulator:
-            objective = objective_of(beginning, simulator)
-            for k, at in enumerate(whole.parameters.to_search(rows)):
-                with suppress(CannotFinishError):
-                    settings = LocalFitSettings(hold_noise=True)
-                    ends.append(local_fit(objective, at, starts, noise=fit.noise, settings=settings))
-                    settled[k] = whole.parameters.from_search(ends[-1].coordinates)
-        return settled, ends
+        settings, at = LocalFitSettings(hold_noise=True), whole.parameters.to_search(row)
+        if starts:
+            with self.open_simulator(beginning.problem()) as simulator, suppress(CannotFinishError):
+                objective = objective_of(beginning, simulator)
+                end = local_fit(objective, at, starts, noise=fit.noise, settings=settings)
+                return whole.parameters.from_search(end.coordinates)
+        return row
 
 
 def _renamed(calibration: Calibration, base_named: Calibration, whole: Calibration) -> Calibration:

@@ -1,10 +1,4 @@
-"""From a residual to the effect that the model lacks: first fit, search, decision, extension, judgement.
-
->>> from aero_bayes.loop import LoopSettings, close_loop
->>> settings = LoopSettings(parameters=("M",), exclude=("backlash",))
->>> loop = close_loop([recording], model="Rig.mo", settings=settings)  # doctest: +SKIP
->>> loop.sentence, loop.diff  # doctest: +SKIP
-"""
+"""From a residual to the effect that the model lacks: first fit, search, decision, extension, judgement."""
 
 from aero_bayes.loop.context import LoopContext, LoopStatistics
 from aero_bayes.loop.first_fit import first_fit

@@ -75,6 +75,8 @@ def decide(table: Table, required: Iterable[str] = ()) -> Decision:
         best = table.best_of_size(allowed)
         size = min(n for n in best if not any(m > n and table.material(best[m], best[n]) for m in best))
         compared |= dict.fromkeys(best.values())
+        # One Newton step may hide that a term is material: the best of each size is fitted again in any case.
+        compared |= dict.fromkeys(table.best_of_size(k for k in table.rows if set(first) < set(k)).values())
         if size == len(first) or len(refused) > MOST_REFUSED:
             return Decision(first, {}, tuple(refused), tuple(compared), tuple(unseen))
         model = _simplest(table, best[size], [k for k in allowed if len(k) == size])

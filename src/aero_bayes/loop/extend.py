@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals
-from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.result import Fit
@@ -35,10 +34,6 @@ class ExtendedFit:
     reports: tuple[ResidualReport, ...]
     after: Prediction
 
-    @property
-    def calibration(self) -> Calibration:
-        return self.fit.calibration
-
 
 def extend(context: LoopContext, first: FirstFit, search: Search, decision: Decision) -> ExtendedFit:
     """Write the chosen terms into the model, and fit it at its best."""
@@ -57,20 +52,22 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     calibration = first.with_terms(context, model, added)
     known = {first.plain.parameters.names[j] for j in first.fit.free}
     old = set(first.plain.parameters.names) - {p.name for p in added}
-    free = [j for j, p in enumerate(calibration.parameters) if p.name in known or p.name not in old]
+    free = tuple(j for j, p in enumerate(calibration.parameters) if p.name in known or p.name not in old)
     si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
-    fit = refitted(context, calibration, si, free, first.fit.optimum.noise)
+    fit = refitted(context, calibration, si, replace(first.fit.optimum, free=free))
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.unseen.predict(calibration, fit.optimum)
     found = fitted_parameters(calibration.parameters, fit.optimum)
-    effects = []
-    for id_ in decision.model:
-        own = [new for _, new in names[id_]]
-        effects.append(_effect(context, search.table, decision, id_, own, found, fit))
-        if written is not None and id_ in written.widths:
-            object.__setattr__(effects[-1], "widths", dict(written.widths[id_]))
+    widths = written.widths if written is not None else {}
+    effects = tuple(
+        replace(
+            _effect(context, search.table, decision, id_, [new for _, new in names[id_]], found, fit),
+            widths=dict(widths.get(id_, {})),
+        )
+        for id_ in decision.model
+    )
     context.statistics.end_stage("judgement")
-    return ExtendedFit(written, added, tuple(effects), fit, reports, after)
+    return ExtendedFit(written, added, effects, fit, reports, after)
 
 
 def _effect(

@@ -16,19 +16,16 @@ from aero_bayes.estimate.finished_fit import finished_fit
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
+from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series, Whitened
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, chosen_parameters
-from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.progressive_horizon import GOOD_FIT_RATIO
 from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.context import LoopContext
-from aero_bayes.sensors.noise import NoiseModel, OutputNoise
+from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model
-from aero_bayes.simulation.interface import StartTarget
 
-#: Distance of an estimated initial value from its reading, in standard deviations, above which it may imitate a term.
-MAX_READING_DEVIATIONS = 5.0
 #: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched. It
 #: tells at least this share of what the whole tells, reading by reading.
 FIRST_ROWS, MIN_INFORMATION = 25_000, 0.5
@@ -42,7 +39,6 @@ class FirstFit:
     fit: Fit
     reports: tuple[ResidualReport, ...]
     floors: Mapping[tuple[str, str], float]
-    start_warnings: tuple[str, ...]
 
     @property
     def values(self) -> dict[str, float]:
@@ -98,25 +94,21 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
         if max(r.ratio for r in reports) > GOOD_FIT_RATIO:
             close = fitted(own.method)
     context.statistics.outcomes.update(close.outcomes)
-    calibration = close.calibration
-    named = {p.name: p.start for p in declared}
-    plain = replace(
-        calibration,
-        parameters=with_free_starts(
-            calibration.parameters.with_start(np.array([named.get(p.name, p.start) for p in calibration.parameters])),
-            calibration.data.experiments,
-            model,
-        ),
-    )
-    found = close
-    if any(a.prior != b.prior for a, b in zip(plain.parameters, calibration.parameters, strict=True)):
-        found = refitted(context, plain, close.values, close.free, close.optimum.noise)
+    calibration, named = close.calibration, {p.name: p.start for p in declared}
+    again = calibration.parameters.with_start(np.array([named.get(p.name, p.start) for p in calibration.parameters]))
+    again = with_free_starts(again, calibration.data.experiments, model)
+    # All structures are compared under one noise, each reading of an output alike.
+    alike = calibration.data.with_experiments(replace(e, spread=None) for e in calibration.data.experiments)
+    plain, found = replace(calibration, parameters=again, data=replace(alike, spreads={}), noise=own.noise), close
+    moved = any(a.prior != b.prior for a, b in zip(plain.parameters, calibration.parameters, strict=True))
+    if moved or calibration.data.spreads:
+        found = refitted(context, plain, close.values, replace(close.optimum, free=close.free))
         found = replace(
             found, sensors=close.sensors, solver_difference=close.solver_difference, outcomes=close.outcomes
         )
     context.statistics.end_stage("first fit")
     reports = check_residuals(plain, found.series, found.optimum, floors)
-    return FirstFit(plain, found, reports, floors, _start_warnings(calibration, found))
+    return FirstFit(plain, found, reports, floors)
 
 
 def _chosen(context: LoopContext, model: Model) -> ParameterSet:
@@ -127,35 +119,15 @@ def _chosen(context: LoopContext, model: Model) -> ParameterSet:
     return chosen_parameters(model, chosen, known)
 
 
-def refitted(
-    context: LoopContext,
-    calibration: Calibration,
-    values: FloatArray,
-    free: Sequence[int],
-    noise: Mapping[str, OutputNoise],
-) -> Fit:
-    """The fit of a calibration from SI values (p,), under the objective of ``fit``."""
+def refitted(context: LoopContext, calibration: Calibration, values: FloatArray, like: Optimum) -> Fit:
+    """The fit of a calibration from SI values (p,), under the objective of ``fit``; free is what is so in ``like``."""
     began = time.perf_counter()
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
         search = GlobalSearch(objective, context.settings.fitting.global_search)
-        end = search.refit(objective.parameters.to_search(values), tuple(free), noise)
+        end = search.refit(objective.parameters.to_search(values), like.free, like.noise)
         result = GlobalSearchResult(end, None, (), search.iterations)
         return finished_fit(search, result, context.settings.fitting, time.perf_counter() - began)
-
-
-def _start_warnings(close: Calibration, found: Fit) -> tuple[str, ...]:
-    """Initial values that are far off their readings: they may imitate what is missing."""
-    warnings = []
-    for p, value in zip(close.parameters, found.values.tolist(), strict=True):
-        if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):
-            off = abs(value - p.prior.mean) / p.prior.sd
-            if off > MAX_READING_DEVIATIONS:
-                warnings.append(
-                    f"The initial value {p.name} is {value:.3g}, {off:.0f} standard deviations from its reading. It "
-                    "may compensate for a missing effect."
-                )
-    return tuple(warnings)
 
 
 def beginning_share(rows: Sequence[int], series: Sequence[Series], fitted: Whitened) -> float:

@@ -1,13 +1,16 @@
-"""An effect that the loop added to the model: its parameters, what is claimed of it, and its curve."""
+"""An effect that the loop added: its parameters, what is claimed of it, its curve; and what would have been seen."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.loop.decide import ClaimKind
+from aero_bayes.search.search import Search
+from aero_bayes.search.table import Terms, law_of
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,7 @@ class LearnedCurve:
 
 @dataclass(frozen=True)
 class Alternative:
-    """What does as well in the place of an effect: ``error_ratio`` is the left-out error with it over that with the
-    effect."""
+    """What does as well in the place of an effect, and the left-out error with it over that with the effect."""
 
     id: str
     port: str
@@ -84,3 +86,26 @@ class FoundEffect:
         found["alternatives"] = [vars(one) for one in self.alternatives]
         found["curve"] = None if self.curve is None else self.curve.to_dict()
         return found
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The smallest size of a law at a port that would have been named: a value of its first parameter.
+
+    Its signature in the outputs, once the free parameters have readjusted, raises the error that the model leaves by
+    what a material term has to lower it."""
+
+    law: str
+    port: str
+    parameter: str
+    smallest: float
+    unit: str
+
+
+def limits_of(search: Search, model: Terms) -> tuple[Limit, ...]:
+    """What the recordings would have shown beside a structure; what no size shows is left out."""
+    return tuple(
+        Limit(law_of(id_), found.port, found.parameter[0], found.smallest, found.parameter[1])
+        for id_, found in sorted(search.screened.get(model, {}).items())
+        if math.isfinite(found.smallest) and id_ not in search.source.held
+    )

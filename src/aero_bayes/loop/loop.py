@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
-from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.parameters import Parameter, parameters_from_model
 from aero_bayes.estimate.plausible import screened
@@ -28,12 +28,12 @@ from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop.context import LoopContext, LoopStatistics
-from aero_bayes.loop.decide import Decision
-from aero_bayes.loop.extend import ExtendedFit, extend
+from aero_bayes.loop.extend import extend
 from aero_bayes.loop.first_fit import FirstFit, beginning_share, first_fit
 from aero_bayes.loop.from_fit import recordings_of, settings_of
 from aero_bayes.loop.make_result import result_of
 from aero_bayes.loop.result import LoopResult
+from aero_bayes.loop.sentences import Ended
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.settle import settled
 from aero_bayes.progress import Progress, watching
@@ -109,6 +109,8 @@ def close_loop(
         begin = {name: entry.value for name, entry in train.parameters.items()}
         model, settings, train = train.calibration.model, settings_of(train, settings), recordings_of(train)
     train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
+    if settings.fitting.noise.process:
+        raise InputError("the loop knows no process noise: [noise.process] is for a fit")
     if not train:
         raise InputError("the closed loop needs at least one training recording")
     if not test and not 0.0 < settings.held_out < 1.0:
@@ -147,17 +149,13 @@ def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
 
     decision = settled(search, unseen, statistics.time_is_up)
     if cause is None:
-        search.screen(decision.model, _not_in(search, decision))
+        told = {*decision.model, *search.library.curves, *search.source.held}
+        search.screen(decision.model, [t for t in search.library.offered if t not in told])
     statistics.end_stage("search")
-    extended: ExtendedFit | None = None
-    if decision.model:
-        with suppress(CannotFinishError):
-            extended = extend(context, first, search, decision)
-    if extended is None and decision.model:
-        raise CannotFinishError(f"the model with {', '.join(decision.model)} cannot be written or simulated")
+    extended = extend(context, first, search, decision) if decision.model else None
     context.folder.mkdir(parents=True, exist_ok=True)
     (context.folder / "structures.json").write_text(json.dumps(search.table.to_dict(), separators=(",", ":")))
-    found = result_of(context, first, search, decision, extended, cause)
+    found = result_of(context, Ended(first, search, decision, extended), cause)
     search.models.close()
     return found
 
@@ -174,28 +172,19 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     held = {} if explained else _held_values(first.plain, settings)
     source = ModelSource(family, plain, first.fit.free, context.open_objective, context.open, held)
     laws = () if explained else placed
-    library = Library(
-        (*laws, *held), family.refinements(), frozenset(family.curves()), settings.require, settings.max_effects
-    )
+    curves = frozenset(family.curves())
+    library = Library((*laws, *held), family.refinements(), curves, settings.require, settings.max_effects)
     context.progress("trying each candidate", 0.15)
     statistics.set_time_limit(60.0 * settings.max_minutes)
     control = Control(
-        context.map,
-        statistics.outcomes,
-        statistics.time_is_up,
+        context.map, statistics.outcomes, statistics.time_is_up,
         lambda what, done: context.progress(what, 0.2 + 0.5 * done),
-    )
+    )  # fmt: skip
     search = Search(source, library, first.floors, control)
     search.begin(first.values)
     statistics.end_stage("models")
     search.run()
     return search
-
-
-def _not_in(search: Search, decision: Decision) -> list[str]:
-    """Laws that may be added to the model, of which it is told which size would have been seen."""
-    out = {*decision.model, *search.library.curves, *search.source.held}
-    return [t for t in search.library.offered if t not in out]
 
 
 def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parameter]:

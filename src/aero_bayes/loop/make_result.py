@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-
-import numpy as np
 
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.deciding_constants import name_deciding_constants
@@ -16,36 +14,23 @@ from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, describe, fitted_parameters
 from aero_bayes.loop.first_fit import FirstFit
-from aero_bayes.loop.found_effect import NewParameter
-from aero_bayes.loop.limits import limits_of
+from aero_bayes.loop.found_effect import NewParameter, limits_of
 from aero_bayes.loop.result import LoopOutcome, LoopResult
-from aero_bayes.loop.sentences import early_end_sentence, extended_sentence, none_sentence, story_of
-from aero_bayes.loop.steps import Step, steps_of
-from aero_bayes.search.search import Search
+from aero_bayes.loop.sentences import Ended, early_end_sentence, extended_sentence, none_sentence, story_of
 from aero_bayes.simulation.interface import DelayTarget
 from aero_bayes.simulation.model import ModelicaSource
 
-#: Standard deviations in a band of 90 %, and of an error on unseen data that the parameters explain.
-BAND_DEVIATIONS, MAX_PREDICTION_DEVIATIONS = 3.29, 4.0
 
-
-def result_of(
-    context: LoopContext,
-    first: FirstFit,
-    search: Search,
-    decision: Decision,
-    extended: ExtendedFit | None,
-    cause: DiagnosisRow | None,
-) -> LoopResult:
+def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) -> LoopResult:
     """Return all that the loop found, as plain values."""
+    first, search, decision, extended = ended.first, ended.search, ended.decision, ended.extended
     table, written = search.table, extended.written if extended is not None else None
     after = extended.fit if extended is not None else first.fit
     effects = extended.effects if extended is not None else ()
     predicted = context.unseen.predict(first.plain, first.fit.optimum)
-    steps = steps_of(table, decision, search.library.required)
     same = tuple((t, *(o for o, _ in c.alternatives)) for t, c in decision.claims.items() if c.alternatives)
     fitted = fitted_parameters(after.calibration.parameters, after.optimum)
-    outcome, sentence = _outcome(context, first, search, decision, extended, steps)
+    steps, (outcome, sentence) = ended.steps, _outcome(context, ended, predicted)
     sentence += early_end_sentence(context, search.ended)
     data = next((row for row in first.fit.diagnosis if row.cause == "data" and row.found), None)
     if cause is not None:
@@ -56,62 +41,36 @@ def result_of(
     found, optimum = context.statistics.outcomes, first.fit.optimum
     context.statistics.end_stage("judgement")
     return LoopResult(
-        outcome=outcome,
-        sentence=sentence,
-        base=context.family.base,
-        model=written.name if written is not None else context.family.base,
-        effects=effects,
-        equivalent=same,
-        limits=limits_of(search, decision.model),
-        refused=decision.refused,
-        before=first.fit,
-        after=after,
-        predicted_before=predicted,
-        predicted_after=extended.after if extended is not None else predicted,
-        floors=first.floors,
-        residual_before=first.reports,
-        residual_after=extended.reports if extended is not None else first.reports,
-        steps=steps,
+        outcome=outcome, sentence=sentence, base=context.family.base,
+        model=written.name if written is not None else context.family.base, effects=effects, equivalent=same,
+        limits=limits_of(search, decision.model), refused=decision.refused, before=first.fit, after=after,
+        predicted_before=predicted, predicted_after=extended.after if extended is not None else predicted,
+        floors=first.floors, residual_before=first.reports,
+        residual_after=extended.reports if extended is not None else first.reports, steps=steps,
         shifts=shifts(first.plain.parameters, optimum, after.calibration.parameters, after.optimum) if effects else (),
         parameters=fitted,
         identifiability=name_deciding_constants(after.identifiability, after.calibration, after.optimum, context.open),
-        noise=after.noise,
-        modelica=written.text if written is not None else "",
+        noise=after.noise, modelica=written.text if written is not None else "",
         modelica_path=written.path.name if written is not None else "",
-        diff=written.diff if written is not None else "",
-        separate=_separate(decision),
-        story=story_of(context, first, search, steps, effects, sentence),
-        simulations=found.total(),
-        failures=sum(count for how, count in found.items() if how),
-        seconds=dict(context.statistics.seconds),
+        diff=written.diff if written is not None else "", separate=_separate(decision),
+        story=story_of(context, ended, sentence), simulations=found.total(),
+        failures=sum(count for how, count in found.items() if how), seconds=dict(context.statistics.seconds),
         words={id_: describe(context, id_) for id_ in sorted(rivals)},
-        added=extended.added if extended is not None else (),
-        diagnosis=first.fit.diagnosis,
-        interpolation=after.calibration.data.interpolation,
-        recordings=context.recordings,
+        added=extended.added if extended is not None else (), diagnosis=first.fit.diagnosis,
+        interpolation=after.calibration.data.interpolation, recordings=context.recordings,
         plain=context.family.base_model(),
-        calibrated=_calibrated(context.family.base_model().source, extended, after, fitted),
-        table=table,
+        calibrated=_calibrated(context.family.base_model().source, extended, after, fitted), table=table,
         blocks=table.blocks,
-    )
+    )  # fmt: skip
 
 
-def _outcome(
-    context: LoopContext,
-    first: FirstFit,
-    search: Search,
-    decision: Decision,
-    extended: ExtendedFit | None,
-    steps: Sequence[Step],
-) -> tuple[LoopOutcome, str]:
+def _outcome(context: LoopContext, ended: Ended, before: Prediction) -> tuple[LoopOutcome, str]:
     """How the loop ended, and why."""
-    before = context.unseen.predict(first.plain, first.fit.optimum)
-    if extended is not None:
-        return "extended", extended_sentence(context, extended, before, decision)
-    structured = search.structured(decision.model)
-    far = {} if structured else _far_off(context, first, before)
-    sentence = none_sentence(first, decision, structured, steps, far)
-    return ("adequate" if not structured and all(sure for _, sure in far.values()) else "unexplained"), sentence
+    if ended.extended is not None:
+        return "extended", extended_sentence(context, ended, before)
+    structured = ended.search.structured(ended.decision.model)
+    far = {} if structured else _far_off(context, ended.first, before)
+    return "unexplained" if structured or far else "adequate", none_sentence(ended, structured, far)
 
 
 def _calibrated(
@@ -129,25 +88,20 @@ def _calibrated(
     return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added, delays=delays)
 
 
-def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> dict[tuple[str, str], tuple[float, bool]]:
-    """Errors on unseen data over what an adequate fit leaves, by recording and output, where they are far larger, and
-    whether the uncertainty of the parameters explains them."""
+def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> dict[str, float]:
+    """Errors on unseen data over what an adequate fit leaves, by output, where they are far larger."""
     left = {(r.recording, r.output): r.rms for r in first.reports}
-    every = {r.name: r for r in (*context.recordings.train, *context.recordings.test)}
-    far: dict[tuple[str, str], tuple[float, bool]] = {}
+    far: dict[str, float] = {}
     for (name, output), error in before.test.items():
         own = [rms for (_, other), rms in left.items() if other == output]
-        expected = max([first.fit.noise[output].sd, first.floors.get((name, output), 0.0), *own])
-        if error.rms > context.settings.max_error_ratio * expected:
-            seen = first.fit.predict(every[name], seed=context.seed)
-            band = seen.predictive.upper - seen.predictive.lower
-            sd = float(np.sqrt(np.mean(band[:, seen.outputs.index(output)] ** 2))) / BAND_DEVIATIONS
-            far[name, output] = error.rms / expected, error.rms <= MAX_PREDICTION_DEVIATIONS * sd
+        ratio = error.rms / max([first.fit.noise[output].sd, first.floors.get((name, output), 0.0), *own])
+        if ratio > max(context.settings.max_error_ratio, far.get(output, 0.0)):
+            far[output] = ratio
     return far
 
 
 def _separate(decision: Decision) -> tuple[str, ...]:
-    """How to find an experiment that tells an effect from what does as well in its place."""
+    """How to find an experiment that tells effects apart."""
     return tuple(
         f"`aero-bayes design --separate {term} {claim.alternatives[0][0]}` proposes what would tell them apart."
         for term, claim in decision.claims.items()

@@ -21,8 +21,7 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.loop.found_effect import FoundEffect, NewParameter
-from aero_bayes.loop.limits import Limit
+from aero_bayes.loop.found_effect import FoundEffect, Limit, NewParameter
 from aero_bayes.loop.steps import Step
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.scratch import ScratchFolder
@@ -107,25 +106,18 @@ class LoopResult:
 
     Examples
     --------
-    >>> loop.outcome, loop.effects[0].id
-    ('extended', 'coulomb_friction@v')
-    >>> "F_c" in loop.after.parameters or len(loop.after.parameters) > len(loop.before.parameters)
-    True
+    >>> loop.outcome, loop.effects[0].id, loop.effects[0].claim
+    ('extended', 'coulomb_friction@v', 'law')
     >>> bool(loop.predicted_after.pooled("test")["position"] < loop.predicted_before.pooled("test")["position"])
     True
     >>> friction = loop.effects[0].parameters[0]
     >>> friction.unit, bool(friction.q05 < friction.value < friction.q95)  # the truth is 0.4 N
     ('N', True)
-    >>> print(loop.diff[:30].splitlines()[0][:3])
-    ---
-    >>> loop.calibrated.name
-    'Rig_coulomb_friction_fitted'
     >>> [row.cause for row in loop.diagnosis if row.found]
     ['model']
-    >>> loop.to_dict()["outcome"]
-    'extended'
-    >>> curves = loop.series()
-    >>> curves["before/test/position"].shape == (test.rows,)
+    >>> loop.calibrated.name, loop.to_dict()["outcome"], loop.diff[:3]
+    ('Rig_coulomb_friction_fitted', 'extended', '---')
+    >>> loop.series()["before/test/position"].shape == (test.rows,)
     True
     """
 
@@ -268,45 +260,29 @@ class LoopResult:
 
     def to_dict(self) -> dict[str, object]:
         """Return the ``loop`` entry of result.json."""
+        roles, before, after = ("train", "test"), self.predicted_before, self.predicted_after
+        moved = ("before", "before_sd", "after", "after_sd", "in_sd")
         return {
-            "outcome": self.outcome,
-            "sentence": self.sentence,
-            "base": self.base,
-            "model": self.model,
+            "outcome": self.outcome, "sentence": self.sentence, "base": self.base, "model": self.model,
             "effects": [effect.to_dict(self.modelica_path) for effect in self.effects],
             "equivalent": [list(ids) for ids in self.equivalent],
             "limits": [vars(limit) for limit in self.limits],
             "refused": [list(terms) for terms in self.refused],
-            "before": {role: self.predicted_before.pooled(role) for role in ("train", "test")},
-            "after": {role: self.predicted_after.pooled(role) for role in ("train", "test")},
-            "before_sd": {role: self.predicted_before.uncertainty(role) for role in ("train", "test")},
-            "after_sd": {role: self.predicted_after.uncertainty(role) for role in ("train", "test")},
+            "before": {role: before.pooled(role) for role in roles},
+            "after": {role: after.pooled(role) for role in roles},
+            "before_sd": {role: before.uncertainty(role) for role in roles},
+            "after_sd": {role: after.uncertainty(role) for role in roles},
             "noise_floor": _pooled_floors(self.floors),
             "steps": [step.to_dict() for step in self.steps],
-            "shifts": {
-                s.name: {
-                    "before": s.before,
-                    "before_sd": s.before_sd,
-                    "after": s.after,
-                    "after_sd": s.after_sd,
-                    "in_sd": s.in_sd,
-                }
-                for s in self.shifts
-            },
+            "shifts": {s.name: {key: getattr(s, key) for key in moved} for s in self.shifts},
             "whiteness": {
                 "before": reports_by_recording(self.residual_before),
                 "after": reports_by_recording(self.residual_after),
             },
-            "blocks": self.blocks,
-            "separate": list(self.separate),
-            "story": list(self.story),
-            "diff": self.diff,
-            "modelica_source": self.modelica,
-            "notes": list(self.data_notes),
-            "simulations": self.simulations,
-            "failures": self.failures,
-            "seconds": dict(self.seconds),
-        }
+            "blocks": self.blocks, "separate": list(self.separate), "story": list(self.story), "diff": self.diff,
+            "modelica_source": self.modelica, "notes": list(self.data_notes), "simulations": self.simulations,
+            "failures": self.failures, "seconds": dict(self.seconds),
+        }  # fmt: skip
 
     def series(self) -> dict[str, FloatArray]:
         """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`).

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 from aero_bayes.check.residual_tests import ResidualReport, structured_residuals
 from aero_bayes.display import join_names, with_unit
@@ -13,7 +15,7 @@ from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit
 from aero_bayes.loop.first_fit import FirstFit
 from aero_bayes.loop.found_effect import FoundEffect
-from aero_bayes.loop.steps import Step, fall
+from aero_bayes.loop.steps import Step, fall, steps_of
 from aero_bayes.search.search import Search
 
 #: Alternatives that are listed by name.
@@ -22,14 +24,31 @@ MAX_NAMED = 3
 DISTURBANCE_SHARE = 0.8
 
 
-def extended_sentence(context: LoopContext, extended: ExtendedFit, before: Prediction, decision: Decision) -> str:
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """How a loop ended: the first fit, the search, what was decided on it, and the fit of the extended model."""
+
+    first: FirstFit
+    search: Search
+    decision: Decision
+    extended: ExtendedFit | None
+
+    @cached_property
+    def steps(self) -> tuple[Step, ...]:
+        return steps_of(self.search.table, self.decision, self.search.library.required)
+
+
+def extended_sentence(context: LoopContext, ended: Ended, before: Prediction) -> str:
     """The model, the error before and after, and what is claimed of each term."""
+    extended = ended.extended
+    assert extended is not None
     effects = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
     change = describe_error_change(before, extended.after, context.units)
     known = all(e.claim == "law" for e in effects)
     text = f"The model {'lacks' if known else 'was extended by'} {join_names([e.id for e in effects])}: {change}"
     text += "".join(f" {_claim_sentence(e)}" for e in effects)
-    text += refused_sentence(decision)
+    count = len(ended.decision.refused)
+    text += f" Unseen recordings refused {count} model{'s' * (count > 1)} before it." if count else ""
     left = structured_residuals(extended.reports)
     return text + (
         f" Structure remains in the residual of {join_names(sorted({r.output for r in left}))}." if left else ""
@@ -55,33 +74,17 @@ def _claim_sentence(effect: FoundEffect) -> str:
     return f"{text}; {named} {does} as well{', ' if effect.claim == 'one of' else ' '}{told[effect.claim]}."
 
 
-def refused_sentence(decision: Decision) -> str:
-    """How many models unseen recordings refused."""
-    count = len(decision.refused)
-    if not count:
-        return ""
-    models = "a model that does" if count == 1 else f"{count} models that do"
-    return f" Unseen recordings refused {models} better on left-out readings."
-
-
-def none_sentence(
-    first: FirstFit,
-    decision: Decision,
-    structured: Sequence[str],
-    steps: Sequence[Step],
-    far: Mapping[tuple[str, str], tuple[float, bool]],
-) -> str:
+def none_sentence(ended: Ended, structured: Sequence[str], far: Mapping[str, float]) -> str:
     """Why nothing was added."""
-    if not structured:
-        if all(explained for _, explained in far.values()):
-            text = "The model is adequate for these recordings: it leaves no more than what the sensors add."
-            more = f" The error on unseen data is larger: {_ratios(far)}. The uncertainty of the parameters explains"
-            return text + (f"{more} this: the unseen data are sensitive to them." if far else "")
+    if far:
+        ratios = ", ".join(f"{output} ({ratio:.2g} times the error of the fit)" for output, ratio in far.items())
         return (
-            "The model fits the training data, but its error on unseen data is far larger: "
-            f"{_ratios(far)}. The training data do not show the missing effect, or do not determine the parameters "
-            "well enough."
+            f"The model fits the training data, but its error on unseen data is far larger: {ratios}. The training "
+            "data do not show the missing effect, or do not determine the parameters well enough."
         )
+    if not structured:
+        return "The model is adequate for these recordings: it leaves no more than what the sensors add."
+    first, decision, steps = ended.first, ended.decision, ended.steps
     reports = [r for r in first.reports if r.output in structured]
     moment = _disturbance(reports)
     if moment is not None and not decision.refused:
@@ -91,7 +94,8 @@ def none_sentence(
             "disturbance, so the model gets no new effect."
         )
     worst = max(reports, key=lambda r: r.ratio)
-    text = f"The residual of {worst.output} is structured ({_ratio(worst.ratio)} times the noise floor)"
+    far_above = "more than 100" if worst.ratio >= 100.0 else f"{worst.ratio:.2g}"
+    text = f"The residual of {worst.output} is structured ({far_above} times the noise floor)"
     if decision.refused:
         return f"{text}, but unseen recordings refuse all {len(decision.refused)} models that explain a part of it."
     return f"{text}, but no effect that was tried is material" + (f": {steps[-1].why}." if steps else ".")
@@ -106,21 +110,15 @@ def early_end_sentence(context: LoopContext, where: str) -> str:
     return f" The search {ended} at {where}, so it may have missed effects."
 
 
-def story_of(
-    context: LoopContext,
-    first: FirstFit,
-    search: Search,
-    steps: Sequence[Step],
-    effects: Sequence[FoundEffect],
-    told: str,
-) -> tuple[str, ...]:
+def story_of(context: LoopContext, ended: Ended, told: str) -> tuple[str, ...]:
     """What was done, in sentences."""
+    first, search, steps = ended.first, ended.search, ended.steps
+    effects = ended.extended.effects if ended.extended is not None else ()
     worst = max(first.reports, key=lambda r: r.ratio)
     refits = sum(row.refitted for row in search.table.rows.values())
     lines = [
         f"{context.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
         f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
-        *first.start_warnings,
         _data_sentence(context),
         f"{len(search.fits)} model structures were compared by their error on readings that were left out, in "
         f"{search.table.blocks} blocks; {refits} of them were fitted again without each block.",
@@ -150,15 +148,3 @@ def _disturbance(reports: Sequence[ResidualReport]) -> tuple[str, float, float] 
     found = [r for r in structured_residuals(reports) if r.worst_share > DISTURBANCE_SHARE and math.isfinite(r.ratio)]
     worst = max(found, key=lambda r: r.worst_share, default=None)
     return None if worst is None else (worst.recording, *worst.worst_time)
-
-
-def _ratio(ratio: float) -> str:
-    return f"{ratio:.2g}" if ratio < 100.0 and math.isfinite(ratio) else "more than 100"
-
-
-def _ratios(far: Mapping[tuple[str, str], tuple[float, bool]]) -> str:
-    """Outputs with the worst of their ratios."""
-    worst: dict[str, float] = {}
-    for (_, output), (ratio, _) in far.items():
-        worst[output] = max(ratio, worst.get(output, 0.0))
-    return ", ".join(f"{output} ({ratio:.2g} times the error of the fit)" for output, ratio in worst.items())

@@ -25,19 +25,26 @@ def settled(search: Search, unseen: Callable[[FittedModel], dict[str, float]], l
         if _see(search, unseen, decision.compared_unseen):
             continue
         if late():
-            return decision
+            break
         if new := [k for k in decision.compared if not search.table.rows[k].refitted]:
             search.refit(new)
             continue
         before = len(search.fits)
         todo = [k for k in _parts(search, decision) if k not in search.completed]
         if not todo:
-            return decision
+            break
         for part in todo:
             search.complete(decision.model, part)
         if len(search.fits) == before and all(k in search.table.rows for k in todo):
-            return decision
-    return decision
+            break
+    return _as_far_as_tried(search, decision)
+
+
+def _as_far_as_tried(search: Search, decision: Decision) -> Decision:
+    """No term is claimed as a law in whose place not all was tried."""
+    done = {t: tuple(x for x in decision.model if x != t) in search.completed for t in decision.claims}
+    claims = {t: c if done[t] or c.kind != "law" else replace(c, kind="place") for t, c in decision.claims.items()}
+    return replace(decision, claims=claims)
 
 
 def _see(search: Search, unseen: Callable[[FittedModel], dict[str, float]], structures: Sequence[Terms]) -> bool:

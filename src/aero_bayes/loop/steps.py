@@ -10,9 +10,7 @@ from aero_bayes.search.table import Table, Terms
 
 @dataclass(frozen=True)
 class StepCandidate:
-    """A term beside those of the rounds before: the left-out error with it over that without it.
-
-    ``refitted`` is whether it was fitted again without each block, else its error is that of one Newton step."""
+    """A term beside those of the rounds before: the left-out error with it, refitted or not, over that without it."""
 
     id: str
     port: str

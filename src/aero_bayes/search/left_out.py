@@ -24,8 +24,9 @@ from aero_bayes.sensors.noise import OutputNoise
 
 Readings = NDArray[np.int_]
 
-#: Blocks of time that are left out in turn: fewer say nothing of the spread, more cost a fit each.
-BLOCKS = 10
+#: Blocks of time that are left out in turn, and those of few readings, of which less is clear and a fit costs less.
+#: Fewer say nothing of the spread, more cost a fit each.
+BLOCKS, MORE_BLOCKS, FEW_READINGS = 10, 20, 2000
 #: Recordings from which on whole ones are left out: of two, the one that is left says too little alone.
 MIN_WHOLE_RECORDINGS = 3
 #: Error that counts as none, as a share of an output's range: the accuracy of the solver in a search.
@@ -57,7 +58,8 @@ class Blocks:
         whole = len(recordings) >= MIN_WHOLE_RECORDINGS
         leverage = LinearisedFit.of(first.optimum, objective.parameters, range(len(free))).leverage
         leverage = leverage if np.all(np.isfinite(leverage)) else np.zeros(objective.readings)
-        count = max(BLOCKS // len(recordings), 1)
+        blocks = MORE_BLOCKS if objective.readings <= FEW_READINGS else BLOCKS
+        count = max(blocks // len(recordings), 1)
         folds: list[Readings] = []
         for cells in blocks_of_time(series, leverage, count, MIN_BLOCK_READINGS):
             folds += [np.concatenate(cells)] if whole else cells

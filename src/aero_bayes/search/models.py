@@ -225,14 +225,13 @@ class Models:
                 self._built[key] = None
         return self._built[key]
 
-    def drop(self, terms: Collection[str], count: Callable[[Objective], None] = lambda objective: None) -> None:
-        """Close a model; ``count`` is told its objective."""
+    def drop(self, terms: Collection[str]) -> None:
+        """Close a model."""
         model = self._built.pop(tuple(sorted(terms)), None)
         if model is not None:
-            count(model.objective)
             model.objective.simulator.close()
 
-    def close(self, count: Callable[[Objective], None] = lambda objective: None) -> None:
+    def close(self) -> None:
         """Close all models."""
         for terms in list(self._built):
-            self.drop(terms, count)
+            self.drop(terms)

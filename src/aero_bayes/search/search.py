@@ -9,11 +9,12 @@ terms may explain what neither does alone.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,33 +22,28 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.progressive_horizon import fit_progressive_horizon
-from aero_bayes.parallel import Task
+from aero_bayes.parallel import ParallelMap, Task
 from aero_bayes.search.left_out import ROUNDING_SHARE, Blocks, newton_errors, refitted_errors
 from aero_bayes.search.models import FittedModel, Models, ModelSource
 from aero_bayes.search.screen import LEAST_FALL, Promise, Screen, Screened
 from aero_bayes.search.table import MATERIAL, Row, Table, Terms
+from aero_bayes.simulation.interface import Outcome
 
 R = TypeVar("R")
 
 #: Structures of each size that are extended, from none to two terms: the best may hold none of the right ones.
 BEAM = (1, 4, 2)
 #: Terms beside a structure that are kept after a brief fit (beside the first model, whose predictions are the worst;
-#: beside others), and those of them that are fitted to the end.
-FITTED, FINISHED = (12, 6), 3
+#: beside others), those of them that are fitted to the end, and those that begin with a beginning of the recordings.
+FITTED, FINISHED, BEGUN = (12, 6), 5, (3, 1)
 #: Structures that are fitted in a search, and those beside them that are tried in the place of a term of the model.
-MOST_STRUCTURES, MOST_SWAPS = 45, 15
+MOST_STRUCTURES, MOST_SWAPS, LEAST_SWAPS = 45, 15, 2
 #: Points from which a term is fitted: by its slope, by simulation, and beside the declared values.
 MOST_STARTS = 3
 #: What the kind of a promise beside the declared values begins with, at least.
 DECLARED = 2.0
 #: Steps of a brief fit and of one to the end, and the relative fall of the squared error that a step must promise.
 BRIEF, WHOLE = (4, 2e-3), (25, 1e-4)
-
-
-class Mapper(Protocol):
-    """Does independent tasks; None in place of the result of those that were not begun because the time was up."""
-
-    def __call__(self, tasks: Sequence[Task[R]], told: Callable[[float], object]) -> list[R | None]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +61,8 @@ class Library:
 class Control:
     """How a search is run: its map over independent tasks, their counts, its time limit and its report."""
 
-    map: Mapper
-    counts: object
+    map: ParallelMap
+    counts: Counter[Outcome]
     late: Callable[[], bool]
     tell: Callable[[str, float], object]
 
@@ -88,10 +84,8 @@ class Search:
     def __post_init__(self) -> None:
         self.models = Models(self.source)
         data = self.source.plain.data
-        self._least = {
-            o: max(data.floors.get(o, 0.0), ROUNDING_SHARE * float(s))
-            for o, s in zip(data.outputs, data.scale, strict=True)
-        }
+        rounding = zip(data.outputs, (ROUNDING_SHARE * data.scale).tolist(), strict=True)
+        self._least = {o: max(data.floors.get(o, 0.0), least) for o, least in rounding}
 
     # fits
 
@@ -146,7 +140,8 @@ class Search:
         self.blocks = Blocks.of(first[0])
         ports = {t: t.rpartition("@")[2] for t in self.library.offered}
         self.table = Table(self.blocks.outputs, self.blocks.least, ports, self.library.refines, self.library.curves)
-        self.keep({(): first[0].optimum})
+        self.fits[()] = first[0]
+        self.table.rows[()] = Row((), newton_errors(first[0], self.blocks), len(first[0].optimum.free))
         terms: Terms = ()
         for id_ in self.library.required:
             self.fit_children(terms, [id_], least=-math.inf)
@@ -170,7 +165,8 @@ class Search:
             parents = self._beam(size - 1)
             for k, parent in enumerate(parents):
                 if len(self.fits) < MOST_STRUCTURES and not self._late(f"structures of {size} terms"):
-                    self.control.tell(_beside(parent), (size - 1 + k / len(parents)) / self.library.most_terms)
+                    what = f"trying each term{' beside ' * bool(parent)}{', '.join(parent)}"
+                    self.control.tell(what, (size - 1 + k / len(parents)) / self.library.most_terms)
                     self.extend(parent)
             here = self.table.best_of_size(self.fits).get(size)
             if here is not None and self.table.material(here, best):
@@ -236,7 +232,7 @@ class Search:
         else:
             order = [t for t in gains if here - gains[t] <= near and _plus(parent, t) not in self.fits]
             count = MOST_STRUCTURES + MOST_SWAPS - len(self.fits)
-        order = sorted(order, key=lambda t: (-gains[t], t))[: max(count, 0)]
+        order = sorted(order, key=lambda t: (-gains[t], t))[: max(count, LEAST_SWAPS)]
         children = [_plus(parent, t) for t in order]
         works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
         found = dict(zip(children, self._map(works), strict=True))
@@ -245,7 +241,7 @@ class Search:
         self.keep({k: found[k] for k in ends})
         kept = [k for k in ends[:FINISHED] if k in self.fits]
         self.finish(kept)
-        again = [k for k in kept if near is None and self.structured(k)]
+        again = [k for k in kept[: BEGUN[bool(parent)]] if near is None and self.structured(k)]
         self.keep(dict(zip(again, self._map([partial(self._from_beginning, k) for k in again]), strict=True)))
 
     def screen(self, parent: Terms, offered: Sequence[str]) -> dict[str, Screened]:
@@ -288,8 +284,8 @@ class Search:
 
     def _map(self, works: Sequence[Callable[[], R]]) -> list[R | None]:
         """Do tasks; those that cannot be done give None."""
-        tasks = [Task(partial(_tried, work), self.control.counts) for work in works]  # type: ignore[arg-type]
-        return self.control.map(tasks, lambda share: None)
+        tasks = [Task(partial(_tried, work), self.control.counts) for work in works]
+        return self.control.map(tasks)
 
     def _screen(self, parent: Terms, term: str) -> Screened:
         """Screen a term beside a fit, of the first model beside its declared values, too.
@@ -354,8 +350,3 @@ def _tried(work: Callable[[], R]) -> R | None:
 
 def _plus(terms: Terms, *more: str) -> Terms:
     return tuple(sorted({*terms, *more}))
-
-
-def _beside(parent: Terms) -> str:
-    """What is being tried, in words."""
-    return f"trying each term beside {', '.join(parent)}" if parent else "trying each term"

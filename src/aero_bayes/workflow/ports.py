@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +15,11 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.config import load_config
+from aero_bayes.data import noise_floors
 from aero_bayes.data.noise import output_noise_floor
 from aero_bayes.display import with_unit
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Uniform
@@ -31,14 +35,17 @@ from aero_bayes.laws.law import SIGNAL_DEFAULTS
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import describe_law, identifier
-from aero_bayes.loop.limits import limits_of_fit
+from aero_bayes.loop.found_effect import Limit, limits_of
+from aero_bayes.parallel import ParallelMap
 from aero_bayes.ports.nominal_values import port_nominals
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_expression
 from aero_bayes.ports.signal_statistics import NOMINAL_QUANTILE
 from aero_bayes.progress import ProgressBar
 from aero_bayes.scratch import ScratchFolder
+from aero_bayes.search.models import ModelSource
+from aero_bayes.search.search import Control, Library, Search
 from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.workflow.commands import fit_job
 from aero_bayes.workflow.job import RunOptions, open_job, which_model
@@ -101,12 +108,29 @@ def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -
             found = fit_job(job, progress, again=True)
         family = ModelicaFamily(places, options.out)
         responses = _port_responses(family, found)
-        limits = limits_of_fit(found, family)
+        limits = _limits(found, family)
         for row in rows:
             row["response"] = responses.get(row["id"])
             row["visible"] = visibility(row["response"])
             row["limits"] = [vars(one) for one in limits if one.port == row["id"]]
     return rows
+
+
+def _limits(fit: Fit, family: ModelicaFamily) -> tuple[Limit, ...]:
+    """What the recordings of a fit show of each law at each port of its model, beside what the fit leaves."""
+    with WorkerPool(0) as pool:
+        open_ = partial(open_simulator, pool=pool)
+        objective = lambda own: objective_of(own, open_(own.problem()))  # noqa: E731
+        source = ModelSource(family, fit.calibration, fit.free, objective, open_, {})
+        placed = family.prepare(fit.calibration, fit.optimum, open_)
+        laws = tuple(t for t in placed if t not in family.curves())
+        floors = noise_floors(fit.calibration.data.recordings, fit.outputs)
+        control = Control(ParallelMap(pool), Counter(), lambda: False, lambda what, share: None)
+        search = Search(source, Library(laws, {}, ()), floors, control)
+        search.begin(dict(zip(fit.calibration.parameters.names, fit.values.tolist(), strict=True)))
+        search.screen((), laws)
+        search.models.close()
+        return limits_of(search, ())
 
 
 def visibility(response: float | None) -> str:
