@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator
 
 from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson, QuantilesJson
-from aero_bayes.schema.estimate import ResidualJson
+from aero_bayes.schema.estimate import DiagnosisJson, ResidualJson
 
 
 class CurveJson(JsonTable):
@@ -16,6 +18,19 @@ class CurveJson(JsonTable):
     sd: list[float]
     x_unit: str = ""
     unit: str = ""
+
+
+def _named(given: object) -> object:
+    """Return an alternative that has nothing but its id."""
+    return {"id": given} if isinstance(given, str) else given
+
+
+class AlternativeJson(JsonTable):
+    """What does about as well in the place of an effect: error on left-out readings over that with the effect."""
+
+    id: str
+    port: str = ""
+    error_ratio: JsonNumber = None
 
 
 class EffectJson(JsonTable):
@@ -41,7 +56,8 @@ class EffectJson(JsonTable):
     curve: CurveJson | None = None
     text: str = ""
     visited: dict[str, list[float]] = {}
-    alternatives: list[str] = []
+    claim: Literal["law", "place", "one of"] | None = None
+    alternatives: list[Annotated[AlternativeJson, BeforeValidator(_named)]] = []
 
 
 class CandidateJson(JsonTable):
@@ -114,6 +130,35 @@ class LoopProcessNoiseJson(JsonTable):
 RmsByRole = dict[str, dict[str, JsonNumber]]
 
 
+class RecordingErrorJson(JsonTable):
+    """RMS error of an output in one recording, or in the part of it that begins at ``begin`` (s), before and after.
+
+    ``noise`` is that of the recording, or of the fit where ``noise_known`` is false; ``verdict`` is of the model that
+    came out."""
+
+    recording: str
+    role: Literal["train", "test"]
+    output: str
+    before: JsonNumber = None
+    after: JsonNumber
+    noise: JsonNumber
+    noise_known: bool
+    ratio: JsonNumber = None
+    p_value: JsonNumber = None
+    verdict: Literal["noise", "structured", "too large"]
+    begin: JsonNumber = None
+
+
+class LimitJson(JsonTable):
+    """The smallest size at which a law would have been named from these recordings."""
+
+    law: str
+    port: str
+    parameter: str = ""
+    smallest: JsonNumber = None
+    unit: str = ""
+
+
 class LoopJson(JsonTable):
     """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
 
@@ -126,6 +171,9 @@ class LoopJson(JsonTable):
     effects: list[EffectJson] = []
     smaller: list[EffectJson] = []
     equivalent: list[list[str]] = []
+    limits: list[LimitJson] = []
+    errors: list[RecordingErrorJson] = []
+    diagnosis_before: list[DiagnosisJson] = []
     before: RmsByRole = {}
     after: RmsByRole = {}
     before_sd: RmsByRole = {}
