@@ -21,7 +21,6 @@ CONFIG  ?=
 RESUME  ?=
 AIM     ?=
 SEPARATE ?=
-LOOP    ?=
 DURATION ?=
 AMPLIFIER ?=
 TRAVEL  ?=
@@ -65,9 +64,9 @@ loop: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## close the loop on DATA
 	$(RUN) close-loop $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--train $(f)) \
 	  $(foreach f,$(or $(TEST),$(if $(DATA),,$(SIMULATED)/test_1.csv)),--test $(f)) --out $(or $(OUT),reports/loop) $(OPTIONS)
 
-design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment: for AIM="D_p K_sp", SEPARATE="effect effect" or LOOP=dir
+design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment: for AIM="D_p K_sp" or SEPARATE="effect effect"
 	$(RUN) design $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv),--data $(f)) --out $(or $(OUT),reports/design) $(OPTIONS) \
-	  $(foreach p,$(AIM),--aim $(p)) $(if $(SEPARATE),--separate $(SEPARATE)) $(if $(LOOP),--loop $(LOOP)) \
+	  $(foreach p,$(AIM),--aim $(p)) $(if $(SEPARATE),--separate $(SEPARATE)) \
 	  $(if $(DURATION),--duration $(DURATION)) $(if $(AMPLIFIER),--amplifier $(AMPLIFIER)) $(foreach t,$(TRAVEL),--travel $(t))
 
 replay: setup ## the paper's Table 1 and Fig. 6
