@@ -85,9 +85,7 @@ def recording_errors(
             rms = _rms(residual)
             verdict: Verdict = "too large" if rms > MAX_RATIO * size else "structured" if structured else "noise"
             found.append(
-                RecordingError(
-                    recording.name, role, output, was, rms, size, floor is not None, p_value, verdict, begin
-                )
+                RecordingError(recording.name, role, output, was, rms, size, floor is not None, p_value, verdict, begin)
             )
     return tuple(found)
 

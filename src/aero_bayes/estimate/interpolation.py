@@ -1,7 +1,7 @@
 """Choose how an input runs between its samples: it holds its value, or it is interpolated linearly.
 
 A converter holds a commanded voltage (zero-order hold). A measured force is a sample of a smooth signal, for which
-linear interpolation is closer. The fit decides for each input that changes at most samples of a recording; an input that
+linear interpolation is closer. The fit decides for each input that changes at most samples of a recording; one that
 jumps now and then was commanded in steps, and holds there.
 """
 

@@ -61,7 +61,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Shift:
-    """How far a parameter moved when the missing effect was added, in its own unit and in combined standard deviations."""
+    """How far a parameter moved when the missing effect was added, in its unit and in combined standard deviations."""
 
     name: str
     before: float

@@ -42,7 +42,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
         return None
     draws = {name: posterior[name].ravel() for name in names}
     correlation = rank_correlation(posterior, names)
-    cell = min(150.0, 980 / len(names))
+    cell = min(150.0, 980.0 / len(names))
     first, second, value = _strongest(names, correlation)
     alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {first} with {second}, {value}."
     canvas = Canvas(cell * len(names) + 8, cell * len(names) + 62, alt)
@@ -63,7 +63,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
     for column, name in enumerate(names):
         _cell_scale(canvas, draws[name], units.get(name, ""), 2 + cell * column, 22 + cell * len(names), cell)
     caption = Markup(
-        "Dark and light: regions that contain 50 % and 90 % of the posterior. Numbers: rank correlations. "
+        "Inner and outer regions hold 50 % and 90 % of the posterior. Numbers: rank correlations. "
         "Each cell spans the central 99.8 % of its parameter. Strongest correlation: {} with {}, {}."
     ).format(symbol(first), symbol(second), value)
     rows = [

@@ -10,7 +10,8 @@ from collections.abc import Iterator, Sequence
 from aero_bayes.display import join_names
 from aero_bayes.report.text import minus, pretty_unit, rounded_value, significant
 from aero_bayes.schema import RunJson, VerdictJson
-from aero_bayes.schema.loop import EffectJson, LoopJson, RecordingErrorJson
+from aero_bayes.schema.estimate import DiagnosisJson
+from aero_bayes.schema.loop import EffectJson, LimitJson, LoopJson, RecordingErrorJson
 
 #: Paragraphs of the page, by section.
 LEADS = {
@@ -18,20 +19,20 @@ LEADS = {
     "Below each output: measured minus model, with a running mean. Dashed: twice the noise; noise alone leaves 95 % of "
     "the samples between the dashed lines.",
     "parameters": "With 90 % probability the value lies in the interval, if the model is right.",
-    "errors": "Noise: standard deviation of the sensor noise, estimated from each recording without a model. Ratio: error "
-    "over noise; about 1 if only noise is left, too large above 1.3.",
+    "errors": "Noise: standard deviation of the sensor noise, estimated from each recording without a model. Ratio: "
+    "error over noise; about 1 if only noise is left, too large above 1.3.",
     "residuals": "p (white): how probable so much correlation is in white noise; near 0 if there is structure.",
     "noise": "White noise is independent from sample to sample, correlated noise fades over the correlation time.",
     "process_noise": "Diffusion: how far chance moves the state in the square root of a second. With it a residual is "
     "what the model did not predict from the readings before.",
-    "candidates": "How far the error on readings that were left out falls with each candidate: each block of readings is "
-    "predicted by a fit to all others. ± is one standard error over resampled blocks.",
+    "candidates": "How far the error on readings that were left out falls with each candidate: each block of readings "
+    "is predicted by a fit to all others. ± is one standard error over resampled blocks.",
     "shift": "A parameter that moved by many standard deviations had made up for the missing effect.",
-    "profiles": "Each curve fixes one parameter at a value, fits all others again, and shows how far the log-posterior "
-    "falls. The 90 % interval lies below the dashed line; a curve that stays below it has no end there. Grey: the prior "
-    "alone.",
-    "prediction": "Errors on data that were left out of the fit. A left-out recording keeps its own delay and start; all "
-    "other parameters come from the other recordings.",
+    "profiles": "Each curve fixes one parameter at a value, fits all others again, and shows how far the "
+    "log-posterior falls. The 90 % interval lies below the dashed line; a curve that stays below it has no end there. "
+    "Grey: the prior alone.",
+    "prediction": "Errors on data that were left out of the fit. A left-out recording keeps its own delay and start; "
+    "all other parameters come from the other recordings.",
     "posterior": "R-hat: spread of all draws over that within an ensemble; at most 1.01 if the ensembles agree. "
     "Effective draws: how many independent draws would be as precise.",
     "traces": "Each line is the running median of one ensemble; grey: 5 to 95 % of all draws. Lines that overlap have "
@@ -42,7 +43,6 @@ OUTCOMES = {
     "unexplained": "something is missing that no effect of the library explains",
 }
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
-_CAUSES = {"data": "data", "solver": "solver", "search": "search", "noise": "noise", "model": "model"}
 
 
 def title(result: RunJson, otherwise: str) -> str:
@@ -54,10 +54,12 @@ def title(result: RunJson, otherwise: str) -> str:
     if result.design:
         return f"{model}: the next experiment"
     if loop is not None:
-        return f"{model} lacks {lacking(loop)}" if loop.effects else f"{model}: {OUTCOMES.get(loop.outcome, 'extended')}"
+        return (
+            f"{model} lacks {lacking(loop)}" if loop.effects else f"{model}: {OUTCOMES.get(loop.outcome, 'extended')}"
+        )
     found = [row.cause for row in result.diagnosis if row.found]
     if "model" in found:
-        return f"{model} misses something" if len(found) == 1 else f"{model}: {_CAUSES[found[0]]} come first"
+        return f"{model} misses something" if len(found) == 1 else f"{model}: the {found[0]} comes first"
     return f"{model} explains the recordings" if result.diagnosis else f"{model}: {result.command or 'a run'}"
 
 
@@ -83,10 +85,13 @@ def claim(effect: EffectJson, groups: Sequence[Sequence[str]] = ()) -> str:
     """Say how sure it is that the effect is this one."""
     others = [a for a in effect.alternatives if a.id != effect.id]
     ids = [a.id for a in others] or [i for group in groups if effect.id in group for i in group if i != effect.id]
-    named = join_names([f"`{i}`" for i in ids[:3]] if len(ids) < 4 else [*(f"`{i}`" for i in ids[:2]), f"{len(ids) - 2} more"])
+    named = join_names(
+        [f"`{i}`" for i in ids[:3]] if len(ids) < 4 else [*(f"`{i}`" for i in ids[:2]), f"{len(ids) - 2} more"]
+    )
     if effect.claim == "place":
-        return f"{number(1 + len(ids)).capitalize()} laws at `{effect.port}` predict equally well; the simplest is taken. " \
-            "The place is known, the law is not." if ids else f"The place is known, `{effect.port}`; the law is not."  # fmt: skip
+        count = number(1 + len(ids)).capitalize()
+        laws = f"{count} laws at `{effect.port}` predict equally well; the simplest is taken. "
+        return f"{laws if ids else ''}The place is known, the law is not."
     if effect.claim == "one of" or (effect.claim is None and ids):
         return f"The data do not tell `{effect.id}` from {named}: each predicts about as well in its place."
     if effect.kind == "free_form":
@@ -124,7 +129,14 @@ def place(error: RecordingErrorJson) -> str:
     return error.recording if error.begin is None else f"{error.recording} from {error.begin:.4g} s on"
 
 
+def limit(found: LimitJson) -> str:
+    """Say from which size on a law would have been named."""
+    least = f"{found.parameter} = {size(found.smallest, found.unit)}"
+    return f"`{found.law}` at `{found.port}` would have been found from {least} on."
+
+
 def judged(loop: LoopJson, role: str) -> list[RecordingErrorJson]:
+    """Return the errors on the recordings of a role."""
     return [error for error in loop.errors if error.role == role]
 
 
@@ -153,7 +165,8 @@ def gain(result: RunJson, loop: LoopJson) -> Iterator[str]:
             spread = "" if effect.share_sd is None else f" ± {100.0 * effect.share_sd:.0f}"
             what = f" with `{effect.id}`" if len(loop.effects) > 1 else ""
             of = f" of `{effect.share_of}`" if effect.share_of else ""
-            yield f"Cross-validated on training, the error{of} changes by {minus(f'{100.0 * (effect.share - 1.0):.0f}')}{spread}\u00a0%{what}."
+            change = minus(f"{100.0 * (effect.share - 1.0):.0f}{spread}\u00a0%")
+            yield f"Cross-validated on training, the error{of} changes by {change}{what}."
 
 
 def faults(loop: LoopJson) -> list[str]:
@@ -165,21 +178,31 @@ def faults(loop: LoopJson) -> list[str]:
                 continue
             noise = "its noise" if error.noise_known else "the error of the fit"
             ratio = significant(error.ratio, 2) if (error.ratio or 0.0) < 100.0 else "more than 100"
-            what = f"is {ratio} times {noise}" if error.verdict == "too large" else "is as small as noise, but has structure"
+            what = (
+                f"is {ratio} times {noise}"
+                if error.verdict == "too large"
+                else "is as small as noise, but has structure"
+            )
             texts.setdefault((role, place(error)), []).append(f"the error of `{error.output}` {what}")
     kinds = {"test": "test", "train": "training"}
     return [f"On the {kinds[role]} recording {where} {join_names(own)}." for (role, where), own in texts.items()]
 
 
-def loop_verdict(result: RunJson, *, flat: Sequence[str] = ()) -> VerdictJson:
-    """Judge a loop: good only if nothing but noise is left in every recording, fitted or not."""
-    loop = result.loop
-    assert loop is not None
-    left, model = faults(loop), loop.base.rpartition(".")[2] or "The model"
+def verdict(result: RunJson) -> VerdictJson:
+    """Judge a run in a few sentences: good only if nothing but noise is left."""
+    if result.mcmc is not None and not result.mcmc.converged:
+        return VerdictJson(
+            level="bad", text=f"The sampler has not converged: {result.mcmc.reason or 'no reason given'}."
+        )
+    return _loop_verdict(result, result.loop) if result.loop is not None else _fit_verdict(result)
+
+
+def _loop_verdict(result: RunJson, loop: LoopJson) -> VerdictJson:
+    left, flat, model = faults(loop), result.identifiability.flat, loop.base.rpartition(".")[2] or "The model"
     if loop.effects:
         ids = [f"`{e.id}`" for e in loop.effects if e.kind == "catalogue" and e.summary]
-        said = " ".join(filter(None, (values(e) for e in loop.effects)))
-        own = f" ({', '.join(ids)}{f'; {said}' if said else ''})" if ids else f" ({said})" if said else ""
+        said = ", ".join(filter(None, (values(e) for e in loop.effects)))
+        own = f" ({'; '.join(filter(None, (', '.join(ids), said)))})" if ids or said else ""
         told = [f"{model} lacks {lacking(loop)}{own}.", *gain(result, loop)]
         told += [text for effect in loop.effects if (text := claim(effect, loop.equivalent))]
     else:
@@ -188,26 +211,63 @@ def loop_verdict(result: RunJson, *, flat: Sequence[str] = ()) -> VerdictJson:
     return VerdictJson(level="good" if clear else "warning", text=" ".join([*told, *left, *flat]))
 
 
+def _fit_verdict(result: RunJson) -> VerdictJson:
+    flat, found = result.identifiability.flat, [row for row in result.diagnosis if row.found]
+    told = [_cause(row) for row in found if row.cause != "model"]
+    if any(row.cause == "model" for row in found):
+        patterns = dict.fromkeys(
+            o for own in result.residual.values() for o, r in own.items() if r.verdict == "structured"
+        )
+        of = f"its error in {join_names([f'`{name}`' for name in patterns])}" if patterns else "its error"
+        beyond = "that faulty data, the solver, a stuck search or coloured noise do not explain"
+        missing = f"The model misses something: {of} follows a pattern {beyond}."
+        first = f"{of[:1].upper()}{of[1:]} follows a pattern. What stands before comes first: it may be all of it."
+        return VerdictJson(level="warning", text=" ".join([told[0], first] if told else [missing]))
+    exact = all(r.exact for own in result.residual.values() for r in own.values()) if result.residual else False
+    down = "exactly: they have no noise at all" if exact else "down to the noise"
+    sampled = ", and the posterior has converged" if result.mcmc is not None else ""
+    caution = flat or any(row.cause in ("data", "solver", "search") for row in found)
+    text = " ".join([f"The model explains the recordings {down}{sampled}.", *told[:1], *flat])
+    return VerdictJson(level="warning" if caution else "good", text=text)
+
+
+def _cause(row: DiagnosisJson) -> str:
+    """Return what was found of a cause, where, and what was done."""
+    where, more = (
+        f" ({row.where})" if row.where else "",
+        f" And {len(row.more)} more, see the checks." if row.more else "",
+    )
+    return f"{row.cause.capitalize()}: {row.what.removesuffix('.')}{where}. {row.done}".strip() + more
+
+
 def checks_line(result: RunJson) -> str:
     """Return one line: the state of each cause that may be behind a residual, of the model that came out."""
     states = {row.cause: row.found for row in result.diagnosis}
     if not states:
         return ""
-    clear = [f"{_CAUSES[cause]} {'LOOK' if found else 'ok'}" for cause, found in states.items() if cause != "model"]
+    clear = [f"{cause} {'LOOK' if found else 'ok'}" for cause, found in states.items() if cause != "model"]
     model = "an effect is missing" if states.get("model") else "only noise is left"
     return f"Checks: {', '.join(clear)}; model: {model}."
+
+
+#: Characters that not every terminal has.
+_PLAIN = {"`": "", "−": "-", "±": "+-", "·": ".", "\u00a0": " ", "\u202f": "", "×": " x ", "Ω": "Ohm", "⁻": "-"}
+_PLAIN |= {power: str(digit) for digit, power in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")}
+
+
+def plain(text: str) -> str:
+    """Return a sentence as a terminal shows it."""
+    return text.translate(str.maketrans(_PLAIN))
 
 
 def table(result: RunJson) -> list[str]:
     """Return the parameters as lines for a terminal: name, value, 90 % interval, unit, status."""
     rows = [("parameter", "value", "90 % interval", "unit", "status")]
-    new = {n: p for e in (result.loop.effects if result.loop else []) for n, p in e.parameters.items()}
-    for name, stated in {**{n: p for n, p in result.parameters.items()}, **{n: p for n, p in new.items() if n not in result.parameters}}.items():
-        status = getattr(stated, "status", None) or "added"
-        known = status not in {"fixed", "unidentified", "at_bound"}
-        low, high = (stated.q05, stated.q95) if known else (None, None)
-        span = "" if low is None or high is None else f"{low:.4g} to {high:.4g}"
-        if stated.value is not None and status != "fixed":
-            rows.append((name, f"{stated.value:.4g}", span, stated.unit, status))
+    for name, stated in result.parameters.items():
+        sure = stated.status not in {"unidentified", "at_bound"} and stated.q05 is not None and stated.q95 is not None
+        if stated.value is not None and stated.status != "fixed":
+            span = f"{stated.q05:.5g} to {stated.q95:.5g}" if sure else "-"
+            status = "; ".join(filter(None, (stated.status, stated.note)))
+            rows.append((name, f"{stated.value:.5g}", span, stated.unit, status))
     widths = [max(len(row[k]) for row in rows) for k in range(5)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

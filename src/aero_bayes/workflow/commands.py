@@ -24,7 +24,8 @@ from aero_bayes.export import declaration_of
 from aero_bayes.files import whole_file
 from aero_bayes.loop import LoopResult
 from aero_bayes.progress import ProgressBar
-from aero_bayes.report import write_run_page
+from aero_bayes.report import words, write_run_page
+from aero_bayes.schema import RunJson
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import ModelicaSource
 from aero_bayes.workflow.context import context_part
@@ -38,7 +39,7 @@ from aero_bayes.workflow.curves import (
     state_series,
     unfitted_series,
 )
-from aero_bayes.workflow.describe import diagnosis_line, fit_verdict, preamble, residual_table, values_line
+from aero_bayes.workflow.describe import preamble, residual_table, values_line
 from aero_bayes.workflow.job import (
     Job,
     RunOptions,
@@ -50,7 +51,6 @@ from aero_bayes.workflow.job import (
     which_model,
 )
 from aero_bayes.workflow.loop import (
-    averaged_part,
     extended_job,
     loop_part,
     loop_series,
@@ -60,7 +60,7 @@ from aero_bayes.workflow.loop import (
 )
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
-from aero_bayes.workflow.results import merge, write_result, write_series
+from aero_bayes.workflow.results import merge, plain, write_result, write_series
 from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings, sample_settings
 
@@ -79,7 +79,7 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
             found = fit_job(job, progress, checkpoint)
             checks = _checks(job, found, progress)
         result, series = fit_part(job, found)
-        _finish(job, "fit", began, [result, checks, _closing(result)], series, _calibrated(job, found))
+        _finish(job, "fit", began, [result, checks], series, _calibrated(job, found))
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
@@ -94,7 +94,7 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
         result, series = fit_part(job, found)
         sampled, bands = _posterior_part(posterior)
         result = merge(result, sampled, checks)
-        _finish(job, "posterior", began, [result, _closing(result)], series | bands, _calibrated(job, found))
+        _finish(job, "posterior", began, [result], series | bands, _calibrated(job, found))
 
 
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
@@ -133,13 +133,11 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         result = merge(result, sampled, checks)
         series = series | bands
         if loop is None:
-            _finish(final, "all", began, [result, _closing(result)], series, _calibrated(final, found))
+            _finish(final, "all", began, [result], series, _calibrated(final, found))
             return
         story = loop_part(job, loop)
-        closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
         series = loop_series(job, loop) | measured_series(job.tests) | series
-        story_keys = {key: story[key] for key in ("loop", "words")}
-        parts = [result, story_keys, averaged_part(loop, posterior), closing]
+        parts = [result, {key: story[key] for key in ("loop", "words")}]
         _finish(final, "all", began, parts, series, _calibrated(final, found))
 
 
@@ -231,12 +229,6 @@ def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
     return found.calibrated if job.modelica else None
 
 
-def _closing(result: Json) -> Json:
-    exact = all(entry["exact"] for outputs in result["residual"].values() for entry in outputs.values())
-    flat = result["identifiability"]["flat"]
-    return {"verdict": fit_verdict(result["diagnosis"], result.get("mcmc"), flat, exact)}
-
-
 def _finish(
     job: Job,
     command: str,
@@ -248,12 +240,11 @@ def _finish(
     """Write the run directory and print its place."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
-    page = _page(job, result, series)
-    click.echo(result["verdict"]["text"].replace("`", ""))
+    page, told = _page(job, result, series)
+    for line in (words.verdict(told).text, "", *words.table(told), "", words.checks_line(told)):
+        click.echo(words.plain(line))
     if result.get("fit", {}).get("values"):
         click.echo(values_line(result["fit"]["values"]))
-    if result.get("diagnosis"):
-        click.echo(diagnosis_line(result["diagnosis"]))
     click.echo(f"wrote {out / 'result.json'} and {page}")
     if calibrated is not None:
         written = calibrated.write(out)
@@ -265,8 +256,8 @@ def _finish(
         click.echo(f"wrote {made}: the model with all fitted values")
 
 
-def _page(job: Job, result: Json, series: Series) -> Path:
-    """Write the files of a run and draw its page."""
+def _page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
+    """Write the files of a run and draw its page; return the page, and what it tells."""
     out = job.options.out
     # Result and page stand together or not at all, also where the disk is full: both are made beside, then moved.
     with TemporaryDirectory(dir=out, prefix=".run-") as beside:
@@ -274,11 +265,13 @@ def _page(job: Job, result: Json, series: Series) -> Path:
         if (posterior := out / "posterior.nc").is_file():
             os.link(posterior, made / posterior.name)
         write_series(made, only_measured(series))
-        write_result(made, result | context_part(job, result))
+        told = RunJson.model_validate(plain(result | context_part(job, result)))
+        told = told.model_copy(update={"verdict": words.verdict(told)})
+        write_result(made, told)
         page = write_run_page(made)
         for name in ("series.npz", "result.json", page.name):
             (made / name).replace(out / name)
-    return out / page.name
+    return out / page.name, told
 
 
 def write_page(found: Fit | Posterior | LoopResult, path: Path) -> Path:
@@ -304,8 +297,7 @@ def write_page(found: Fit | Posterior | LoopResult, path: Path) -> Path:
                 sampled, bands = _posterior_part(found)
                 result, series = merge(result, sampled, {"command": "posterior"}), series | bands
                 found.save(scratch / "posterior.nc")
-            result |= _closing(result)
-        page = _page(job, result, series)
+        page, _ = _page(job, result, series)
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as temporary:
             temporary.write_bytes(page.read_bytes())

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from aero_bayes.check.residual_tests import reports_by_recording, structured_residuals
+from aero_bayes.check.residual_tests import reports_by_recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.noise_report import noise_at_interval
@@ -16,15 +16,13 @@ from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
+from aero_bayes.loop.judgement import errors_by_recording
 from aero_bayes.progress import ProgressBar
 from aero_bayes.simulation import Model, ModelicaSource
 from aero_bayes.simulation.load_model import load_model
-from aero_bayes.workflow.curves import Series, state_series
+from aero_bayes.workflow.curves import Series
 from aero_bayes.workflow.job import Job, later_of
 from aero_bayes.workflow.settings import filled, fit_settings
-
-if TYPE_CHECKING:  # the sampler takes a second to import
-    from aero_bayes.sampling import Posterior
 
 Json = dict[str, Any]
 
@@ -146,15 +144,14 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         },
         "residual": reports_by_recording(loop.residual_after),
         "noise": noise_at_interval(loop.noise, interval),
-        "diagnosis": loop.diagnosis.to_list(),
-        "loop": loop.to_dict(),
+        "diagnosis": (loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).to_list(),
+        "loop": {
+            **loop.to_dict(), "errors": [error.to_dict() for error in errors_by_recording(loop)],
+            "diagnosis_before": loop.diagnosis.to_list(),
+        },
         "words": dict(loop.words),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
         "identifiability": loop.identifiability.to_dict(),
-        "verdict": {
-            "level": _level(loop),
-            "text": " ".join([loop.sentence, *(direction.sentence for direction in loop.identifiability.flat)]),
-        },
     }
 
 
@@ -166,6 +163,8 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
         base = name.partition("@")[0]
         item = job.parameters[base] if base in job.parameters else new.get(base)
         entry: Json = estimate.to_dict() | {"status": str(loop.identifiability.status[name])}
+        if name in loop.after.failed_intervals:
+            entry["note"] = loop.after.failed_intervals[name]
         if item is not None:
             entry |= {
                 "description": item.description, "prior": item.prior.describe(item.unit), "start": item.start,
@@ -194,28 +193,7 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
     return table
 
 
-def averaged_part(loop: LoopResult, posterior: Posterior) -> Json:
-    """Return keys of result.json where the data leave several structures, with the chosen one's posterior."""
-    given = loop.averaged.draws if loop.averaged is not None else {}
-    sampled = {name: posterior.samples(name) for name in given if name in posterior.names}
-    if loop.averaged is None or not sampled:
-        return {}
-    average = loop.averaged.with_draws(sampled)
-    stated = {name for name, e in posterior.parameters.items() if e.q05 is not None}
-    spreads = {name: average.mixture(name).to_dict() for name in average.draws if name in stated}
-    return {"parameters": spreads, "loop": {"averaged": average.to_dict()}}
-
-
-def _level(loop: LoopResult) -> str:
-    """Good only if nothing is left, since an effect that was found may be half of what is missing, and if no held
-    value decides what the parameters are."""
-    left = bool(structured_residuals(loop.residual_after)) or bool(loop.identifiability.flat)
-    return "warning" if left or loop.outcome == "unexplained" else "good"
-
-
 def loop_series(job: Job, loop: LoopResult) -> Series:
     """Return the curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
     fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
-    found = loop.process_noise
-    states = state_series(found.state_names, found.smoothed) if found is not None and found.explains else {}
-    return fitted | loop.series() | states
+    return fitted | loop.series()

@@ -18,7 +18,9 @@ class Saver {
       });
       this.bar.append(button);
     }
-    box.append(this.bar);
+    const numbers = box.querySelector(".numbers");
+    if (numbers) numbers.querySelector("summary").after(this.bar);
+    else box.append(this.bar);
   }
   get svg() {
     const drawings = [...this.box.querySelectorAll("svg.plot")];
