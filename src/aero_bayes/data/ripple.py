@@ -10,8 +10,8 @@ from aero_bayes.data.recording import Recording
 
 #: Length in s of the segments within which the integrated angle keeps its phase.
 SEGMENT_LENGTH = 0.5
-#: Least median of an order's power over the segments, as a share of its mean: a vibration that a jump sets off is strong
-#: in a few of them, a ripple is in all.
+#: Least median of an order's power over the segments, as a share of its mean: a ripple is in all of them, a vibration
+#: that a jump sets off is strong in a few.
 MIN_MEDIAN_SHARE = 0.25
 #: Least speed of a rotor whose ripple is examined, in rad/s.
 MIN_ROTOR_SPEED = 20.0

@@ -65,7 +65,5 @@ def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name
     alt = f"Histogram of the {greek_name(name)} residual, recording {recording}, and the density of the noise."
     words = f"RMS {significant(factor * float(np.sqrt(np.mean(finite**2))))} {unit}."
     if floor:
-        words += (
-            f" Line: noise alone, {significant(factor * floor)} {unit}, over the same area."
-        )
+        words += f" Line: noise alone, {significant(factor * floor)} {unit}, over the same area."
     return plate([panel], alt, f"residual ({unit})" if unit else "residual", words, width=SMALL_WIDTH)

@@ -258,16 +258,3 @@ _PLAIN |= {power: str(digit) for digit, power in enumerate("⁰¹²³⁴⁵⁶�
 def plain(text: str) -> str:
     """Return a sentence as a terminal shows it."""
     return text.translate(str.maketrans(_PLAIN))
-
-
-def table(result: RunJson) -> list[str]:
-    """Return the parameters as lines for a terminal: name, value, 90 % interval, unit, status."""
-    rows = [("parameter", "value", "90 % interval", "unit", "status")]
-    for name, stated in result.parameters.items():
-        sure = stated.status not in {"unidentified", "at_bound"} and stated.q05 is not None and stated.q95 is not None
-        if stated.value is not None and stated.status != "fixed":
-            span = f"{stated.q05:.5g} to {stated.q95:.5g}" if sure else "-"
-            status = "; ".join(filter(None, (stated.status, stated.note)))
-            rows.append((name, f"{stated.value:.5g}", span, stated.unit, status))
-    widths = [max(len(row[k]) for row in rows) for k in range(5)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

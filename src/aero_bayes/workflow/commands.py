@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,6 +16,7 @@ import click
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data import read_recording, summarise
+from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
@@ -79,7 +81,7 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
             found = fit_job(job, progress, checkpoint)
             checks = _checks(job, found, progress)
         result, series = fit_part(job, found)
-        _finish(job, "fit", began, [result, checks], series, _calibrated(job, found))
+        _finish(job, "fit", began, [result, checks], series, found, _calibrated(job, found))
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
@@ -94,22 +96,26 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
         result, series = fit_part(job, found)
         sampled, bands = _posterior_part(posterior)
         result = merge(result, sampled, checks)
-        _finish(job, "posterior", began, [result], series | bands, _calibrated(job, found))
+        _finish(job, "posterior", began, [result], series | bands, found, _calibrated(job, found))
 
 
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
     """Run ``aero-bayes close-loop``: find the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
     job = open_job(train, options, tests=test)
-    with resumable(job, "close-loop"):
+    with resumable(job, "close-loop") as checkpoint:
         values: Json = {}
         with ProgressBar(options.quiet) as progress:
             if job.values:
                 found = fit_job(job, progress)
                 job, values = with_chosen_values(job, found), {"fit": {"values": [t.to_dict() for t in found.trials]}}
             loop = run_loop(job, progress)
+            posterior = _sample(job, loop.after, progress, checkpoint) if options.posterior else None
         result, series = _loop_page_parts(job, loop)
-        _finish(job, "close-loop", began, [result, values], series, loop.calibrated)
+        if posterior is not None:
+            sampled, bands = _posterior_part(posterior)
+            result, series = merge(result, sampled), series | bands
+        _finish(job, "close-loop", began, [result, values], series, loop.after, loop.calibrated)
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
@@ -133,12 +139,12 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         result = merge(result, sampled, checks)
         series = series | bands
         if loop is None:
-            _finish(final, "all", began, [result], series, _calibrated(final, found))
+            _finish(final, "all", began, [result], series, found, _calibrated(final, found))
             return
         story = loop_part(job, loop)
         series = loop_series(job, loop) | measured_series(job.tests) | series
         parts = [result, {key: story[key] for key in ("loop", "words")}]
-        _finish(final, "all", began, parts, series, _calibrated(final, found))
+        _finish(final, "all", began, parts, series, found, _calibrated(final, found))
 
 
 def run_check(files: Sequence[Path], config_path: Path | None) -> None:
@@ -235,25 +241,28 @@ def _finish(
     began: float,
     parts: Sequence[Json],
     series: Series,
+    fit: Fit,
     calibrated: CalibratedModel | None,
 ) -> None:
-    """Write the run directory and print its place."""
+    """Write the run directory and print its place; then the fitted model for other tools."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
     page, told = _page(job, result, series)
-    for line in (words.verdict(told).text, "", *words.table(told), "", words.checks_line(told)):
+    for line in (words.verdict(told).text, "", *parameter_lines(told.parameters), "", words.checks_line(told)):
         click.echo(words.plain(line))
     if result.get("fit", {}).get("values"):
         click.echo(values_line(result["fit"]["values"]))
     click.echo(f"wrote {out / 'result.json'} and {page}")
+    named = calibrated.name.rpartition(".")[2] if calibrated is not None else f"{Path(job.name).stem}_fitted"
+    script = re.sub(r"\W", "_", named)
+    made = [fit.to_matlab(out / f"{script}.m")]
     if calibrated is not None:
-        written = calibrated.write(out)
+        made.insert(0, calibrated.write(out))
         try:
-            made = f"{written} and {calibrated.export_fmu(written.with_suffix('.fmu'))}"
+            made.insert(1, calibrated.export_fmu(made[0].with_suffix(".fmu")))
         except InputError as error:
-            click.echo(f"note: {written} cannot be compiled here: {error}", err=True)
-            made = f"{written}"
-        click.echo(f"wrote {made}: the model with all fitted values")
+            click.echo(f"note: {made[0]} cannot be compiled here: {error}", err=True)
+    click.echo(f"wrote {join_names([str(path) for path in made])}: all fitted values, for other tools")
 
 
 def _page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:

@@ -146,7 +146,8 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         "noise": noise_at_interval(loop.noise, interval),
         "diagnosis": (loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).to_list(),
         "loop": {
-            **loop.to_dict(), "errors": [error.to_dict() for error in errors_by_recording(loop)],
+            **loop.to_dict(),
+            "errors": [error.to_dict() for error in errors_by_recording(loop)],
             "diagnosis_before": loop.diagnosis.to_list(),
         },
         "words": dict(loop.words),
