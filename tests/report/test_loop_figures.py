@@ -29,7 +29,7 @@ def test_five_candidates_are_seen_and_the_others_folded() -> None:
 def test_the_label_of_the_longest_bar_ends_within_the_drawing() -> None:
     for share in (0.9, 0.5, 1e-9):
         (plate,) = rounds_plates(rounds_of({"a": share, "b": 0.99}), {})
-        for drawing, width in ((plate.wide, 980), (plate.narrow, 350)):
+        for drawing, width in ((plate.wide, 1140), (plate.narrow, 350)):
             texts = re.findall(r'<text x="([\d.]+)"[^>]*text-anchor="start"[^>]*>([^<]*)<', str(drawing))
             assert max(float(x) + 6.0 * len(text) for x, text in texts) < width
 

@@ -49,7 +49,7 @@ def page(request: pytest.FixtureRequest, runs: Path, tmp_path_factory: pytest.Te
 @pytest.fixture
 def loop(browser: Browser, runs: Path) -> Iterator[Browser]:
     browser.open(runs / "loop" / "report.html")
-    browser.evaluate(LOOK)
+    browser.evaluate(f"{LOOK}; document.querySelectorAll('details').forEach(folded => {{ folded.open = true; }})")
     yield browser
     assert browser.complaints() == []
 

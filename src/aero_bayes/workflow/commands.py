@@ -23,12 +23,10 @@ from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
-from aero_bayes.files import whole_file
 from aero_bayes.loop import LoopResult
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report import words, write_run_page
 from aero_bayes.schema import RunJson
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import ModelicaSource
 from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import (
@@ -283,31 +281,27 @@ def _page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
     return out / page.name, told
 
 
-def write_page(found: Fit | Posterior | LoopResult, path: Path) -> Path:
-    """Write the page of a fit, a posterior or a loop that no command made."""
+def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
+    """Write the folder of a fit, a posterior or a loop that no command made: what a command writes; return the page."""
     fit = found if isinstance(found, Fit) else found.before if isinstance(found, LoopResult) else found.fit
     calibration, model = fit.calibration, fit.calibration.model
     source = model.source or ModelicaSource(model.name)
-    with ScratchFolder() as scratch:
-        config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
-        job = Job(
-            RunOptions(scratch), config, source.name, model.source is not None, model, calibration.data.recordings, (),
-            calibration.parameters, dict(calibration.simulated.fixed),
-        )  # fmt: skip
-        if isinstance(found, LoopResult):
-            known = found.recordings
-            job = job if known is None else replace(job, recordings=known.train, tests=known.test)
-            if found.modelica_path:  # the diagram of the extended model is drawn from its file
-                (scratch / found.modelica_path).write_text(found.modelica, encoding="utf-8")
-            result, series = _loop_page_parts(job, found)
-        else:
-            result, series = fit_part(job, fit)
-            if not isinstance(found, Fit):
-                sampled, bands = _posterior_part(found)
-                result, series = merge(result, sampled, {"command": "posterior"}), series | bands
-                found.save(scratch / "posterior.nc")
-        page, _ = _page(job, result, series)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as temporary:
-            temporary.write_bytes(page.read_bytes())
-    return path
+    config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
+    job = Job(
+        RunOptions(folder), config, source.name, model.source is not None, model, calibration.data.recordings, (),
+        calibration.parameters, dict(calibration.simulated.fixed),
+    )  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    if isinstance(found, LoopResult):
+        known = found.recordings
+        job = job if known is None else replace(job, recordings=known.train, tests=known.test)
+        if found.modelica_path:  # the diagram of the extended model is drawn from its file
+            (folder / found.modelica_path).write_text(found.modelica, encoding="utf-8")
+        result, series = _loop_page_parts(job, found)
+    else:
+        result, series = fit_part(job, fit)
+        if not isinstance(found, Fit):
+            sampled, bands = _posterior_part(found)
+            result, series = merge(result, sampled, {"command": "posterior"}), series | bands
+            found.save(folder / "posterior.nc")
+    return _page(job, result, series)[0]
