@@ -375,6 +375,7 @@ def _fit_json(fit: Fit) -> Json:
             "pso": fit.swarm.to_dict() if fit.swarm is not None else None,
             "modes": [{"values": m.values, "share": m.share} for m in fit.modes],
             "values": [t.to_dict() for t in fit.trials],
+            "start_levels": list(fit.start_levels),
             "local": {"iterations": fit.iterations, "reason": fit.reason.value},
         },
         "identifiability": fit.identifiability.to_dict(fit.unidentified),

@@ -52,6 +52,7 @@ def finding(result: RunJson) -> Finding | None:
         return None
     named = [(e.id, e.summary or ("a curve over " + e.over if e.over else ""), place(e)) for e in loop.effects]
     sure = [text for e in loop.effects if (text := words.claim(e, loop.equivalent))]
+    sure += [text for e in loop.effects for name, p in e.parameters.items() if (text := words.interval(name, p))]
     sure += [words.limit(one) for one in loop.limits[:MOST_LIMITS]] if not loop.effects else []
     return Finding(
         named, changed_equations(loop), [text for e in loop.effects if (text := words.values(e))],

@@ -133,7 +133,8 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     return {
         "title": words.title(result, run.path.name), "leads": words.LEADS,
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
-        "verdict": result.verdict or words.verdict(result), "simulated": result.simulated, "finding": head,
+        "verdict": result.verdict or words.verdict(result), "said": words.short_verdict(result),
+        "simulated": result.simulated, "finding": head,
         "opening": curves.scene_plate(run, scene, WIDE_WIDTH) if scene else None,
         "opening_words": curves.stretch_words(run, scene) if scene else "",
         "diagrams": [plate for plate in plates if plate],
@@ -151,6 +152,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "sensors": sensor_table(run), "rms": findings.fit_error_table(run), "fit_facts": findings.fit_facts(run),
         "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),
+        "waterfall": posterior_figures.waterfall_plate(result.fit.start_levels),
         "loop": _loop(run, result.loop) if result.loop else None,
         "study": _study(run), "design": experiment.experiment(run), "provenance": overview.provenance(result),
     }  # fmt: skip

@@ -175,9 +175,10 @@ def named_effect(id_: str, words: Mapping[str, str]) -> Markup:
 def sentence(text: object, words: Mapping[str, str] | None = None, signals: Collection[str] = ()) -> Markup:
     """Escape a text, with ``backquoted`` names and signals set as symbols, and ids of effects put in words."""
     words = words or {}
-    parts = str(text).split("`")
+    text = re.sub(r"(?<=\d) (?=[A-Za-zµΩ°%])", "\u00a0", str(text))  # a number keeps its unit
+    parts = text.split("`")
     if len(parts) % 2 == 0:
-        return _with_words(str(text), words, signals)
+        return _with_words(text, words, signals)
     return Markup("").join(
         (named_effect(part, words) if part in words else symbol(part))
         if index % 2

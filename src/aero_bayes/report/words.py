@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 from aero_bayes.display import join_names
 from aero_bayes.report.text import minus, pretty_unit, rounded_value, significant
-from aero_bayes.schema import RunJson, VerdictJson
+from aero_bayes.schema import ParameterJson, RunJson, VerdictJson
 from aero_bayes.schema.estimate import DiagnosisJson
 from aero_bayes.schema.loop import EffectJson, LimitJson, LoopJson, RecordingErrorJson
 
@@ -113,6 +113,14 @@ def values(effect: EffectJson) -> str:
     return ", ".join(texts)
 
 
+def interval(name: str, stated: ParameterJson) -> str:
+    """Say in which interval a parameter lies; empty where it has none."""
+    shown = rounded_value(stated.value, stated.q05, stated.q95, stated.unit)
+    if stated.q05 is None or stated.q95 is None:
+        return ""
+    return f"`{name}` lies from {shown.low} to {shown.high}\u00a0{shown.unit} with 90\u00a0% probability."
+
+
 def half_width(low: str, high: str) -> str:
     """Return half the width of an interval, with the digits in which its ends are written."""
     first, last = (float(end.replace("\u2212", "-")) for end in (low, high))
@@ -197,10 +205,20 @@ def verdict(result: RunJson) -> VerdictJson:
     return _loop_verdict(result, result.loop) if result.loop is not None else _fit_verdict(result)
 
 
+def short_verdict(result: RunJson) -> str:
+    """Return what stands beside the level on a page, whose head says the rest: what is left, or that nothing is."""
+    loop = result.loop
+    if loop is None or not loop.effects or (result.mcmc is not None and not result.mcmc.converged):
+        return (result.verdict or verdict(result)).text
+    left = [*faults(loop), *result.identifiability.flat]
+    return " ".join(left or ["With it only noise is left in each recording, fitted or not."])
+
+
 def _loop_verdict(result: RunJson, loop: LoopJson) -> VerdictJson:
     left, flat, model = faults(loop), result.identifiability.flat, loop.base.rpartition(".")[2] or "The model"
     if loop.effects:
-        ids = [f"`{e.id}`" for e in loop.effects if e.kind == "catalogue" and e.summary]
+        stated = [e for e in loop.effects if e.kind == "catalogue" and e.summary]
+        ids = [f"{'as ' if e.claim == 'place' else ''}`{e.id}`" for e in stated]
         said = ", ".join(filter(None, (values(e) for e in loop.effects)))
         own = f" ({'; '.join(filter(None, (', '.join(ids), said)))})" if ids or said else ""
         told = [f"{model} lacks {lacking(loop)}{own}.", *gain(result, loop)]
