@@ -35,6 +35,7 @@ def test_the_inputs_of_each_recording_are_read_as_they_move_in_it(rig: Path, tra
     assert [effect["id"] for effect in result["loop"]["effects"]] == ["coulomb_friction@speed"]
     assert result["verdict"]["level"] == "good"
     errors = {(e["recording"], e["role"], e["output"]): e for e in result["loop"]["errors"]}
+    assert ("interval" in result["parameters"]["w_start"].get("note", "")) == (train == "steps")  # it sticks there
     assert set(errors) == {(name, role, o) for name, role in ((train, "train"), (test, "test")) for o in ("i", "w")}
     for (_, _, output), error in errors.items():
         noise = dict(zip("iw", swapped_motor.NOISE, strict=True))[output]
@@ -56,5 +57,5 @@ def test_the_verdict_names_the_test_recording_that_is_not_predicted_down_to_its_
     assert "test recording chirp" in result["verdict"]["text"]
     assert "steps" not in result["verdict"]["text"]
     far = [(e["recording"], e["output"]) for e in result["loop"]["errors"] if e["verdict"] == "too large"]
-    assert far == [("chirp", "i")]
+    assert far == [("chirp", "i"), ("chirp", "w")]
     assert "more than noise is left" in (out / "report.html").read_text("utf-8")

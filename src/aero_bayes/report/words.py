@@ -264,7 +264,8 @@ def checks_line(result: RunJson) -> str:
     if not states:
         return ""
     clear = [f"{cause} {'LOOK' if found else 'ok'}" for cause, found in states.items() if cause != "model"]
-    model = "an effect is missing" if states.get("model") else "only noise is left"
+    where = " of training" if result.loop is not None else ""
+    model = "an effect is missing" if states.get("model") else f"only noise is left in the recordings{where}"
     return f"Checks: {', '.join(clear)}; model: {model}."
 
 
