@@ -30,7 +30,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-fast test-long test-platforms test-arm test-coverage lint size bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -86,6 +86,8 @@ test: $(VENV)/.tested ## set up and run the tests
 
 test-long: $(VENV)/.tested ## the studies' tests, and longer tests of what shorter ones test
 	$(BIN)/python -m pytest -n 2 -m long --durations 10 --junitxml reports/tests_long.xml
+
+test-all: test test-long ## all tests
 
 test-fast: $(VENV)/.tested ## the tests that take no longer than a minute together
 	$(BIN)/python -m pytest -n 2 -m "fast and not slow and not long"

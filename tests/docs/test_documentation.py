@@ -63,6 +63,7 @@ def test_the_tutorials_commands_find_the_friction(cart: Path):
         assert done.returncode == 0, f"{command}\n{done.stderr}"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "page",
     [

@@ -159,6 +159,7 @@ def measure(rng: Generator, seconds: float = 8.0) -> FloatArray:
     return np.column_stack([t, u, x[:, 0] + rng.normal(0.0, 2e-3, t.size)])
 
 
+@pytest.mark.long
 def test_the_loop_finds_what_an_fmu_lacks(plant: Model, tmp_path: Path, rng: Generator) -> None:
     for name in ("train", "test"):
         np.savetxt(tmp_path / f"{name}.csv", measure(rng), delimiter=",", header="time,u,x", comments="")

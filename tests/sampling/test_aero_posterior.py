@@ -61,6 +61,7 @@ def test_the_truth_lies_where_the_laplace_approximation_says(found: Fit) -> None
     assert found.failures["completed"] > 0
 
 
+@pytest.mark.long
 def test_posterior_agrees_with_laplace_and_is_written_whole(posterior: Posterior, tmp_path: Path) -> None:
     assert posterior.converged
     assert posterior.r_hat_max <= 1.01
@@ -108,6 +109,7 @@ def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> 
     assert found["K_sp"].status is Status.IDENTIFIED
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not REAL.exists(), reason="the measured recordings are not here")
 def test_real_step_recording(models: dict[str, Model]) -> None:
     found = fit(read_recording(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)

@@ -79,6 +79,7 @@ def test_posterior_recovers_the_bench(adequate: Path, tmp_path: Path) -> None:
     assert not list(out.glob("checkpoint*"))
 
 
+@pytest.mark.long
 def test_same_seed_same_numbers(adequate: Path, tmp_path: Path) -> None:
     config = tmp_path / "study.toml"
     config.write_text("[fit.pso]\niterations = 10\n")
@@ -90,6 +91,7 @@ def test_same_seed_same_numbers(adequate: Path, tmp_path: Path) -> None:
     assert found[0] == found[1]
 
 
+@pytest.mark.long
 def test_the_page_can_be_drawn_again(adequate: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     invoke("fit", "--data", str(adequate), "--out", str(out))
@@ -177,6 +179,7 @@ def test_a_real_recording_is_said_to_need_more(tmp_path: Path) -> None:
     assert any("theta" in line for line in result["warnings"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cost", ["eq6", "weighted"])
 def test_least_squares_costs_reach_their_own_minimum(cost: str, adequate: Path, tmp_path: Path) -> None:
     """Eq. 6 is lower under ``eq6`` than under any other cost; the weighted sum of squares under ``weighted``."""

@@ -83,6 +83,7 @@ def test_weak_parameters_get_an_experiment_that_keeps_its_word(
     assert "next_experiment.csv" in page
 
 
+@pytest.mark.long
 def test_two_effects_are_told_apart(folder: Path, short: Path, config: Path) -> None:
     pair = ["pivot_coulomb_friction", "body_quadratic_drag"]
     out = folder / "apart"

@@ -31,6 +31,7 @@ absolute_tolerance = 1e-7
 """
 
 
+@pytest.mark.long
 def test_the_engines_fit_alike(tmp_path: Path) -> None:
     truth = Truth("one_dof", Parameters().scaled({"R_a": 1.05, "k_t": 0.95}), (), 0.0)
     rng = np.random.default_rng(8)

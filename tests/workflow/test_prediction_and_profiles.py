@@ -47,6 +47,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
     return folder / "out", fit(folder / "out", QUICK, *files)
 
 
+@pytest.mark.long
 def test_recordings_of_one_rig_predict_each_other_to_the_noise(pair: tuple[Path, dict[str, Any]]) -> None:
     out, result = pair
     left_out = result["prediction"]["recordings"]
