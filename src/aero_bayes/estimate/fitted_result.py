@@ -47,7 +47,7 @@ class FittedResult(ABC):
         return name in self.parameters
 
     def summary(self) -> str:
-        """Return a table of the parameters as text: value, 90 % interval, unit, status. Printing shows it, too.
+        """Return a table of the parameters as text: value, 90 % interval, unit, status.
 
         Examples
         --------
@@ -55,9 +55,6 @@ class FittedResult(ABC):
         ['parameter', 'value']
         """
         return "\n".join(parameter_lines(self.parameters))
-
-    def __str__(self) -> str:
-        return self.summary()
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.

@@ -12,8 +12,7 @@ from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 #: How many times as far the log-likelihood may fall at an end as a linear model says, or as little, and the least fall
 #: that is looked at: below it the prior makes the interval.
 MAX_FACTOR, LEAST_FALL = 4.0, 0.3
-TOO_NARROW = "interval too narrow: the model is not linear over it; sample the posterior"
-TOO_WIDE = "interval too wide: the model is not linear over it; sample the posterior"
+NOT_RELIABLE = "interval not reliable: the model is not linear over it; sample the posterior"
 
 
 def failed_intervals(objective: Objective, here: Optimum, laplace: Laplace) -> dict[str, str]:
@@ -38,8 +37,6 @@ def failed_intervals(objective: Objective, here: Optimum, laplace: Laplace) -> d
         if found is None or expected[k] < LEAST_FALL:
             continue
         fall = here.whitened.log_likelihood - objective.whiten(found, here.noise).log_likelihood
-        if fall < expected[k] / MAX_FACTOR:
-            failed[names[free[k % count]]] = TOO_NARROW
-        elif fall > expected[k] * MAX_FACTOR:
-            failed.setdefault(names[free[k % count]], TOO_WIDE)
+        if not expected[k] / MAX_FACTOR < fall < expected[k] * MAX_FACTOR:
+            failed[names[free[k % count]]] = NOT_RELIABLE
     return failed

@@ -31,8 +31,7 @@ def forest_plate(rows: Rows, colours: Sequence[str], alt: str, legend: tuple[tup
 
 
 def _drawing(rows: Rows, colours: Sequence[str], width: float, alt: str) -> Markup:
-    wide = width > 600
-    label, values = (150.0, 210.0) if wide else (82.0, 0.0)
+    label = 150.0 if width > 600 else 82.0
     tall = _LINE * len(colours) + _GAP
     canvas = Canvas(width, tall * len(rows) + 8, alt)
     for index, (name, own) in enumerate(rows.items()):
@@ -45,7 +44,7 @@ def _drawing(rows: Rows, colours: Sequence[str], width: float, alt: str) -> Mark
             if found is None or found.value is None:
                 continue
             y = top + _LINE * (k + 0.5)
-            scale = (width - values - label - 20) / spread
+            scale = (width - label - 20) / spread
             first, middle, last = (
                 label + 10 + scale * ((found.value if x is None else x) - low)
                 for x in (found.q05, found.value, found.q95)

@@ -55,7 +55,7 @@ def title(result: RunJson, otherwise: str) -> str:
         return f"{model}: the next experiment"
     if loop is not None:
         return (
-            f"{model} lacks {lacking(loop)}" if loop.effects else f"{model}: {OUTCOMES.get(loop.outcome, 'extended')}"
+            f"{model} {lacking(result, loop)}" if loop.effects else f"{model}: {OUTCOMES.get(loop.outcome, 'extended')}"
         )
     found = [row.cause for row in result.diagnosis if row.found]
     if "model" in found:
@@ -63,9 +63,16 @@ def title(result: RunJson, otherwise: str) -> str:
     return f"{model} explains the recordings" if result.diagnosis else f"{model}: {result.command or 'a run'}"
 
 
-def lacking(loop: LoopJson) -> str:
-    """Return what the model lacks, in words, as far as the data say it."""
-    return join_names([_what(effect) for effect in loop.effects])
+def lacking(result: RunJson, loop: LoopJson) -> str:
+    """Say what the model lacks, in words, as far as the data say it, and with what it was extended as required."""
+    section = result.settings.get("loop")
+    required = section.get("require") if isinstance(section, dict) else None
+    asked = [e for e in loop.effects if isinstance(required, list) and e.id in required]
+    found = [_what(e) for e in loop.effects if e not in asked]
+    return " and ".join(filter(None, (
+        f"lacks {join_names(found)}" if found else "",
+        f"has {join_names([e.id for e in asked])}, as required" if asked else "",
+    )))  # fmt: skip
 
 
 def _what(effect: EffectJson) -> str:
@@ -221,12 +228,13 @@ def _loop_verdict(result: RunJson, loop: LoopJson) -> VerdictJson:
         ids = [f"{'as ' if e.claim == 'place' else ''}`{e.id}`" for e in stated]
         said = ", ".join(filter(None, (values(e) for e in loop.effects)))
         own = f" ({'; '.join(filter(None, (', '.join(ids), said)))})" if ids or said else ""
-        told = [f"{model} lacks {lacking(loop)}{own}.", *gain(result, loop)]
+        told = [f"{model} {lacking(result, loop)}{own}.", *gain(result, loop)]
         told += [text for effect in loop.effects if (text := claim(effect, loop.equivalent))]
+        told += [_cause(row) for row in result.diagnosis if row.cause == "data" and row.found]
     else:
         told = [loop.sentence or f"{model}: {OUTCOMES[loop.outcome]}."]
     clear = not left and not flat and loop.outcome != "unexplained"
-    return VerdictJson(level="good" if clear else "warning", text=" ".join([*told, *left, *flat]))
+    return VerdictJson(level="good" if clear else "warning", text=" ".join([*told, *loop.notes, *left, *flat]))
 
 
 def _fit_verdict(result: RunJson) -> VerdictJson:
@@ -263,7 +271,7 @@ def checks_line(result: RunJson) -> str:
     states = {row.cause: row.found for row in result.diagnosis}
     if not states:
         return ""
-    clear = [f"{cause} {'LOOK' if found else 'ok'}" for cause, found in states.items() if cause != "model"]
+    clear = [f"{cause} {'to look at' if found else 'ok'}" for cause, found in states.items() if cause != "model"]
     where = " of training" if result.loop is not None else ""
     model = "an effect is missing" if states.get("model") else f"only noise is left in the recordings{where}"
     return f"Checks: {', '.join(clear)}; model: {model}."
