@@ -292,7 +292,7 @@ def test_the_section_bar_stays_and_tells_where_the_reader_is(loop: Browser, runs
 
 def test_the_interval_of_a_parameter_is_in_view_on_a_phone(browser: Browser, runs: Path) -> None:
     browser.open(runs / "loop" / "report.html", width=390)
-    beyond = browser.evaluate("""[...document.querySelectorAll('#parameters tbody tr')].map(row =>
+    beyond = browser.evaluate("""[...document.querySelectorAll('#parameters > .scroll tbody tr')].map(row =>
         row.children[2].getBoundingClientRect().right - row.closest('.scroll').getBoundingClientRect().right)""")
     assert beyond
     assert max(beyond) <= 0

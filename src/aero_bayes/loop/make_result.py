@@ -91,6 +91,7 @@ def result_of(
         averaged=averaged,
         process_noise=process_noise,
         blocks=conclusion.choice.comparison.blocks,
+        data_notes=_notes(context, conclusion),
     )
 
 
@@ -149,6 +150,15 @@ def _alternative_sentence(alternatives: Sequence[FixedValueAlternative]) -> str:
         f" Alternatively, {d.parameter} is {value} instead of its fixed {d.fixed:.3g}: this explains as much as "
         f"{d.effect}."
     )
+
+
+def _notes(context: LoopContext, conclusion: Conclusion) -> tuple[str, ...]:
+    """What is to be said beside the effects that were named: what else may be missing, and an early end."""
+    if not conclusion.effects:
+        return ()
+    others = list(conclusion.choice.undecided)
+    else_ = f"What else is missing, the data do not tell: perhaps {' or '.join(others[:3])}." if others else ""
+    return tuple(filter(None, (else_, _early_end_sentence(context, conclusion.choice.explored.ended).strip())))
 
 
 def _early_end_sentence(context: LoopContext, where: str) -> str:

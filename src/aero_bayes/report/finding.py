@@ -63,7 +63,7 @@ def finding(result: RunJson) -> Finding | None:
 
 def place(effect: EffectJson) -> str:
     """Return where in the model an effect acts."""
-    return f"at {effect.port}" if "@" not in effect.id or not effect.summary.endswith(f"at {effect.port}") else ""
+    return "" if " at " in effect.summary else f"at {effect.port}"
 
 
 def _shown(loop: LoopJson) -> list[RecordingErrorJson]:

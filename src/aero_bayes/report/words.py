@@ -5,6 +5,7 @@ Names of signals, parameters and effects stand in backquotes: the page sets them
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 
 from aero_bayes.display import join_names
@@ -80,7 +81,7 @@ def _what(effect: EffectJson) -> str:
         return f"one of {number(1 + len(effect.alternatives))} effects, such as {effect.summary or effect.id}"
     if effect.kind == "free_form" or effect.claim == "place":
         return f"an effect at {effect.port}"
-    return effect.summary or effect.id
+    return re.sub(r" \([^()]*\)$", "", effect.summary) or effect.id
 
 
 def number(count: int) -> str:
