@@ -101,9 +101,6 @@ def _check(job: Job) -> None:
         raise InputError(f"the loop needs the native engine, not {job.engine}")
     if fit_section.cost != "posterior":
         raise InputError(f'the loop fits by the posterior: [fit] cost is "{fit_section.cost}", expected "posterior"')
-    for state, diffusion in job.config.noise.process.items():
-        if diffusion != "estimated":
-            raise InputError(f'the loop estimates process noise: [noise.process] {state} is not "estimated"')
     if fit_section.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
     if fit_section.ripple == "describe":
