@@ -11,7 +11,7 @@ from aero_bayes.report.figure import Plate
 from aero_bayes.report.loop_figures import curve_plate, fall_text
 from aero_bayes.report.loop_story import changed_equations
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import minus, significant, symbol
+from aero_bayes.report.text import significant, symbol
 from aero_bayes.schema import EffectJson, LoopJson, RunJson
 from aero_bayes.schema.loop import RecordingErrorJson
 
@@ -107,8 +107,3 @@ def smaller_table(loop: LoopJson) -> Markup | None:
     ]  # fmt: skip
     columns = ("effect", Column("fall of the left-out error", "right"), "parameters")
     return html_table(columns, rows, "Smaller effects, of which no claim is made") if rows else None
-
-
-def error_change(before: float | None, after: float | None) -> str:
-    """Return a change in per cent."""
-    return minus(f"{100.0 * (after / before - 1.0):+.0f}\u00a0%") if before and after is not None else ""

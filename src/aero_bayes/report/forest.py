@@ -55,11 +55,11 @@ def _drawing(rows: Rows, colours: Sequence[str], width: float, alt: str) -> Mark
     return canvas.svg()
 
 
-def before_and_after(result: RunJson) -> tuple[Plate | None, Markup | None]:
-    """Draw parameters before and after the model was extended, and list how far each moved; None, None without."""
+def before_and_after(result: RunJson) -> Plate | None:
+    """Draw parameters before and after the model was extended, and list how far each moved; None for another run."""
     loop = result.loop
     if loop is None or not loop.effects:
-        return None, None
+        return None
     rows: dict[str, list[QuantilesJson | None]] = {}
     moves = []
     for name, moved in loop.shifts.items():
@@ -77,7 +77,7 @@ def before_and_after(result: RunJson) -> tuple[Plate | None, Markup | None]:
     table = html_table(columns, moves, "How far the parameters moved") if moves else None
     legend = ((WARM_COLOUR, "before"), (ACCENT, "after"))
     alt = f"Values and 90 % intervals of {', '.join(rows)} before and after the model was extended."
-    return forest_plate(rows, (WARM_COLOUR, ACCENT), alt, legend, table), table
+    return forest_plate(rows, (WARM_COLOUR, ACCENT), alt, legend, table)
 
 
 def _spread(value: float | None, sd: float | None, unit: str) -> QuantilesJson:

@@ -129,7 +129,6 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     scene = curves.opening_scene(run)
     head = finding.finding(result)
     plates = [diagram_plate(d) for d in result.diagrams if not is_all_equations(d)]
-    moved, _ = forest.before_and_after(result)
     return {
         "title": words.title(result, run.path.name), "leads": words.LEADS,
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
@@ -139,7 +138,8 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "opening_words": curves.stretch_words(run, scene) if scene else "",
         "diagrams": [plate for plate in plates if plate],
         "warnings": overview.warnings(result), "readings": overview.readings(result),
-        "checks": words.checks_line(result), "diagnosis": findings.checks_table(result), "moved": moved,
+        "checks": words.checks_line(result), "diagnosis": findings.checks_table(result),
+        "moved": forest.before_and_after(result),
         "parameters": parameter_table(result.parameters) if result.parameters else None,
         "priors": prior_table(result.parameters),
         "listed_values": listed_values.listed_values_table(run),

@@ -88,6 +88,8 @@ def sample(
     >>> short = aero_bayes.sample(fit, settings=settings, workers=0)
     >>> short.converged, short.draws.shape[0]
     (False, 4)
+    >>> "F_c" in aero_bayes.sample(loop, settings=settings, workers=0).names  # of the model that came out
+    True
     """
     settings = settings or SampleSettings()
     settings = replace(settings, draws=draws or settings.draws, ensembles=chains or settings.ensembles)
