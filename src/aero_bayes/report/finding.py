@@ -80,8 +80,7 @@ def _bars(result: RunJson, error: RecordingErrorJson) -> tuple[Markup, list[Bar]
         sizes = [("error" if label == "after" else label, value) for label, value in sizes if label != "before"]
     most = max((value for _, value in sizes if value is not None), default=1.0) or 1.0
     bars = [Bar(label, 100.0 * (value or 0.0) / most, words.size(value, unit), label) for label, value in sizes]
-    role = "test" if error.role == "test" else "training"
-    return Markup("error of {} on the {} recording {}").format(symbol(error.output), role, words.place(error)), bars
+    return Markup("error of {} on {}").format(symbol(error.output), words.place(error)), bars
 
 
 def rivals_table(loop: LoopJson) -> Markup | None:

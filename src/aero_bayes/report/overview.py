@@ -101,7 +101,7 @@ def _error_readings(loop: LoopJson, role: str) -> Iterator[KeyFigure]:
         noise = "the noise" if worst.noise_known else "the error of the fit"
         label = symbol(output) + Markup(" {}").format({"test": "test", "train": "training"}[role])
         yield KeyFigure(
-            label, f"{significant(worst.ratio)}\u202f×", f"{noise} of {words.place(worst)}; {left[worst.verdict]}",
+            label, f"{significant(worst.ratio)}\u202f×", f"{noise} of {worst.recording}; {left[worst.verdict]}",
             "good" if worst.verdict == "noise" else "warning",
         )  # fmt: skip
 

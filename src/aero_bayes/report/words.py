@@ -141,8 +141,10 @@ def size(value: float | None, unit: str) -> str:
 
 
 def place(error: RecordingErrorJson) -> str:
-    """Return a recording, or the part of it that was not fitted."""
-    return error.recording if error.begin is None else f"{error.recording} from {error.begin:.4g} s on"
+    """Return a recording and its role, or the part of it that was not fitted."""
+    if error.begin is not None:
+        return f"what was not fitted of {error.recording} (from {error.begin:.4g}\u00a0s on)"
+    return f"the {'test' if error.role == 'test' else 'training'} recording {error.recording}"
 
 
 def limit(found: LimitJson) -> str:
@@ -174,8 +176,7 @@ def gain(result: RunJson, loop: LoopJson) -> Iterator[str]:
     unseen = [e for e in judged(loop, "test") or judged(loop, "train") if e.before and e.after is not None]
     if unseen:
         most = min(unseen, key=lambda e: (e.after or 0.0) / (e.before or 1.0))
-        on = "test recording" if most.role == "test" else "training recording"
-        yield f"On the {on} {place(most)} {fall_on(most, result.unit(most.output))}."
+        yield f"On {place(most)} {fall_on(most, result.unit(most.output))}."
     for effect in loop.effects:
         if effect.share is not None:
             spread = "" if effect.share_sd is None else f" ± {100.0 * effect.share_sd:.0f}"
@@ -187,7 +188,7 @@ def gain(result: RunJson, loop: LoopJson) -> Iterator[str]:
 
 def faults(loop: LoopJson) -> list[str]:
     """Say which recordings the model does not explain down to the noise, those that were not fitted first."""
-    texts: dict[tuple[str, str], list[str]] = {}
+    texts: dict[str, list[str]] = {}
     for role in ("test", "train"):
         for error in judged(loop, role):
             if error.verdict == "noise":
@@ -199,9 +200,8 @@ def faults(loop: LoopJson) -> list[str]:
                 if error.verdict == "too large"
                 else "is as small as noise, but has structure"
             )
-            texts.setdefault((role, place(error)), []).append(f"the error of `{error.output}` {what}")
-    kinds = {"test": "test", "train": "training"}
-    return [f"On the {kinds[role]} recording {where} {join_names(own)}." for (role, where), own in texts.items()]
+            texts.setdefault(place(error), []).append(f"the error of `{error.output}` {what}")
+    return [f"On {where} {join_names(own)}." for where, own in texts.items()]
 
 
 def verdict(result: RunJson) -> VerdictJson:
