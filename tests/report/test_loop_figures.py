@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from aero_bayes.report import changed_equations, is_all_equations, rounds_plates
-from aero_bayes.schema import CandidateJson, ComponentJson, DiagramJson, LoopJson, StepJson
+from aero_bayes.report import changed_equations, rounds_plates
+from aero_bayes.schema import CandidateJson, LoopJson, StepJson
 
 pytestmark = pytest.mark.fast
 
@@ -49,9 +49,3 @@ def test_the_documentation_of_a_law_is_no_equation() -> None:
     diff = "\n".join(["@@ -1,0 +1 @@", *("+" + line for line in law)])
     loop = LoopJson(outcome="extended", diff=diff, modelica_source="\n".join(law))
     assert changed_equations(loop) == "<mark>z = u;</mark>\n<mark>der(z) = u - z;</mark>"
-
-
-def test_only_a_diagram_of_components_stays_beside_the_equation() -> None:
-    box = ComponentJson(name="R", type="model", extent=(0, 0, 1, 1))
-    assert is_all_equations(DiagramJson(components=[box]))
-    assert not is_all_equations(DiagramJson(components=[box.model_copy(update={"type": "Mass"})]))

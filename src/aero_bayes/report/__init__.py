@@ -1,7 +1,6 @@
 """A finished run, or several side by side, as one self-contained HTML page."""
 
 from aero_bayes.report.compare import write_comparison
-from aero_bayes.report.diagram_figure import is_all_equations
 from aero_bayes.report.drawing import Line, Panel, Source, draw, nice_ticks
 from aero_bayes.report.embed import BITS, pack_series
 from aero_bayes.report.figure import data_table
@@ -35,7 +34,6 @@ __all__ = [
     "duration",
     "envelope",
     "html_table",
-    "is_all_equations",
     "most_correlated",
     "nice_ticks",
     "pack_series",

@@ -31,7 +31,7 @@ from aero_bayes.report import (
     study,
     words,
 )
-from aero_bayes.report.diagram_figure import diagram_plate, is_all_equations
+from aero_bayes.report.diagram_figure import diagram_plate
 from aero_bayes.report.embed import embedded
 from aero_bayes.report.figure import WIDE_WIDTH, Plate
 from aero_bayes.report.run_directory import RunDirectory
@@ -128,7 +128,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     result = run.result
     scene = curves.opening_scene(run)
     head = finding.finding(result)
-    plates = [diagram_plate(d) for d in result.diagrams if not is_all_equations(d)]
+    plates = [diagram_plate(d) for d in result.diagrams]
     return {
         "title": words.title(result, run.path.name), "leads": words.LEADS,
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),

@@ -216,7 +216,7 @@ def verdict(result: RunJson) -> VerdictJson:
 def short_verdict(result: RunJson) -> str:
     """Return what stands beside the level on a page, whose head says the rest: what is left, or that nothing is."""
     loop = result.loop
-    if loop is None or not loop.effects or (result.mcmc is not None and not result.mcmc.converged):
+    if loop is None or not (loop.effects and loop.errors) or (result.mcmc is not None and not result.mcmc.converged):
         return (result.verdict or verdict(result)).text
     left = [*faults(loop), *result.identifiability.flat]
     return " ".join(left or ["With it only noise is left in each recording, fitted or not."])
