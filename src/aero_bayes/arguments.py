@@ -40,7 +40,7 @@ def fit_of(given: object) -> Fit:
     """Return a fit, or that of a loop's result or a posterior; InputError for anything else."""
     from aero_bayes.estimate.result import Fit
 
-    own = given if isinstance(given, Fit) else getattr(given, "fit", given)
+    own: Fit = given if isinstance(given, Fit) else getattr(given, "fit", given)
     return require_type(own, Fit, "fit")
 
 

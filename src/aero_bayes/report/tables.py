@@ -93,9 +93,10 @@ def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:
         if stated.status == "fixed":
             continue
         known = stated.prior.replace(f" {stated.unit}", f" {pretty_unit(stated.unit)}") if stated.unit else stated.prior
-        ends = (significant(x) for x in (stated.start, stated.lower, stated.upper))
-        rows.append((symbol(name), *ends, pretty_unit(stated.unit), known))
-    columns = ("parameter", *(Column(head, "right") for head in ("start", "lowest", "highest")), "unit", "prior")
+        numbers = (significant(x) for x in (stated.start, stated.lower, stated.upper))
+        rows.append((symbol(name), *numbers, pretty_unit(stated.unit), known))
+    ends = [Column(head, "right") for head in ("start", "lowest", "highest")]
+    columns: list[Column | str] = ["parameter", *ends, "unit", "prior"]
     return html_table(columns, rows, "Priors, starts and bounds") if rows else None
 
 

@@ -279,7 +279,17 @@ def checks_line(result: RunJson) -> str:
 
 
 #: Characters that not every terminal has.
-_PLAIN = {"`": "", "−": "-", "±": "+-", "·": ".", "\u00a0": " ", "\u202f": "", "×": " x ", "Ω": "Ohm", "⁻": "-"}
+_PLAIN: dict[str, str | int | None] = {
+    "`": "",
+    "−": "-",
+    "±": "+-",
+    "·": ".",
+    "\u00a0": " ",
+    "\u202f": "",
+    "×": " x ",
+    "Ω": "Ohm",
+    "⁻": "-",
+}
 _PLAIN |= {power: str(digit) for digit, power in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")}
 
 
