@@ -16,7 +16,7 @@ from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
 #: By parameter what is drawn of each series, in the order of the colours; None where a series has no such parameter.
 Rows = Mapping[str, Sequence[QuantilesJson | None]]
-_LINE, _GAP = 11.0, 16.0
+_LINE, _GAP, _LETTERS = 11.0, 16.0, 48
 
 
 def forest_plate(rows: Rows, colours: Sequence[str], alt: str, legend: tuple[tuple[str, str], ...] = (),
@@ -31,7 +31,8 @@ def forest_plate(rows: Rows, colours: Sequence[str], alt: str, legend: tuple[tup
 
 
 def _drawing(rows: Rows, colours: Sequence[str], width: float, alt: str) -> Markup:
-    label = 150.0 if width > 600 else 82.0
+    words = {name: next((q.description for q in own if q and q.description), "") for name, own in rows.items()}
+    label = 82.0 if width < 600 else 340.0 if any(words.values()) else 150.0
     tall = _LINE * len(colours) + _GAP
     canvas = Canvas(width, tall * len(rows) + 8, alt)
     for index, (name, own) in enumerate(rows.items()):
@@ -39,6 +40,8 @@ def _drawing(rows: Rows, colours: Sequence[str], width: float, alt: str) -> Mark
         ends = [end for q in own if q is not None for end in (q.q05, q.q95, q.value) if end is not None]
         low, spread = min(ends), (max(ends) - min(ends)) or abs(max(ends)) or 1.0
         canvas.text(0, top + 0.5 * _LINE * len(colours) + 4, greek_name(name), INK, 12)
+        if width > 600:
+            canvas.text(76, top + 0.5 * _LINE * len(colours) + 4, words[name][:_LETTERS], MUTED, 10.5)
         canvas.curve([0, width], [top + _LINE * len(colours) + 6] * 2, RULE, 0.7)
         for k, found in enumerate(own):
             if found is None or found.value is None:
