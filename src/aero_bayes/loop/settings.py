@@ -65,6 +65,8 @@ class LoopSettings(SettingsDisplay):
     Examples
     --------
     >>> settings = aero_bayes.LoopSettings(parameters=("k", "d"), exclude=("F",))
+    >>> [type(restart).__name__ for restart, _ in settings.search_parts.restarts]
+    ['GrowingHorizon', 'DeclaredValues']
     >>> settings.choice.min_share
     0.75
     >>> settings.fitting.calibration.most_readings, settings.global_search.swarm is None
