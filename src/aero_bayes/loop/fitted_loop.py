@@ -34,7 +34,7 @@ class FittedLoop:
         return self.after.summary()
 
     def to_matlab(self, path: Path | str) -> Path:
-        """Write the values of the model that came out for MATLAB; see :meth:`Fit.to_matlab`.
+        """Write the values of the model that came out for MATLAB to a ``path``; see :meth:`Fit.to_matlab`.
 
         Examples
         --------

@@ -128,6 +128,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     result = run.result
     scene = curves.opening_scene(run)
     head = finding.finding(result)
+    aside = {n: p for n, p in result.parameters.items() if p.status == "fixed" or p.recording}
     plates = [diagram_plate(d) for d in result.diagrams]
     return {
         "title": words.title(result, run.path.name), "leads": words.LEADS,
@@ -140,7 +141,8 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "warnings": overview.warnings(result), "readings": overview.readings(result),
         "checks": words.checks_line(result), "diagnosis": findings.checks_table(result),
         "moved": forest.before_and_after(result),
-        "parameters": parameter_table(result.parameters) if result.parameters else None,
+        "parameters": parameter_table({n: p for n, p in result.parameters.items() if n not in aside}),
+        "aside": parameter_table(aside),
         "priors": prior_table(result.parameters),
         "listed_values": listed_values.listed_values_table(run),
         "statuses": status_words(result.parameters), "identifiability": result.identifiability,
