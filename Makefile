@@ -30,7 +30,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -108,16 +108,10 @@ lint: size $(VENV)/.tested ## size, ruff, mypy, and the import contract where im
 	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'import-linter>=2' 2>/dev/null
 	if [ -x $(BIN)/lint-imports ]; then $(BIN)/lint-imports --no-cache; else echo "import-linter is not here: layers were not checked"; fi
 
-bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json and bench.svg
+bench: $(VENV)/.tested ## speed, as ratios in one run, and seconds of loops -> reports/bench.json
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[bench]' \
 	  || echo "PINTS or CasADi could not be installed: their rows stay empty"
 	$(BIN)/python benchmarks/bench.py --out reports
-
-trial: setup ## the blind trial -> reports/trial.json (resumable)
-	$(BIN)/python studies/trial.py --out reports
-
-trial-quick: setup ## a small part of the blind trial
-	$(BIN)/python studies/trial.py --quick --out reports
 
 rig-trial: setup ## the blind trial over many kinds of rigs -> reports/rig_trial.json (resumable)
 	$(BIN)/python studies/rig_trial.py --out reports

@@ -31,7 +31,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.stats import kstest
 
-import simulated_aero as bench
+import simulated_rigs.aero as bench
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.estimate import (
     CalibrationSettings,

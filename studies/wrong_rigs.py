@@ -8,7 +8,7 @@ held for a random time, are drawn anew each time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
@@ -16,19 +16,17 @@ from typing import TypeVar
 import numpy as np
 from numpy.random import Generator
 
-import simulated_aero as bench
+import simulated_rigs.aero as bench
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.estimate import CalibrationSettings, ParameterSet, declared_overrides, parameters_from_model
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.simulation import Model
-from aero_trial import ALL_KINDS
-from simulated_aero.effects import EffectKind
-from simulated_aero.sensors import SensorNoise
 from simulated_rigs import MODELS
 from simulated_rigs.kinds import KINDS, RigKind
-from simulated_rigs.truth import LawPlace, LawTruth, law_kind
+from simulated_rigs.sensors import SensorNoise
+from simulated_rigs.truth import LawPlace, LawTruth, assembled
 
 One = TypeVar("One", bench.EffectTruth, LawTruth)
 
@@ -94,14 +92,14 @@ class Aero:
 
     def record(self, state: str, size: float, rng: Generator, *, times: float = 1.0) -> tuple[Recording, Recording]:
         time = bench.even_times(times * self.duration, self.rate_hz)
-        kinds, effects = ALL_KINDS, ()
+        effects: tuple[bench.EffectTruth, ...] = ()
+        torque = None
         if state in ("missing", "unlisted"):
             effects = (scaled(self.missing if state == "missing" else self.unlisted, size),)
         elif state == "process_noise":
-            kind = random_torque(white_force(rng, size * self.torque, time))
-            kinds, effects = {**ALL_KINDS, kind.id: kind}, (kind.truth(),)
+            torque = white_force(rng, size * self.torque, time)
         truth = bench.Truth("one_dof", replace(bench.Parameters(), **self.truth), effects, 5e-3)
-        run = bench.simulate_truth(truth, Held(time, 24.0 * levels(rng, time)), time, kinds=kinds)
+        run = bench.simulate_truth(truth, Held(time, 24.0 * levels(rng, time)), time, torque=torque)
         measured, silent = (bench.measure(run, sensors, rng, self.name) for sensors in (bench.white(), bench.clean()))
         return measured, silent
 
@@ -156,19 +154,11 @@ class TrialRig:
         time: FloatArray = np.arange(-lead, round(times * (kind.rows - 1)) + 1) * kind.step
         driven = [drive.height * levels(rng, np.maximum(time, 0.0) / drive.clock) for drive in kind.inputs.values()]
         commands = np.array([drive.centre for drive in kind.inputs.values()]) + np.column_stack(driven)
-        rig = kind.assemble(parameters)
-        if state in ("missing", "unlisted"):
-            law = scaled(self.missing if state == "missing" else self.unlisted, size)
-            slack = 1e-9 * dict(zip(kind.states, kind.sizes, strict=True)).get(law.place.name, 1.0)
-            law_kind(kind, law.law, law.place).install(rig, law.place.name, law.parameters, slack)
-        elif state == "process_noise":
-            force, index = white_force(rng, size * self.push, time), rig.state(self.pushed)
-
-            def add(t: float, x: object, u: object, e: list[float]) -> None:
-                e[index] += force(t)
-
-            rig.term(add)
-        outputs, _ = rig.run(time, commands, kind.rest(parameters), kind.step / kind.pieces)
+        laws = {"missing": [self.missing], "unlisted": [self.unlisted]}.get(state, [])
+        rig = assembled(kind, parameters, [scaled(law, size) for law in laws])
+        if state == "process_noise":
+            rig.push(self.pushed, white_force(rng, size * self.push, time))
+        outputs, _ = rig.run(time, commands, kind.rest(parameters))
         time = time[lead:]
         inputs = {name: commands[lead:, k] for k, name in enumerate(kind.inputs)}
         clean = {name: outputs[lead:, k] for k, name in enumerate(kind.outputs)}
@@ -206,29 +196,14 @@ def scaled(one: One, size: float) -> One:
     return replace(one, parameters={**one.parameters, first: size * one.parameters[first]})
 
 
-def white_force(rng: Generator, density: float, time: FloatArray) -> Callable[[float], float]:
-    """Make white noise as a function of time in s, held over each sample interval.
-
-    ``density`` is the square root of the spectral density.
-    """
-    step = float(time[1] - time[0])
-    values = (density / np.sqrt(step) * rng.standard_normal(time.size)).tolist()
-    last, first = time.size - 1, float(time[0])
-    return lambda t: values[min(max(int((t - first) / step), 0), last)]
-
-
-def random_torque(force: Callable[[float], float]) -> EffectKind:
-    """Make a torque in N m on the body of the AERO over time in s, as an effect without parameters."""
-    return EffectKind(
-        "random_torque", "body", {}, lambda equations, p: equations.body.append(lambda t, i, w, th, q, z: force(t))
-    )
+def white_force(rng: Generator, density: float, time: FloatArray) -> FloatArray:
+    """Draw white noise to be held over each sample interval; ``density`` is the root of the spectral density."""
+    return density / np.sqrt(float(time[1] - time[0])) * rng.standard_normal(time.size)
 
 
 def coarser(kind: RigKind, factor: int, **changes: object) -> RigKind:
     """Return the same rig read so many times less often, over the same time."""
-    return replace(
-        kind, step=factor * kind.step, rows=(kind.rows - 1) // factor + 1, pieces=factor * kind.pieces, **changes
-    )
+    return replace(kind, step=factor * kind.step, rows=(kind.rows - 1) // factor + 1, **changes)
 
 
 def rigs() -> dict[str, Rig]:
@@ -236,7 +211,7 @@ def rigs() -> dict[str, Rig]:
     aero = Aero(
         {"R_a": 9.0, "c_m": 0.040, "J_r": 4.4e-6, "k_d": 2.7e-8, "k_t": 3.1e-7, "D_p": 0.0065, "K_sp": 0.041},
         bench.effect("pivot_coulomb_friction", tau_c=2.5e-4),
-        ALL_KINDS["propeller_stall"].truth(s=2e-4),
+        bench.effect("propeller_stall", s=2e-4),
         torque=1e-4,
     )
     pendulum = KINDS["pendulum"]

@@ -13,7 +13,9 @@ from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Experiment, Model, ParameterTarget, Problem, Simulator, SolverSettings
 from paper_replay.evaluator import ModelEvaluator
 from paper_replay.published import TABLE_PARAMETERS, TRANSFER_GAIN, UNOPTIMISED
-from simulated_aero import default_truth, paper_step, simulate_recording, white
+from simulated_rigs.aero import default_truth, simulate_recording
+from simulated_rigs.designs import paper_step
+from simulated_rigs.sensors import white
 
 Name = Literal["OneDofLinear", "OneDof", "TransferFunction"]
 NAMES: tuple[Name, ...] = ("OneDofLinear", "OneDof", "TransferFunction")
@@ -23,7 +25,7 @@ OUTPUTS = ("i_m", "omega_m", "theta")
 def paper_recording(seed: int = 0) -> Recording:
     """Simulate the paper's experiment, whose recording is not public: 24 V for 20 s, 0 V for 20 s, 2,001 samples.
 
-    The rig is that of :func:`simulated_aero.default_truth`; the seed decides the white noise.
+    The rig is that of :func:`simulated_rigs.aero.default_truth`; the seed decides the white noise.
     """
     rng = np.random.default_rng([seed, 2])
     return simulate_recording(

@@ -14,7 +14,9 @@ from aero_bayes.judge import Recordings
 from aero_bayes.laws import LawPlaces, ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, StructureSettings, close_loop, fit_base_model
 from aero_bayes.simulation import WorkerPool
-from simulated_aero import Parameters, Truth, effect, random_levels, real, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.designs import random_levels
+from simulated_rigs.sensors import real, white
 
 SETTINGS = LoopSettings(structures=StructureSettings(max_effects=2))
 

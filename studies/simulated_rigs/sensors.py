@@ -15,19 +15,9 @@ FloatArray = NDArray[np.float64]
 class SensorNoise:
     """Noise of one output, in its SI unit.
 
-    Parameters
-    ----------
-    white : float
-        Standard deviation of white noise.
-    slow : float
-        Stationary standard deviation of an Ornstein-Uhlenbeck process added to it.
-    slow_time : float
-        That process's correlation time in s.
-    ripple : tuple of float
-        Amplitudes at one, two, ... periods a turn of the rotor, in proportion to its speed and given at 376 rad/s (the
-        speed of the public step recording).
-    missing : float
-        Share of readings that get lost, at random.
+    ``white`` is the standard deviation of white noise, ``slow`` that of an Ornstein-Uhlenbeck process of correlation
+    time ``slow_time`` (s), ``ripple`` amplitudes at one, two, ... periods a turn of the rotor, in proportion to its
+    speed and given at 376 rad/s (that of the public step recording), ``missing`` the share of readings that get lost.
     """
 
     white: float = 0.0
@@ -49,25 +39,15 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Noise of the three outputs and the counts of the pitch encoder.
+    """Noise of the AERO's three outputs, and counts a revolution of the pitch encoder (0: it reads the angle itself).
 
-    Parameters
-    ----------
-    i_m, omega_m, theta : SensorNoise
-    encoder_counts : int
-        Counts a revolution of the pitch encoder; 0 reads the angle itself. Edges lie half-way between counts, and the
-        count is zero at zero pitch.
-    tachometer_counts : int
-        Counts a revolution of an encoder on the rotor from which speed is made, as the difference of counts over
-        ``tachometer_window`` s; 0 reads the speed itself.
+    Its edges lie half-way between counts, and the count is zero at zero pitch.
     """
 
     i_m: SensorNoise = SensorNoise()
     omega_m: SensorNoise = SensorNoise()
     theta: SensorNoise = SensorNoise()
     encoder_counts: int = 0
-    tachometer_counts: int = 0
-    tachometer_window: float = 0.02
     label: str = field(default="", compare=False)
 
 
