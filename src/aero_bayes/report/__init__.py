@@ -5,7 +5,7 @@ from aero_bayes.report.drawing import Line, Panel, Source, draw, nice_ticks
 from aero_bayes.report.embed import BITS, pack_series
 from aero_bayes.report.figure import data_table
 from aero_bayes.report.fleet_page import FleetColumns, ParameterColumn, write_fleet_page
-from aero_bayes.report.loop_figures import curve_plate, rounds_plates
+from aero_bayes.report.loop_figures import curve_plate, rounds_plate
 from aero_bayes.report.loop_story import changed_equations
 from aero_bayes.report.page import write_run_page
 from aero_bayes.report.posterior_figures import most_correlated
@@ -39,7 +39,7 @@ __all__ = [
     "pack_series",
     "pretty_unit",
     "rounded_value",
-    "rounds_plates",
+    "rounds_plate",
     "sentence",
     "signed",
     "significant",

@@ -29,7 +29,7 @@ R_HAT_LIMIT = 1.01
 def errors_table(result: RunJson) -> Markup | None:
     """Write the error of each recording by its own noise, before and after where there are both."""
     rows: list[tuple[object, ...]] = []
-    for error in _errors(result):
+    for error in errors_of(result):
         where = error.recording if error.begin is None else f"{error.recording} from {error.begin:.4g} s on"
         ratios = [x / error.noise if x is not None and error.noise else None for x in (error.before, error.after)]
         rows.append((
@@ -45,13 +45,13 @@ def errors_table(result: RunJson) -> Markup | None:
         Column("ratio", "right"), Column("noise │ ○ before  ● after", "centre"), Column("p (white)", "right"),
         "what is left",
     ]  # fmt: skip
-    if all(error.before is None for error in _errors(result)):
+    if all(error.before is None for error in errors_of(result)):
         columns[3], columns[7] = Column("error", "right"), Column("noise │ error", "centre")
         columns, rows = [c for k, c in enumerate(columns) if k != 2], [(*r[:2], *r[3:]) for r in rows]
     return html_table(columns, rows, "RMS error of each recording")
 
 
-def _errors(result: RunJson) -> list[RecordingErrorJson]:
+def errors_of(result: RunJson) -> list[RecordingErrorJson]:
     """Return the errors of a loop; of a fit those that its residuals are."""
     if result.loop is not None and result.loop.errors:
         return result.loop.errors
@@ -152,21 +152,6 @@ def sampler_facts(mcmc: McmcJson) -> list[tuple[str, str]]:
 def _mode_words(mode: ModeDrawsJson) -> str:
     values = ", ".join(f"{name} = {significant(value)}" for name, value in mode.values.items())
     return f"{count(mode.draws)} at {values}{'' if mode.converged else ' (not converged)'}"
-
-
-def fit_error_table(run: RunDirectory) -> Markup | None:
-    """Write the RMS error of the fit by role and output, where no residual table says it by recording."""
-    errors = {split: outputs for split, outputs in run.result.fit.rms.items() if outputs}
-    outputs = list(dict.fromkeys(output for found in errors.values() for output in found))
-    if not outputs or run.result.residual:
-        return None
-    rows = [
-        (symbol(output), *(significant(found.get(output)) for found in errors.values()),
-         pretty_unit(run.result.unit(output)))
-        for output in outputs
-    ]  # fmt: skip
-    columns: tuple[Column | str, ...] = ("output", *(Column(role_words(split), "right") for split in errors), "unit")
-    return html_table(columns, rows, "RMS error of the fit")
 
 
 def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:

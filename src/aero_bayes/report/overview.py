@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from aero_bayes.report import words
-from aero_bayes.report.findings import R_HAT_LIMIT
+from aero_bayes.report.findings import R_HAT_LIMIT, errors_of
 from aero_bayes.report.tables import Column, generic_cell, html_table
 from aero_bayes.report.text import count, duration, role_words, scaled_unit, significant, symbol, tidy
-from aero_bayes.schema import LoopJson, RunJson
+from aero_bayes.schema import RunJson
 
 _HASH_SHOWN = 16
 
@@ -28,11 +28,7 @@ class KeyFigure:
 
 def readings(result: RunJson) -> list[KeyFigure]:
     """List key figures on the quality of the result."""
-    if result.loop is not None and result.loop.errors:
-        found = [card for role in ("test", "train") for card in _error_readings(result.loop, role)]
-    else:
-        outputs = dict.fromkeys(out for found in result.residual.values() for out in found)
-        found = [_residual_reading(result, output) for output in outputs]
+    found = [card for role in ("test", "train") for card in _error_readings(result, role)]
     mcmc = result.mcmc
     if mcmc is not None and mcmc.r_hat_max is not None:
         fine = mcmc.r_hat_max <= R_HAT_LIMIT
@@ -92,33 +88,25 @@ def _signals(names: Sequence[str]) -> Markup:
     return Markup(", ").join(symbol(name) for name in names)
 
 
-def _error_readings(loop: LoopJson, role: str) -> Iterator[KeyFigure]:
+def _error_readings(result: RunJson, role: str) -> Iterator[KeyFigure]:
     """Yield, for each output, the recording of a role in which most is left of it, by that recording's own noise."""
-    errors = words.judged(loop, role)
+    errors = [error for error in errors_of(result) if error.role == role]
     left = {"noise": "only noise is left", "structured": "structure is left", "too large": "more than noise is left"}
     for output in dict.fromkeys(error.output for error in errors):
         worst = max((e for e in errors if e.output == output), key=lambda e: (e.verdict != "noise", e.ratio or 0.0))
-        noise = "the noise" if worst.noise_known else "the error of the fit"
+        value, noise = (
+            f"{significant(worst.ratio)}\u202f×",
+            "the noise" if worst.noise_known else "the error of the fit",
+        )
+        if worst.ratio is None:
+            factor, unit = scaled_unit(worst.after or 0.0, result.unit(output))
+            value, noise = (
+                f"{significant(factor * (worst.after or 0.0))} {unit}".strip(),
+                "the RMS error, of unknown noise,",
+            )
         label = symbol(output) + Markup(" {}").format({"test": "test", "train": "training"}[role])
-        yield KeyFigure(
-            label, f"{significant(worst.ratio)}\u202f×", f"{noise} of {worst.recording}; {left[worst.verdict]}",
-            "good" if worst.verdict == "noise" else "warning",
-        )  # fmt: skip
-
-
-def _residual_reading(result: RunJson, output: str) -> KeyFigure:
-    entries = [found[output] for found in result.residual.values() if output in found]
-    ratios = [entry.ratio for entry in entries if entry.ratio is not None]
-    structured = any(entry.verdict == "structured" for entry in entries)
-    label, level = symbol(output) + Markup(" residual"), "warning" if structured else "good"
-    said = "structured: more than noise" if structured else "only noise is left"
-    ratio = max(ratios, default=None)
-    sizes = [entry.rms for entry in entries if entry.rms is not None]
-    if ratio is None and sizes:
-        factor, unit = scaled_unit(max(sizes), result.unit(output))
-        size = f"{significant(factor * max(sizes))} {unit}".strip()
-        return KeyFigure(label, size, f"RMS; the signal changes too fast to estimate the noise; {said}", level)
-    return KeyFigure(label, f"{significant(ratio)}\u202f×", f"the noise; {said}", level)
+        level = "good" if worst.verdict == "noise" else "warning"
+        yield KeyFigure(label, value, f"{noise} of {worst.recording}; {left[worst.verdict]}", level)
 
 
 def _exact(value: object) -> object:

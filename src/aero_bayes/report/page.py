@@ -151,7 +151,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "recordings": [_recording(run, name, scene) for name in run.recordings()],
         "errors": findings.errors_table(result), "noise": findings.noise_model_table(run),
         "process_noise": findings.process_noise_table(run),
-        "sensors": sensor_table(run), "rms": findings.fit_error_table(run), "fit_facts": findings.fit_facts(run),
+        "sensors": sensor_table(run), "fit_facts": findings.fit_facts(run),
         "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),
         "waterfall": posterior_figures.waterfall_plate(result.fit.start_levels),
@@ -195,7 +195,7 @@ def _posterior(run: RunDirectory) -> dict[str, Any] | None:
 def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
     return {
         "story": loop.story,
-        "rounds": loop_figures.rounds_plates(loop, run.result.effect_words()),
+        "rounds": loop_figures.rounds_plate(loop, run.result.effect_words()),
         "separate": loop.separate,
         "smaller": finding.smaller_table(loop),
         "diff": loop_story.diff_lines(loop),
