@@ -58,7 +58,7 @@ class LoopSettings(SettingsDisplay):
     max_error_ratio : float
         Largest ratio of the error on unseen data to that of the fit for a model to count as adequate.
     leave_out : tuple of str
-        Parts of the search that are left out, by their names in ``aero_bayes.search.PARTS`` (ablation).
+        Parts of the search that are left out, by their names in ``aero_bayes.search.PARTS``.
     parts : Parts, optional
         Edits, start rules and restarts of the search in place of the standard ones.
 
