@@ -176,17 +176,17 @@ def test_the_rounds_name_every_candidate_and_mark_the_chosen(runs: Path, pages: 
     assert step["chosen"] == "pivot_coulomb_friction"
 
 
-def test_the_error_falls_with_its_spread_and_smaller_effects_claim_nothing(
-    runs: Path, pages: dict[str, str], tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("claim", ["law", "place", "one of"])
+def test_the_head_says_how_far_the_error_falls_and_what_does_as_well(runs: Path, claim: str, tmp_path: Path) -> None:
     result = result_of(copied(runs, "loop", tmp_path))
-    effect = result["loop"]["effects"][0] | {"share": 0.123, "share_sd": 0.02}
+    rival = {"id": "other_law", "port": "body", "error_ratio": 1.04}
+    effect = result["loop"]["effects"][0] | {"share": 0.123, "share_sd": 0.02, "claim": claim, "alternatives": [rival]}
     result["loop"]["effects"][0] = effect
-    result["loop"]["smaller"] = [effect | {"id": "small_one", "share": 0.913}]
-    text = page_of(tmp_path, result)
+    page = Page(page_of(tmp_path, result))
+    text = (tmp_path / "report.html").read_text("utf-8")
     assert "88 ± 2" in text
-    assert "9 ± 2 %" in text
-    assert "no claim" in text.partition("small_one")[0]
+    assert any("other_law" in row and "1.04" in row for row in page.rows)
+    assert ("one of two effects" in text) == (claim == "one of")
 
 
 def test_ripple_and_encoder_are_shown_with_their_evidence(runs: Path, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from aero_bayes.report import words
 from aero_bayes.report.figure import Plate
-from aero_bayes.report.loop_figures import curve_plate, fall_text
+from aero_bayes.report.loop_figures import curve_plate
 from aero_bayes.report.loop_story import changed_equations
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import significant, symbol
@@ -93,16 +93,3 @@ def rivals_table(loop: LoopJson) -> Markup | None:
     return (
         html_table(("instead", "port", Column("left-out error", "right")), rows, "Does about as well") if rows else None
     )
-
-
-def smaller_table(loop: LoopJson) -> Markup | None:
-    """Return effects that help beside the named ones and are not material; None if there are none."""
-    rows = [
-        (
-            Markup("<code>{}</code><small>{}</small>").format(entry.id, entry.summary), fall_text(entry),
-            words.values(entry).replace("`", ""),
-        )
-        for entry in loop.smaller
-    ]  # fmt: skip
-    columns = ("effect", Column("fall of the left-out error", "right"), "parameters")
-    return html_table(columns, rows, "Smaller effects, of which no claim is made") if rows else None

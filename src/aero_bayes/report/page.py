@@ -197,7 +197,6 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "story": loop.story,
         "rounds": loop_figures.rounds_plate(loop, run.result.effect_words()),
         "separate": loop.separate,
-        "smaller": finding.smaller_table(loop),
         "diff": loop_story.diff_lines(loop),
         "source": loop.modelica_source,
     }

@@ -55,20 +55,16 @@ def title(result: RunJson, otherwise: str) -> str:
     if result.design:
         return f"{model}: the next experiment"
     if loop is not None:
-        return (
-            f"{model} {lacking(result, loop)}" if loop.effects else f"{model}: {OUTCOMES.get(loop.outcome, 'extended')}"
-        )
+        return f"{model} {lacking(loop)}" if loop.effects else f"{model}: {OUTCOMES.get(loop.outcome, 'extended')}"
     found = [row.cause for row in result.diagnosis if row.found]
     if "model" in found:
         return f"{model} misses something" if len(found) == 1 else f"{model}: the {found[0]} comes first"
     return f"{model} explains the recordings" if result.diagnosis else f"{model}: {result.command or 'a run'}"
 
 
-def lacking(result: RunJson, loop: LoopJson) -> str:
+def lacking(loop: LoopJson) -> str:
     """Say what the model lacks, in words, as far as the data say it, and with what it was extended as required."""
-    section = result.settings.get("loop")
-    required = section.get("require") if isinstance(section, dict) else None
-    asked = [e for e in loop.effects if isinstance(required, list) and e.id in required]
+    asked = [e for e in loop.effects if e.claim is None]
     found = [_what(e) for e in loop.effects if e not in asked]
     return " and ".join(filter(None, (
         f"lacks {join_names(found)}" if found else "",
@@ -100,7 +96,7 @@ def claim(effect: EffectJson, groups: Sequence[Sequence[str]] = ()) -> str:
         count = number(1 + len(ids)).capitalize()
         laws = f"{count} laws at `{effect.port}` predict equally well; the simplest is taken. "
         return f"{laws if ids else ''}The place is known, the law is not."
-    if effect.claim == "one of" or (effect.claim is None and ids):
+    if effect.claim == "one of":
         return f"The data do not tell `{effect.id}` from {named}: each predicts about as well in its place."
     if effect.kind == "free_form":
         return "No law of the library fits: the curve was learned from the data."
@@ -229,7 +225,7 @@ def _loop_verdict(result: RunJson, loop: LoopJson) -> VerdictJson:
         ids = [f"{'as ' if e.claim == 'place' else ''}`{e.id}`" for e in stated]
         said = ", ".join(filter(None, (values(e) for e in loop.effects)))
         own = f" ({'; '.join(filter(None, (', '.join(ids), said)))})" if ids or said else ""
-        told = [f"{model} {lacking(result, loop)}{own}.", *gain(result, loop)]
+        told = [f"{model} {lacking(loop)}{own}.", *gain(result, loop)]
         told += [text for effect in loop.effects if (text := claim(effect, loop.equivalent))]
         told += [_cause(row) for row in result.diagnosis if row.cause == "data" and row.found]
     else:

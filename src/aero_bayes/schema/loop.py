@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
-
-from pydantic import BeforeValidator
+from typing import Literal
 
 from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson
 from aero_bayes.schema.estimate import DiagnosisJson, ResidualJson
@@ -20,24 +18,29 @@ class CurveJson(JsonTable):
     unit: str = ""
 
 
-def _named(given: object) -> object:
-    """Return an alternative that has nothing but its id."""
-    return {"id": given} if isinstance(given, str) else given
-
-
 class AlternativeJson(JsonTable):
-    """What does about as well in the place of an effect: error on left-out readings over that with the effect."""
+    """What does as well in the place of an effect: the left-out error with it over that with the effect."""
 
     id: str
     port: str = ""
     error_ratio: JsonNumber = None
 
 
-class EffectJson(JsonTable):
-    """An effect; ``id`` is ``law@port`` or an id of a library.
+class LimitJson(JsonTable):
+    """The smallest size of a law at a port that would have been named: a value of its first parameter."""
 
-    ``share`` is the error on left-out readings with it over that without it, in the output ``share_of``; ``wins`` the
-    share of resampled blocks in which its structure is the best; ``looks_like`` the law that comes near a curve."""
+    law: str
+    port: str
+    parameter: str
+    smallest: JsonNumber
+    unit: str = ""
+
+
+class EffectJson(JsonTable):
+    """An effect; ``id`` is ``law@port``, ``value@parameter`` or an id of a library.
+
+    ``share`` is the error on left-out readings with it over that without it, in the output ``share_of``; ``claim`` what
+    is known of it; ``looks_like`` the law that comes near a curve."""
 
     id: str
     port: str
@@ -46,16 +49,14 @@ class EffectJson(JsonTable):
     share: JsonNumber = None
     share_sd: JsonNumber = None
     share_of: str = ""
-    wins: JsonNumber = None
+    claim: Literal["law", "place", "one of"] | None = None
+    alternatives: list[AlternativeJson] = []
     modelica: str = ""
     summary: str = ""
     widths: dict[str, JsonNumber] = {}
-    width_influence_sd: JsonNumber = None
     over: str = ""
     looks_like: str = ""
     curve: CurveJson | None = None
-    claim: Literal["law", "place", "one of"] | None = None
-    alternatives: list[Annotated[AlternativeJson, BeforeValidator(_named)]] = []
 
 
 class CandidateJson(JsonTable):
@@ -65,7 +66,6 @@ class CandidateJson(JsonTable):
     port: str
     share: JsonNumber = None
     share_sd: JsonNumber = None
-    wins: JsonNumber = None
     refitted: bool = True
 
 
@@ -111,31 +111,21 @@ class RecordingErrorJson(JsonTable):
     begin: JsonNumber = None
 
 
-class LimitJson(JsonTable):
-    """The smallest size at which a law would have been named from these recordings."""
-
-    law: str
-    port: str
-    parameter: str = ""
-    smallest: JsonNumber = None
-    unit: str = ""
-
-
 class LoopJson(JsonTable):
     """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
 
-    ``smaller`` are effects that help and are not material; ``blocks`` of readings were left out in turn."""
+    ``blocks`` of readings were left out in turn; ``refused`` are models that unseen recordings refused."""
 
     outcome: Literal["adequate", "extended", "unexplained"]
     sentence: str = ""
     base: str = ""
     model: str = ""
     effects: list[EffectJson] = []
-    smaller: list[EffectJson] = []
     equivalent: list[list[str]] = []
     limits: list[LimitJson] = []
     errors: list[RecordingErrorJson] = []
     diagnosis_before: list[DiagnosisJson] = []
+    refused: list[list[str]] = []
     before: RmsByRole = {}
     after: RmsByRole = {}
     before_sd: RmsByRole = {}
