@@ -142,7 +142,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "checks": words.checks_line(result), "diagnosis": findings.checks_table(result),
         "moved": forest.before_and_after(result),
         "parameters": parameter_table({n: p for n, p in result.parameters.items() if n not in aside}),
-        "aside": parameter_table(aside),
+        "aside": parameter_table(aside, "Values of single recordings, and fixed parameters"),
         "priors": prior_table(result.parameters),
         "listed_values": listed_values.listed_values_table(run),
         "statuses": status_words(result.parameters), "identifiability": result.identifiability,

@@ -68,7 +68,7 @@ def html_table(
     ).format(caption or "table", title, top, body)
 
 
-def parameter_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:
+def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Estimates") -> Markup | None:
     """Write value, 90 % interval, unit and status of every parameter.
 
     What was fixed, ended on a bound, or is not determined by the data never shows an interval."""
@@ -83,7 +83,7 @@ def parameter_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:
         rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""),
                      "; ".join(filter(None, (stated.note, own)))))  # fmt: skip
     columns = ("parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "status", "")
-    return html_table(columns, rows, "Estimates") if rows else None
+    return html_table(columns, rows, caption) if rows else None
 
 
 def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:

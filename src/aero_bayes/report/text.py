@@ -13,6 +13,8 @@ from markupsafe import Markup, escape
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXED = {"V", "A", "rad", "rad/s", "N", "N·m", "s", "m", "Ω", "H"}
 NO_VALUE = "–"
+#: What a unit begins with.
+_UNIT = r"(?:[µmk]?(?:m|s|V|A|K|Hz|g|N|rad|J|W|Pa|Ω|Ohm|H|F)|%|°|min|h|degC|bar)(?![A-Za-z])"
 
 
 def significant(value: float | None, digits: int = 3) -> str:
@@ -175,7 +177,7 @@ def named_effect(id_: str, words: Mapping[str, str]) -> Markup:
 def sentence(text: object, words: Mapping[str, str] | None = None, signals: Collection[str] = ()) -> Markup:
     """Escape a text, with ``backquoted`` names and signals set as symbols, and ids of effects put in words."""
     words = words or {}
-    text = re.sub(r"(?<=\d) (?=[A-Za-zµΩ°%])", "\u00a0", str(text))  # a number keeps its unit
+    text = re.sub(rf"(?<=\d) (?={_UNIT})", "\u00a0", str(text))  # a number keeps its unit
     parts = text.split("`")
     if len(parts) % 2 == 0:
         return _with_words(text, words, signals)
