@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from aero_bayes.export import export_fmu
     from aero_bayes.fleets import Rig
     from aero_bayes.fleets.whole import fleet
-    from aero_bayes.library import open_run, write_report
+    from aero_bayes.library import compare, load_result, save, write_report
     from aero_bayes.loop import LoopResult, LoopSettings, close_loop
     from aero_bayes.plot_backend import PlotBackend
     from aero_bayes.report.run_directory import RunDirectory
@@ -64,14 +64,16 @@ __all__ = [
     "RunDirectory",
     "SampleSettings",
     "close_loop",
+    "compare",
     "export_fmu",
     "fit",
     "fleet",
     "load_model",
-    "open_run",
+    "load_result",
     "propose_experiment",
     "read_recording",
     "sample",
+    "save",
     "summarise",
     "write_report",
 ]
@@ -87,7 +89,7 @@ _HOMES = {
     "export": "export_fmu",
     "fleets": "Rig",
     "fleets.whole": "fleet",
-    "library": "open_run write_report",
+    "library": "compare load_result save write_report",
     "loop": "LoopResult LoopSettings close_loop",
     "report.run_directory": "RunDirectory",
     "sampling": "Posterior SampleSettings sample",

@@ -8,6 +8,7 @@ import sqlite3
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
@@ -103,7 +104,7 @@ def run_options(command: Command) -> Command:
         click.option("--workers", type=click.IntRange(min=1), help="Simulation processes.  [default: one per core]"),
         click.option("--engine", type=click.Choice(["native", "fmpy"]), help="Simulator.  [default: native]"),
         click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder."),
-        click.option("--quiet", is_flag=True, help="No progress bars."),
+        click.option("--quiet", is_flag=True, help="Print nothing of the progress."),
         click.option("--out", type=FOLDER, required=True, help="Folder for result.json, report.html, posterior.nc."),
     ):
         command = option(command)
@@ -199,12 +200,13 @@ def posterior_command(data: tuple[Path, ...], options: RunOptions) -> None:
     multiple=True,
     help="Recording to test on.  [default: the last part of each training recording]",
 )
+@click.option("--posterior", is_flag=True, help="Sample the posterior of the model that comes out, too.")
 @run_options
-def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], options: RunOptions) -> None:
+def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], posterior: bool, options: RunOptions) -> None:
     """Find the effect that the model lacks, add it, refit, and report the error before and after."""
     from aero_bayes.workflow import run_close_loop
 
-    run_close_loop(train, test, options)
+    run_close_loop(train, test, replace(options, posterior=posterior))
 
 
 def _travel(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from html import escape
 from typing import Any, Self
@@ -24,6 +24,21 @@ def table_html(head: Sequence[str], rows: Sequence[Sequence[object]], caption: s
 def with_unit(text: str, unit: str) -> str:
     """Return a number with its unit, if it has a known one."""
     return text if unit in {"", "1", "-"} else f"{text} {unit}"
+
+
+def parameter_lines(table: Mapping[str, Any]) -> list[str]:
+    """Return parameters as lines of a table: name, value, 90 % interval, unit, and what is to be said of each.
+
+    Entries have ``value``, ``q05``, ``q95``, ``unit``, ``status`` and ``note``; fixed ones are left out."""
+    rows = [("parameter", "value", "90 % interval", "unit", "status")]
+    for name, entry in table.items():
+        status = str(entry.status or "")
+        if entry.value is not None and status != "fixed":
+            sure = status not in {"unidentified", "at_bound"} and entry.q05 is not None and entry.q95 is not None
+            span = f"{entry.q05:.5g} to {entry.q95:.5g}" if sure else "-"
+            rows.append((name, f"{entry.value:.5g}", span, entry.unit, "; ".join(filter(None, (status, entry.note)))))
+    widths = [max(len(row[k]) for row in rows) for k in range(5)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def join_names(names: Sequence[str]) -> str:

@@ -1,22 +1,27 @@
-"""The results of a finished run, and its page."""
+"""Results in folders and on pages: saved, loaded, drawn, and set side by side."""
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aero_bayes.errors import InputError
-from aero_bayes.report import write_run_page
+from aero_bayes.files import whole_file
+from aero_bayes.report import write_comparison, write_run_page
 from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.scratch import ScratchFolder
 
 if TYPE_CHECKING:
     from aero_bayes.estimate.result import Fit
     from aero_bayes.loop.result import LoopResult
     from aero_bayes.sampling.posterior import Posterior
 
+    Result = Fit | Posterior | LoopResult
 
-def open_run(directory: Path | str) -> RunDirectory:
-    """Open what a command left in its output folder.
+
+def load_result(directory: Path | str) -> RunDirectory:
+    """Open what a command, or :func:`save`, left in a folder.
 
     Parameters
     ----------
@@ -35,14 +40,43 @@ def open_run(directory: Path | str) -> RunDirectory:
 
     Examples
     --------
-    >>> run = aero_bayes.open_run("out/loop")
+    >>> run = aero_bayes.load_result("out/loop")
     >>> run.result.loop.outcome
     'extended'
     """
     return RunDirectory.read(directory)
 
 
-def write_report(found: Fit | Posterior | LoopResult | str | Path, path: str | Path | None = None) -> Path:
+def save(found: Result, directory: Path | str) -> Path:
+    """Write a fit, a posterior or a loop into a folder, as a command does: result.json, its curves, draws and page.
+
+    Parameters
+    ----------
+    found : Fit, Posterior or LoopResult
+    directory : path
+        It is made where it is not there.
+
+    Returns
+    -------
+    Path
+        The folder, for :func:`load_result`.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+
+    Examples
+    --------
+    >>> aero_bayes.load_result(aero_bayes.save(fit, "out/saved")).result.parameters["k"].unit
+    'N/m'
+    """
+    from aero_bayes.workflow.commands import write_folder  # a second of imports that a finished run does not need
+
+    return write_folder(_result(found), Path(directory)).parent
+
+
+def write_report(found: Result | str | Path, path: str | Path | None = None) -> Path:
     """Write the page of a fit, a posterior or a loop, or draw that of a finished run again.
 
     Parameters
@@ -69,17 +103,61 @@ def write_report(found: Fit | Posterior | LoopResult | str | Path, path: str | P
     >>> aero_bayes.write_report("out/loop").name
     'report.html'
     """
+    if isinstance(found, str | Path):
+        return write_run_page(found)
+    found = _result(found)
+    if path is None:
+        raise InputError("path: say where the page goes, such as fit.html")
+    path = Path(path)
+    with ScratchFolder() as scratch:
+        page = (save(found, scratch) / "report.html").read_bytes()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(page)
+    return path
+
+
+def compare(*found: Result | str | Path, path: str | Path = "compare.html") -> Path:
+    """Write a page that sets results side by side: parameters, residuals, settings that differ.
+
+    Parameters
+    ----------
+    *found : Fit, Posterior, LoopResult or path
+        Two or more; folders are those that commands wrote.
+    path : path
+        The page to write.
+
+    Returns
+    -------
+    Path
+        ``path``.
+
+    Raises
+    ------
+    InputError
+        For fewer than two, or more than a page can hold.
+
+    Examples
+    --------
+    >>> aero_bayes.compare(fit, posterior, "out/loop", path="three.html").name
+    'three.html'
+    """
+    with ExitStack() as stack:
+        scratch = stack.enter_context(ScratchFolder())
+        folders = [
+            Path(one) if isinstance(one, str | Path) else save(one, scratch / f"{type(one).__name__} {k}")
+            for k, one in enumerate(found, 1)
+        ]
+        return write_comparison(folders, path)
+
+
+def _result(found: Result) -> Result:
     from aero_bayes.estimate.result import Fit
     from aero_bayes.loop.result import LoopResult
     from aero_bayes.sampling.posterior import Posterior
-    from aero_bayes.workflow.commands import write_page  # a second of imports that a finished run does not need
 
-    if isinstance(found, str | Path):
-        return write_run_page(found)
     if not isinstance(found, Fit | Posterior | LoopResult):
         raise InputError(
             f"expected a Fit, a Posterior, a LoopResult or the folder of a run, got {type(found).__name__}"
         )
-    if path is None:
-        raise InputError("path: say where the page goes, such as fit.html")
-    return write_page(found, Path(path))
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -22,7 +23,10 @@ RESOLUTION = 1000
 LINE_EVERY, FIRST_AFTER = 15.0, 3.0
 #: Seconds within which what is done was done before, by a run that this one resumes.
 RESUMED_SECONDS = 0.5
-_BAR = "{desc:<36.36}{percentage:3.0f}%|{bar:24}| {elapsed}, {remaining} left{postfix}"
+_BAR = "{desc:<36.36}{percentage:3.0f}%|{bar:24}| {elapsed}{postfix}"
+#: Share of a piece of work from which its end can be told, and how much longer than that it may take: what is told of
+#: the time never rises.
+TELLING_SHARE, MARGIN = 0.1, 1.3
 
 
 def _in_notebook() -> bool:
@@ -87,19 +91,21 @@ class ProgressBar:
     """One bar a piece of work; called with its phase, how far it is (0 to 1), and what to show beside it.
 
     Phases with a common beginning before a colon (``loop: round 1``) are one piece of work. Where standard error is no
-    terminal that can draw, a line a phase, and one now and then; where it is to be quiet, nothing but the phases."""
+    terminal that can draw, a line a phase, and one now and then; where it is to be quiet, nothing."""
 
     def __init__(self, quiet: bool) -> None:
         self._quiet = quiet
+        self._total = math.inf
         drawn = _in_notebook() or (sys.stderr.isatty() and os.environ.get("TERM") != "dumb")
-        self._lines = quiet or not drawn
+        self._lines = not drawn
         self._phase, self._work = "", ""
         self._began = self._told = 0.0
         self._first = 0.0
-        self._estimated = False
         self._bar: tqdm[None] | None = None
 
     def __call__(self, phase: str, share: float, value: float | str = "") -> None:
+        if self._quiet:
+            return
         if phase.endswith("."):
             tqdm.write(phase, file=sys.stderr)
             return
@@ -107,7 +113,7 @@ class ProgressBar:
         work = phase.partition(":")[0]
         if work != self._work:
             self.close()
-            self._work, self._began, self._estimated = work, time.monotonic(), False
+            self._work, self._began, self._total = work, time.monotonic(), math.inf
         if time.monotonic() - self._began < RESUMED_SECONDS:
             self._first = share
         beside = value if isinstance(value, str) else f"{value:.6g}"
@@ -117,21 +123,24 @@ class ProgressBar:
             self._draw(phase, share, beside)
         self._phase = phase
 
+    def _left(self, share: float) -> str:
+        """Return how long it will still take at most; empty where that cannot be told, or is over."""
+        spent, done = time.monotonic() - self._began, share - self._first
+        if done > TELLING_SHARE and spent > FIRST_AFTER:
+            self._total = min(self._total, spent * (1.0 + MARGIN * (1.0 - share) / done))
+        left = self._total - spent
+        return f"at most {left:.0f} s left" if 0.5 < left < math.inf and share < 1.0 else ""
+
     def _line(self, phase: str, share: float, beside: str) -> None:
-        now = time.monotonic()
-        spent, done = now - self._began, share - self._first
-        left = spent * (1.0 - share) / done if done > 0.0 and share < 1.0 else 0.0
-        text = f"about {left:.0f} s left" if left else ""
-        soon = not self._estimated and left > LINE_EVERY and spent > FIRST_AFTER
+        now, text = time.monotonic(), self._left(share)
         if phase != self._phase:
-            print(f"{phase} ...{f' {text}' if text and not self._quiet else ''}", file=sys.stderr, flush=True)
-        elif self._quiet or (now - self._told < LINE_EVERY and not soon):
+            print(f"{phase} ...{f' {text}' if text else ''}", file=sys.stderr, flush=True)
+        elif now - self._told < LINE_EVERY:
             return
         else:
             words = f" ({beside})" if beside else ""
-            until = f"{share:.0%} after {spent:.0f} s{', ' if text else ''}{text}"
+            until = f"{share:.0%} after {now - self._began:.0f} s{', ' if text else ''}{text}"
             print(f"{phase}: {until}{words}", file=sys.stderr, flush=True)
-        self._estimated |= bool(left)
         self._told = now
 
     def _draw(self, phase: str, share: float, beside: str) -> None:
@@ -139,7 +148,7 @@ class ProgressBar:
             at = round(share * RESOLUTION)
             self._bar = tqdm(total=RESOLUTION, initial=at, desc=phase, bar_format=_BAR, leave=not _in_notebook())
         self._bar.set_description_str(phase, refresh=False)
-        self._bar.set_postfix_str(beside, refresh=False)
+        self._bar.set_postfix_str(", ".join(filter(None, (self._left(share), beside))), refresh=False)
         self._bar.update(max(0, round(share * RESOLUTION) - self._bar.n))
 
     def close(self) -> None:

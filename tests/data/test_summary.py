@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from facts import facts
+from scipy.signal import lfilter
 
 from aero_bayes.data import Recording, ripple_amplitudes, summarise
 from simulated_rigs.aero import Truth, simulate_recording
@@ -88,6 +89,24 @@ def test_no_ripple_in_white_noise() -> None:
         recording = made(Sensors(SensorNoise(5e-3), SensorNoise(1.0), SensorNoise(1e-3)), seed)
         for output in recording.outputs:
             assert ripple_amplitudes(recording, output) == {}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_vibration_that_jumps_set_off_is_no_ripple(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    time = np.arange(4000) * 0.005
+    level = np.repeat(rng.uniform(25.0, 80.0, 10), 400)
+    speed = lfilter([0.0328], [1.0, -0.9672], level - level[0]) + level[0]
+    angle = np.cumsum(speed) * 0.005
+    ringing = 2.0 * np.pi * 7.0
+    since = time % 2.0
+    shaken = np.diff(level, prepend=level[0]).cumsum() + np.repeat(np.diff(level[::400], prepend=0.0), 400) * np.exp(
+        -0.02 * ringing * since) * np.cos(ringing * since)  # fmt: skip
+    outputs = {"w": speed, "y": shaken, "turning": 0.1 * np.cos(angle)}
+    outputs = {name: y + 0.01 * rng.normal(size=time.size) for name, y in outputs.items()}
+    recording = Recording("shaken", time, {"u": level}, outputs, {"w": "rad/s"})
+    assert ripple_amplitudes(recording, "y") == {}
+    assert ripple_amplitudes(recording, "turning")[1] == pytest.approx(0.1, rel=0.05)
 
 
 def test_real_noise_is_described() -> None:

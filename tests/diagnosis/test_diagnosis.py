@@ -7,7 +7,8 @@ import pytest
 
 import aero_bayes
 from aero_bayes.estimate.diagnosis import CAUSES, Diagnosis, DiagnosisRow
-from aero_bayes.workflow.describe import fit_verdict
+from aero_bayes.report.words import verdict
+from aero_bayes.schema import RunJson, VerdictJson
 
 pytestmark = pytest.mark.fast
 
@@ -17,18 +18,22 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
     return heated_room.model(tmp_path_factory.mktemp("room"))
 
 
+def judged(diagnosis: Diagnosis) -> VerdictJson:
+    return verdict(RunJson.model_validate({"diagnosis": diagnosis.to_list()}))
+
+
 def test_a_fit_without_a_fault_is_clear(room: aero_bayes.Model) -> None:
     found = heated_room.fit(heated_room.recording(), room)
     assert tuple(row.cause for row in found.diagnosis) == CAUSES
     assert found.diagnosis.first is None
-    assert fit_verdict(found.diagnosis.to_list(), None)["level"] == "good"
+    assert judged(found.diagnosis).level == "good"
     assert [row["cause"] for row in found.to_dict()["diagnosis"]] == list(CAUSES)  # type: ignore[attr-defined]
 
 
 def test_the_model_is_blamed_for_a_loss_that_it_lacks(room: aero_bayes.Model) -> None:
     found = heated_room.fit(heated_room.recording(loss=lambda x: 9.0 * x * abs(x)), room)
     assert [row.cause for row in found.diagnosis if row.found] == ["model"]
-    assert "lacks an effect" in fit_verdict(found.diagnosis.to_list(), None)["text"]
+    assert "misses something" in judged(found.diagnosis).text
 
 
 @pytest.mark.parametrize("cause", CAUSES[:-1])
@@ -38,9 +43,9 @@ def test_the_model_is_blamed_last(cause: str) -> None:
     assert diagnosis.first is not None
     assert diagnosis.explanation is not None
     assert (diagnosis.first.cause, diagnosis.explanation.cause) == (cause, cause)
-    text = fit_verdict(diagnosis.to_list(), None)["text"]
+    text = judged(diagnosis).text
     assert f"Something of the {cause}" in text
-    assert "lacks an effect" not in text
+    assert "misses something" not in text
 
 
 def test_a_fault_that_was_mended_explains_nothing_that_is_left() -> None:

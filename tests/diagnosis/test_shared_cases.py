@@ -31,7 +31,7 @@ def fitted(folder: str, config: str, data: str, out: Path, text: str = "") -> di
     arguments = ["--config", out / "rig.toml", "--data", CASES / folder / data, "--out", out / "out"]
     done = CliRunner().invoke(main, ["fit", "--workers", "1", "--quiet", *map(str, arguments)])
     assert done.exit_code == 0, done.output
-    assert "diagnosis:" in done.output
+    assert "Checks:" in done.output
     result: dict[str, Any] = json.loads((out / "out" / "result.json").read_text())
     assert [row["cause"] for row in result["diagnosis"]] == ["data", "solver", "search", "noise", "model"]
     return result

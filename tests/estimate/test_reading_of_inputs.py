@@ -89,8 +89,8 @@ def test_a_reading_by_name_and_what_may_move(modelica) -> None:
     settings = CalibrationSettings(initial_states="reading", interpolation={"T_amb": "linear"})
     calibration = calibrate([recording], model, free, settings=settings)
     assert calibration.data.interpolation == {"T_amb": "linear", "heater": "hold"}
-    assert moving_inputs(calibration.data, model) == ("T_amb",)
+    assert moving_inputs(calibration.data.recordings[0], model) == ("T_amb",)
     discrete = replace(model, inputs=tuple(replace(variable, discrete=True) for variable in model.inputs))
-    assert moving_inputs(calibration.data, discrete) == ()
+    assert moving_inputs(calibration.data.recordings[0], discrete) == ()
     with pytest.raises(InputError, match=facts("interpolation", "wind", "house", "T_amb", "heater")):
         calibrate([recording], model, free, settings=CalibrationSettings(interpolation={"wind": "linear"}))

@@ -52,4 +52,4 @@ def run(cart: SimpleNamespace, loop: Any) -> aero_bayes.RunDirectory:
         main(["close-loop", "--config", "few.toml", "--train", "train.csv", "--test", "test.csv", "--out", "out/loop",
               "--quiet", "--workers", "1"])  # fmt: skip
     assert end.value.code == 0
-    return aero_bayes.open_run(cart.folder / "out" / "loop")
+    return aero_bayes.load_result(cart.folder / "out" / "loop")

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from aero_bayes.report import changed_equations, is_all_equations, rounds_plates
-from aero_bayes.schema import CandidateJson, ComponentJson, DiagramJson, LoopJson, StepJson
+from aero_bayes.report import changed_equations, rounds_plate
+from aero_bayes.schema import CandidateJson, LoopJson, StepJson
 
 pytestmark = pytest.mark.fast
 
@@ -17,19 +17,11 @@ def rounds_of(shares: dict[str, float]) -> LoopJson:
     return LoopJson(outcome="extended", steps=[StepJson(round=1, candidates=candidates, chosen="a")])
 
 
-def test_five_candidates_are_seen_and_the_others_folded() -> None:
-    first, others = rounds_plates(rounds_of({name: 0.1 + 0.1 * rank for rank, name in enumerate("abcdefgh")}), {})
-    names = [re.findall(r">([a-h])</text>", str(drawing)) for drawing in (first.wide, others.wide, first.narrow)]
-    assert names == [list("abcde"), list("fgh"), list("abcde")]
-    assert first.table is not None
-    assert others.table is None
-    assert len(rounds_plates(rounds_of({"a": 0.5}), {})) == 1
-
-
 def test_the_label_of_the_longest_bar_ends_within_the_drawing() -> None:
     for share in (0.9, 0.5, 1e-9):
-        (plate,) = rounds_plates(rounds_of({"a": share, "b": 0.99}), {})
-        for drawing, width in ((plate.wide, 980), (plate.narrow, 350)):
+        plate = rounds_plate(rounds_of({"a": share, "b": 0.99}), {})
+        assert plate is not None
+        for drawing, width in ((plate.wide, 1140), (plate.narrow, 350)):
             texts = re.findall(r'<text x="([\d.]+)"[^>]*text-anchor="start"[^>]*>([^<]*)<', str(drawing))
             assert max(float(x) + 6.0 * len(text) for x, text in texts) < width
 
@@ -49,9 +41,3 @@ def test_the_documentation_of_a_law_is_no_equation() -> None:
     diff = "\n".join(["@@ -1,0 +1 @@", *("+" + line for line in law)])
     loop = LoopJson(outcome="extended", diff=diff, modelica_source="\n".join(law))
     assert changed_equations(loop) == "<mark>z = u;</mark>\n<mark>der(z) = u - z;</mark>"
-
-
-def test_only_a_diagram_of_components_stays_beside_the_equation() -> None:
-    box = ComponentJson(name="R", type="model", extent=(0, 0, 1, 1))
-    assert is_all_equations(DiagramJson(components=[box]))
-    assert not is_all_equations(DiagramJson(components=[box.model_copy(update={"type": "Mass"})]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from itertools import combinations
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 from aero_bayes.export import modelica_root
 from aero_bayes.language.component_tree import build_tree, look_up, read_library
 from aero_bayes.schema import ComponentJson, DiagramJson
-from aero_bayes.simulation import Model, Variable
 from aero_bayes.workflow import model_diagrams
 
 pytestmark = pytest.mark.fast
@@ -77,21 +75,12 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [folder / "Rig.mo", folder / "Better.mo"]
 
 
-@pytest.fixture(scope="module")
-def fmu() -> Model:
-    """The description of an FMU with one input, two states and one output."""
-    blank = {f.name: None for f in dataclasses.fields(Model) if f.default is dataclasses.MISSING}
-    number = {"start": None, "minimum": None, "maximum": None, "nominal": None, "value_reference": 0}
-    u, v, x, y = (Variable(name=name, unit="", description=f"the {name}", **number) for name in "uvxy")
-    return Model(**(blank | {"inputs": (u,), "states": (v, x), "outputs": (y,)}))
-
-
 def named(diagram: DiagramJson) -> dict[str, ComponentJson]:
     return {component.name: component for component in diagram.components}
 
 
-def test_placements_icons_and_lines_are_those_of_the_annotations(files: list[Path], fmu: Model) -> None:
-    (diagram,) = model_diagrams(fmu, "Rig.Placed", files)
+def test_placements_icons_and_lines_are_those_of_the_annotations(files: list[Path]) -> None:
+    (diagram,) = model_diagrams("Rig.Placed", files)
     parts = named(diagram)
     assert diagram.drawn
     assert list(parts) == ["u", "y", "motor", "other"]
@@ -103,8 +92,8 @@ def test_placements_icons_and_lines_are_those_of_the_annotations(files: list[Pat
     assert {ends for ends, line in lines.items() if line.signal} == {("u", "motor"), ("other", "y")}
 
 
-def test_an_effect_deep_within_a_component_is_marked_on_the_way_to_it(files: list[Path], fmu: Model) -> None:
-    top, within = model_diagrams(fmu, "Rig.Placed", files, extended="Better")
+def test_an_effect_deep_within_a_component_is_marked_on_the_way_to_it(files: list[Path]) -> None:
+    top, within = model_diagrams("Rig.Placed", files, extended="Better")
     assert [name for name, part in named(top).items() if part.marked] == ["motor"]
     assert within.title == "within motor"
     effect = named(within)["effect"]
@@ -115,8 +104,8 @@ def test_an_effect_deep_within_a_component_is_marked_on_the_way_to_it(files: lis
     assert [(s.kind, s.points, s.filled) for s in effect.shapes] == [("rectangle", [(-50, 40), (70, -40)], True)]
 
 
-def test_a_model_without_placements_is_laid_out_without_overlaps(files: list[Path], fmu: Model) -> None:
-    (diagram,) = model_diagrams(fmu, "Rig.Bare", files)
+def test_a_model_without_placements_is_laid_out_without_overlaps(files: list[Path]) -> None:
+    (diagram,) = model_diagrams("Rig.Bare", files)
     assert not diagram.drawn
     parts = named(diagram)
     across = {name: part.extent[0] for name, part in parts.items()}
@@ -127,29 +116,8 @@ def test_a_model_without_placements_is_laid_out_without_overlaps(files: list[Pat
 
 
 @pytest.mark.parametrize("name", ["Rig.Equations", "nobody.knows"])
-def test_a_model_of_equations_shows_inputs_states_and_outputs(files: list[Path], fmu: Model, name: str) -> None:
-    (diagram,) = model_diagrams(fmu, name, files, ports=["x"])
-    parts = named(diagram)
-    box = name.rpartition(".")[2]
-    assert list(parts) == [box, "u", "v", "x", "y"]
-    assert parts["u"].extent[0] < parts["x"].extent[0] == parts["v"].extent[0] < parts["y"].extent[0]
-    assert {(line.first, line.second) for line in diagram.connections} == {("u", box), (box, "y")}
-    left, foot, right, top = parts[box].extent
-    for state in ("v", "x"):
-        a, b, c, d = parts[state].extent
-        assert (left, foot) < (a, b) < (c, d) < (right, top)
-    assert [part for part, found in parts.items() if found.marked] == ["x"]
-
-
-@pytest.mark.parametrize(("port", "terminal"), [("x", ""), ("output_x", "output"), ("u", "input")])
-def test_a_state_that_is_read_is_told_from_its_reading(fmu: Model, port: str, terminal: str) -> None:
-    """The mark stands in the box for a balance, at the arrow for a sensor or an input."""
-    read = dataclasses.replace(fmu, outputs=(fmu.states[1],))
-    (diagram,) = model_diagrams(read, "nobody.knows", ports=[port])
-    assert [part.terminal for part in diagram.components if part.name == "x"] == ["", "output"]
-    assert [(part.name, part.terminal) for part in diagram.components if part.marked] == [
-        (port.removeprefix("output_"), terminal)
-    ]
+def test_a_model_of_equations_has_no_diagram(files: list[Path], name: str) -> None:
+    assert model_diagrams(name, files) == []
 
 
 def test_names_are_looked_up_from_the_inside_outwards(files: list[Path]) -> None:
@@ -161,9 +129,9 @@ def test_names_are_looked_up_from_the_inside_outwards(files: list[Path]) -> None
 
 
 @pytest.mark.parametrize("name", ["OneDof", "HalfQuad"])
-def test_the_shipped_models_are_drawn_whole(fmu: Model, name: str) -> None:
+def test_the_shipped_models_are_drawn_whole(name: str) -> None:
     """Every component of every class is placed, and every line begins and ends at components that are there."""
-    (diagram,) = model_diagrams(fmu, f"Aero.Systems.{name}", sorted(modelica_root().rglob("*.mo")))
+    (diagram,) = model_diagrams(f"Aero.Systems.{name}", sorted(modelica_root().rglob("*.mo")))
     parts = named(diagram)
     assert diagram.drawn
     assert all(part.shapes for part in diagram.components if not part.terminal)

@@ -39,7 +39,7 @@ class Run:
 
     @property
     def model_blamed(self) -> bool:
-        return "lacks an effect" in self.text
+        return "misses something" in self.text
 
 
 @pytest.fixture

@@ -10,6 +10,9 @@ from aero_bayes.data.recording import Recording
 
 #: Length in s of the segments within which the integrated angle keeps its phase.
 SEGMENT_LENGTH = 0.5
+#: Least median of an order's power over the segments, as a share of its mean: a ripple is in all of them, a vibration
+#: that a jump sets off is strong in a few.
+MIN_MEDIAN_SHARE = 0.25
 #: Least speed of a rotor whose ripple is examined, in rad/s.
 MIN_ROTOR_SPEED = 20.0
 
@@ -55,7 +58,8 @@ def ripple_amplitudes(recording: Recording, output: str, orders: tuple[int, ...]
         if len(pairs) < 4:
             continue
         power, noise = np.mean(np.array(pairs), axis=0)
-        if power > noise * (1.0 + 6.0 / np.sqrt(len(pairs))):
+        lasting = float(np.median([p for p, _ in pairs])) > MIN_MEDIAN_SHARE * power
+        if lasting and power > noise * (1.0 + 6.0 / np.sqrt(len(pairs))):
             found[order] = float(np.sqrt(power - noise))
     return found
 

@@ -10,9 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aero_bayes.arguments import fit_of
 from aero_bayes.arrays import FloatArray
 from aero_bayes.design.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment, posterior_sd
 from aero_bayes.design.proposed_input import ProposedInput
@@ -22,6 +24,9 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.workers import WorkerPool
+
+if TYPE_CHECKING:
+    from aero_bayes.loop.result import LoopResult
 
 #: Posterior draws over which the proposal's travel must stay within its limit.
 TRAVEL_DRAWS = 16
@@ -113,7 +118,7 @@ class Design(ProposedInput):
 
 
 def propose_experiment(
-    fit: Fit,
+    fit: Fit | LoopResult,
     *,
     duration: float = 30.0,
     rate_hz: float | None = None,
@@ -127,7 +132,7 @@ def propose_experiment(
 
     Parameters
     ----------
-    fit : Fit
+    fit : Fit or LoopResult
     duration : float
         Length of the new recording in s.
     rate_hz : float, optional
@@ -160,6 +165,7 @@ def propose_experiment(
     >>> aero_bayes.propose_experiment(fit, duration=8.0, targets=["d"], **options).targets
     ('d',)
     """
+    fit = fit_of(fit)
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
     time = experiment_times(fit, duration, rate_hz)
     with WorkerPool(workers) as pool, watching(progress) as watched:

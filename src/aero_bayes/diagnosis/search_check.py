@@ -28,9 +28,8 @@ def check_search(fit: Fit, left: LeftOver) -> DiagnosisRow:
     # Where the residual is noise, the best end is the right one, however few starts lead there.
     if agree == 1 and count >= MIN_STARTS and left.structured:
         what = f"Local fits from {count} starts end at different costs, and only one of them at the best."
-        levels = ", ".join(f"{max(fit.start_levels) - level:.3g}" for level in sorted(fit.start_levels)[::-1][1:])
         done = "A larger swarm ([fit.pso] particles) or narrower bounds would show whether there is a better one."
-        return DiagnosisRow("search", True, what, f"log-posteriors of the others lower by {levels}", done)
+        return DiagnosisRow("search", True, what, "", done)
     if not bounds:
         ends = f" {agree} of {count} starts of the local search ended at the best cost." if count > 1 else ""
         return DiagnosisRow("search", False, f"Every parameter ended inside its range.{ends}")

@@ -13,6 +13,7 @@ from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
+from aero_bayes.estimate.linear_intervals import failed_intervals
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.noise_report import structure_warnings
 from aero_bayes.estimate.objective import Evaluation, Objective
@@ -133,6 +134,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
     interrupted = here.reason is Stop.INTERRUPTED
     told = structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise)
     likelihood = here.whitened.log_likelihood
+    laplace = _laplace(objective, here, fitted)
     return Fit(
         calibration=calibration,
         values=values,
@@ -140,7 +142,8 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         optimum=here,
         series=objective.series,
         identifiability=verdict,
-        laplace=_laplace(objective, here, fitted),
+        laplace=laplace,
+        failed_intervals=failed_intervals(objective, here, laplace),
         spread=curvature_adjustment(objective, here),
         log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
         fitted=fitted,

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
+from aero_bayes.display import parameter_lines
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameter_estimates import Estimate
 from aero_bayes.estimate.prediction import FittedPredictor, RecordingPrediction
@@ -44,6 +45,16 @@ class FittedResult(ABC):
 
     def __contains__(self, name: str) -> bool:
         return name in self.parameters
+
+    def summary(self) -> str:
+        """Return a table of the parameters as text: value, 90 % interval, unit, status.
+
+        Examples
+        --------
+        >>> fit.summary().splitlines()[0].split()[:2]
+        ['parameter', 'value']
+        """
+        return "\n".join(parameter_lines(self.parameters))
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.

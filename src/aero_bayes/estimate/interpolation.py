@@ -1,19 +1,20 @@
 """Choose how an input runs between its samples: it holds its value, or it is interpolated linearly.
 
 A converter holds a commanded voltage (zero-order hold). A measured force is a sample of a smooth signal, for which
-linear interpolation is closer. The fit decides for each input that changes at most samples; an input that jumps now and
-then was commanded in steps, and holds.
+linear interpolation is closer. The fit decides for each input that changes at most samples of a recording; one that
+jumps now and then was commanded in steps, and holds there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from aero_bayes.data.experiment import to_experiment
+from aero_bayes.data.recording import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
@@ -30,42 +31,71 @@ MIN_FOLLOWING_SHARE = 0.5
 MIN_LOG_LIKELIHOOD_GAIN = 10.0
 
 
-def moving_inputs(data: MeasuredData, model: Model) -> tuple[str, ...]:
-    """List inputs that may be linear between their samples: most of their changes follow another change at once."""
-    changes: dict[str, int] = {}
-    follow: dict[str, int] = {}
-    for recording in data.recordings:
-        for name, values in recording.inputs.items():
-            changed = np.diff(values) != 0.0
-            changes[name] = changes.get(name, 0) + int(changed.sum())
-            follow[name] = follow.get(name, 0) + int((changed[1:] & changed[:-1]).sum())
+def moving_inputs(recording: Recording, model: Model) -> tuple[str, ...]:
+    """List inputs that may be linear between the samples of a recording: most changes follow another at once."""
     discrete = {variable.name for variable in model.inputs if variable.discrete}
-    return tuple(n for n, count in changes.items() if follow[n] > MIN_FOLLOWING_SHARE * count and n not in discrete)
+    moving = []
+    for name, values in recording.inputs.items():
+        changed = np.diff(values) != 0.0
+        if name not in discrete and (changed[1:] & changed[:-1]).sum() > MIN_FOLLOWING_SHARE * changed.sum():
+            moving.append(name)
+    return tuple(moving)
 
 
-def _with_interpolation(calibration: Calibration, interpolation: Mapping[str, Interpolation]) -> Calibration:
-    """Return the calibration with another interpolation of some of its inputs."""
+def _moving_anywhere(calibration: Calibration) -> list[str]:
+    names = (name for r in calibration.data.recordings for name in moving_inputs(r, calibration.model))
+    return list(dict.fromkeys(names))
+
+
+def with_interpolation(
+    calibration: Calibration, interpolation: Mapping[str, Interpolation], only: Collection[int] | None = None
+) -> Calibration:
+    """Return the calibration with another interpolation of some of its inputs, in some of its recordings.
+
+    Each recording is looked at by itself: what was commanded in steps in one of them holds there."""
     at_rest = calibration.model.declared.recording.zero_at_rest
     data = calibration.data
-    wanted = {**data.interpolation, **interpolation}
-    experiments = []
-    for experiment, recording in zip(data.experiments, data.recordings, strict=True):
-        again = to_experiment(recording, (), zero_at_rest=at_rest, interpolation=wanted)
-        experiments.append(replace(experiment, inputs=again.inputs))
+    experiments = list(data.experiments)
+    for k, recording in enumerate(data.recordings):
+        if only is None or k in only:
+            now = {signal.name: signal.interpolation for signal in experiments[k].inputs}
+            moving = moving_inputs(recording, calibration.model)
+            wanted = now | {n: how if n in moving else "hold" for n, how in interpolation.items()}
+            again = to_experiment(recording, (), zero_at_rest=at_rest, interpolation=wanted)
+            experiments[k] = replace(experiments[k], inputs=again.inputs)
     return replace(calibration, data=data.with_experiments(experiments))
+
+
+def interpolation_for(recording: Recording, data: MeasuredData, model: Model) -> dict[str, Interpolation]:
+    """Return what the inputs of a recording that was not fitted do between its samples.
+
+    An input that is linear in the fitted data holds where it jumps now and then, unless it was linear there, too."""
+    moving = set(moving_inputs(recording, model))
+    for experiment, fitted in zip(data.experiments, data.recordings, strict=True):
+        linear = {signal.name for signal in experiment.inputs if signal.interpolation == "linear"}
+        moving |= linear - set(moving_inputs(fitted, model))
+    return {name: how if name in moving else "hold" for name, how in data.interpolation.items()}
+
+
+def first_moves_in(calibration: Calibration, fitted: int) -> tuple[list[str], list[int]]:
+    """Return inputs that move in recordings that were not fitted only, of which no fit tells; and these recordings."""
+    moving = [set(moving_inputs(r, calibration.model)) for r in calibration.data.recordings]
+    known = set[str]().union(*moving[:fitted])
+    where = [k for k, names in enumerate(moving) if k >= fitted and names - known]
+    return sorted(set[str]().union(*moving[fitted:]) - known), where
 
 
 def _with_linear_inputs(calibration: Calibration) -> Calibration | None:
     """Return the calibration with linear interpolation of its moving inputs; None if there are none."""
-    moving = moving_inputs(calibration.data, calibration.model)
-    return _with_interpolation(calibration, dict.fromkeys(moving, "linear")) if moving else None
+    moving = _moving_anywhere(calibration)
+    return with_interpolation(calibration, dict.fromkeys(moving, "linear")) if moving else None
 
 
 def with_other_interpolation(calibration: Calibration) -> Calibration | None:
     """Return the calibration with the other interpolation of its moving inputs; None if there are none."""
     if "linear" not in calibration.data.interpolation.values():
         return _with_linear_inputs(calibration)
-    return _with_interpolation(calibration, dict.fromkeys(calibration.data.interpolation, "hold"))
+    return with_interpolation(calibration, dict.fromkeys(calibration.data.interpolation, "hold"))
 
 
 def choose_interpolation(
@@ -82,9 +112,9 @@ def choose_interpolation(
     far = floor_ratio(search.objective, here.evaluation.residual) > GOOD_FIT_RATIO
     found = _better_fit(search, here, linear, open_simulator, (rng, result.swarm) if far else None)
     best, here = (before, here) if found is None else (linear, found)
-    moving = moving_inputs(before.data, before.model)
+    moving = _moving_anywhere(before)
     for name in moving if len(moving) > 1 else ():
-        other = _with_interpolation(best, {name: "hold" if best.data.interpolation[name] == "linear" else "linear"})
+        other = with_interpolation(best, {name: "hold" if best.data.interpolation[name] == "linear" else "linear"})
         found = _better_fit(search, here, other, open_simulator)
         best, here = (best, here) if found is None else (other, found)
     return None if best is before else (best, here)

@@ -32,8 +32,9 @@ class MeasuredData:
 
     @property
     def interpolation(self) -> dict[str, Interpolation]:
-        """What each input does between its samples, by name."""
-        return {signal.name: signal.interpolation for e in self.experiments for signal in e.inputs}
+        """What each input does between its samples, by name: linear where it is in any recording."""
+        signals = [signal for e in self.experiments for signal in e.inputs]
+        return {s.name: s.interpolation for s in sorted(signals, key=lambda s: s.interpolation == "linear")}
 
     @property
     def measured(self) -> tuple[FloatArray, ...]:

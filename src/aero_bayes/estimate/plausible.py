@@ -12,6 +12,7 @@ from aero_bayes.data.file_forms import column_names
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.initial_states import state_of
 from aero_bayes.simulation import Model, Variable
+from aero_bayes.unknown_names import closest_name
 
 #: If the model starts above the first temperature in K, readings that begin below the second must be degrees Celsius.
 MIN_KELVIN_START, MAX_CELSIUS_READING = 200.0, 150.0
@@ -35,10 +36,12 @@ def _check_inputs(recording: Recording, model: Model) -> None:
     if missing:
         path = recording.path
         there = column_names(path) if path is not None and path.is_file() else [*recording.inputs, *recording.outputs]
+        close = closest_name(missing[0], there)
+        meant = f"; did you mean {close}?" if close else ""
         raise InputError(
             f"{path or recording.name}: the input {missing[0]} of model {model.name} has no column (there are "
-            f"{', '.join(there)}); name it in [data] inputs and [data.columns.{missing[0]}], or give it a value: "
-            f"[data] constants = {{{missing[0]} = ...}}"
+            f"{', '.join(there)}{meant}); name it in [data] inputs and [data.columns.{missing[0]}], or give it a "
+            f"value: [data] constants = {{{missing[0]} = ...}}"
         )
 
 

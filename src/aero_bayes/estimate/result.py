@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -97,6 +97,8 @@ class Fit(OtherTools):
         By how many of its standard deviations each free parameter moves with them, to first order.
     start_levels : tuple of float
         Log-posterior of the local fit from each start of the search, on fewer samples and under white noise.
+    failed_intervals : mapping of str to str
+        What is wrong with an interval that takes the model as linear, by parameter.
     trials : tuple of ValueTrial
         Values that were listed for parameters and each fitted, likeliest first; the first are those of this fit.
 
@@ -156,6 +158,7 @@ class Fit(OtherTools):
     solver_shift: Mapping[str, float] = field(default_factory=dict)
     start_levels: tuple[float, ...] = ()
     trials: tuple[ValueTrial, ...] = ()
+    failed_intervals: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -219,6 +222,8 @@ class Fit(OtherTools):
     def parameters(self) -> dict[str, Estimate]:
         """Every parameter with its Laplace interval, the model's fixed ones included."""
         table = laplace_estimates(self.calibration, self.values, self.free, self.identifiability, self.laplace)
+        wrong = {name: note for name, note in self.failed_intervals.items() if table[name].q05 is not None}
+        table |= {name: replace(table[name], note=note) for name, note in wrong.items()}
         return table | chosen_estimates(self.trials)
 
     @cached_property
@@ -370,6 +375,7 @@ def _fit_json(fit: Fit) -> Json:
             "pso": fit.swarm.to_dict() if fit.swarm is not None else None,
             "modes": [{"values": m.values, "share": m.share} for m in fit.modes],
             "values": [t.to_dict() for t in fit.trials],
+            "start_levels": list(fit.start_levels),
             "local": {"iterations": fit.iterations, "reason": fit.reason.value},
         },
         "identifiability": fit.identifiability.to_dict(fit.unidentified),

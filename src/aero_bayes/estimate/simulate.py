@@ -14,6 +14,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.interpolation import interpolation_for
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.new_recording import first_reading, typical
 from aero_bayes.simulation import open_simulator
@@ -106,7 +107,8 @@ def _problem(
 ) -> tuple[Problem, FloatArray]:  # fmt: skip
     """Return a calibration's problem over a recording's times, and the values of its columns."""
     own = _index(recording, calibration.data)
-    experiment = to_experiment(recording, [], interpolation=calibration.data.interpolation)
+    between = interpolation_for(recording, calibration.data, calibration.model)
+    experiment = to_experiment(recording, [], interpolation=between)
     known = {name: value for name, value in recording.known.items() if name not in parameters}
     experiment = replace(experiment, outputs=calibration.data.outputs, measured=None, known=known)
     like = calibration.data.experiments[0 if own is None else own]

@@ -80,7 +80,22 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
             unequal = re.search(r"unbalanced model: (\d+) equations, (\d+) unknowns", str(error))
             told = _imbalance(model, root, files, links, unequal) if unequal else None
             told = told or _no_such_class(model, root, added, packages)
-            raise told or InputError(locate(str(error), model, root)) from None
+            raise told or InputError(_with_semicolon(locate(str(error), model, root), added)) from None
+
+
+def _with_semicolon(message: str, files: Sequence[Path]) -> str:
+    """Say where a semicolon may be missing: at the end of the line before an unexpected word."""
+    place = re.match(r"(.+):(\d+): unexpected", message)
+    file = next((f for f in files if place and f.as_posix().endswith(f"/{place[1]}")), None)
+    if place is None or file is None:
+        return message
+    lines = file.read_text("utf-8").splitlines()[: int(place[2]) - 1]
+    last = next((k for k in reversed(range(len(lines))) if lines[k].split("//")[0].strip()), None)
+    text = "" if last is None else lines[last].split("//")[0].strip()
+    open_end = re.search(r"([;({=+*/^,-]|\b(equation|algorithm|public|protected|then|else|loop|and|or|not))$", text)
+    if last is None or open_end or text.startswith(("model ", "class ", "block ", "package ", "within ")):
+        return message
+    return f"{message}; is there a ; missing at the end of line {last + 1}?"
 
 
 def _imbalance(

@@ -58,7 +58,7 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Shift:
-    """How far a parameter moved when the missing effect was added, in its own unit and in standard deviations after."""
+    """How far a parameter moved when the missing effect was added, in its unit and in combined standard deviations."""
 
     name: str
     before: float
@@ -68,7 +68,8 @@ class Shift:
 
     @property
     def in_sd(self) -> float:
-        return abs(self.after - self.before) / self.after_sd if self.after_sd > 0.0 else 0.0
+        sd = math.hypot(self.before_sd, self.after_sd)
+        return abs(self.after - self.before) / sd if sd > 0.0 else 0.0
 
 
 def rms_error(residual: FloatArray) -> RmsError:

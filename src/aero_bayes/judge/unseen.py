@@ -16,6 +16,7 @@ from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.initial_states import with_free_starts
+from aero_bayes.estimate.interpolation import first_moves_in, interpolation_for, with_interpolation
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.new_recording import first_reading, typical
 from aero_bayes.estimate.parameters import ParameterSet
@@ -99,6 +100,8 @@ class Unseen:
         whole = self.family.transfer(base_named, calibration.model)
         whole = replace(whole, simulated=replace(whole.simulated, fixed=calibration.simulated.fixed))
         row = _values(_renamed(calibration, base_named, whole), fit, base_named, self._all_recordings, self._fitted)
+        if self.settings.interpolation == "auto":
+            whole = self._each_as_its_inputs_move(whole, calibration, row)
         # A law at an output hides the initial value of its state.
         hidden = [p.target for p in base_named.parameters] != [p.target for p in whole.parameters]
         all_starts, added = self.settings.initial_states == "estimated" or hidden, {p.name for p in own_starts}
@@ -107,6 +110,26 @@ class Unseen:
             if p.recording is not None and p.recording >= self._fitted
             and ((all_starts and isinstance(p.target, StartTarget)) or (p.starts and (all_starts or p.name in added)))
         ]  # fmt: skip
+
+    def _each_as_its_inputs_move(self, whole: Calibration, calibration: Calibration, row: FloatArray) -> Calibration:
+        """Return the calibration with each recording's inputs read as they move in it.
+
+        Where an input moves in recordings that were not fitted only, the reading that predicts the better is taken."""
+        fitted, model = self._fitted, calibration.model
+        for k, recording in enumerate(self._all_recordings):
+            whole = with_interpolation(whole, interpolation_for(recording, calibration.data, model), {k})
+        names, where = first_moves_in(whole, fitted)
+        if not names:
+            return whole
+        linear = with_interpolation(whole, dict.fromkeys(names, "linear"), where)
+        errors = []
+        for one in (whole, linear):
+            with self.open_simulator(one.problem()) as simulator:
+                found = simulator.simulate(row[np.newaxis]).outputs
+            left = [np.nanmean((y - f[0]) ** 2, axis=0) for y, f in zip(one.data.measured, found, strict=True)]
+            errors.append([float(np.nansum(np.log(np.maximum(squares, 1e-300)))) for squares in left])
+        better = {k for k in where if errors[1][k] < errors[0][k]}
+        return with_interpolation(whole, dict.fromkeys(names, "linear"), better)
 
     def _with_estimated_starts(
         self, whole: Calibration, row: FloatArray, starts: Sequence[int], fit: Optimum

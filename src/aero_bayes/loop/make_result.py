@@ -16,7 +16,14 @@ from aero_bayes.loop.extend import ExtendedFit, describe, fitted_parameters
 from aero_bayes.loop.first_fit import FirstFit
 from aero_bayes.loop.found_effect import NewParameter, limits_of
 from aero_bayes.loop.result import LoopOutcome, LoopResult
-from aero_bayes.loop.sentences import Ended, early_end_sentence, extended_sentence, none_sentence, story_of
+from aero_bayes.loop.sentences import (
+    Ended,
+    early_end_sentence,
+    extended_sentence,
+    none_sentence,
+    refused_sentence,
+    story_of,
+)
 from aero_bayes.simulation.interface import DelayTarget
 from aero_bayes.simulation.model import ModelicaSource
 
@@ -37,6 +44,7 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
         sentence = f"{cause.cause.capitalize()}: {cause.sentence} No missing effect was looked for in what this leaves."
     elif data is not None:
         sentence += f" Data: {data.sentence}"
+    notes = tuple(filter(None, map(str.strip, (refused_sentence(decision), early_end_sentence(context, search.ended)))))
     rivals = {r.id for step in steps for r in step.candidates}
     found, optimum = context.statistics.outcomes, first.fit.optimum
     context.statistics.end_stage("judgement")
@@ -61,6 +69,7 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
         plain=context.family.base_model(),
         calibrated=_calibrated(context.family.base_model().source, extended, after, fitted), table=table,
         blocks=table.blocks,
+        data_notes=notes if effects else (),
     )  # fmt: skip
 
 

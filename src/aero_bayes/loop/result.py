@@ -21,6 +21,7 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
+from aero_bayes.loop.fitted_loop import FittedLoop
 from aero_bayes.loop.found_effect import FoundEffect, Limit, NewParameter
 from aero_bayes.loop.steps import Step
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
@@ -42,7 +43,7 @@ LoopOutcome = Literal["adequate", "extended", "unexplained"]
 
 
 @dataclass(frozen=True, eq=False)
-class LoopResult:
+class LoopResult(FittedLoop):
     """The outcome of a closed loop.
 
     Parameters

@@ -47,12 +47,17 @@ def extended_sentence(context: LoopContext, ended: Ended, before: Prediction) ->
     known = all(e.claim == "law" for e in effects)
     text = f"The model {'lacks' if known else 'was extended by'} {join_names([e.id for e in effects])}: {change}"
     text += "".join(f" {_claim_sentence(e)}" for e in effects)
-    count = len(ended.decision.refused)
-    text += f" Unseen recordings refused {count} model{'s' * (count > 1)} before it." if count else ""
+    text += refused_sentence(ended.decision)
     left = structured_residuals(extended.reports)
     return text + (
         f" Structure remains in the residual of {join_names(sorted({r.output for r in left}))}." if left else ""
     )
+
+
+def refused_sentence(decision: Decision) -> str:
+    """How many models unseen recordings refused; empty for none."""
+    count = len(decision.refused)
+    return f" Unseen recordings refused {count} model{'s' * (count > 1)} before it." if count else ""
 
 
 def _claim_sentence(effect: FoundEffect) -> str:

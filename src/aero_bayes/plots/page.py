@@ -8,7 +8,7 @@ from aero_bayes.scratch import ScratchFolder
 
 def loop_page(loop: LoopResult) -> str:
     """Return the page of a loop: HTML that loads nothing from elsewhere."""
-    from aero_bayes.workflow.commands import write_page  # a second of imports that other figures do not need
+    from aero_bayes.workflow.commands import write_folder  # a second of imports that other figures do not need
 
     with ScratchFolder() as scratch:
-        return write_page(loop, scratch / "loop.html").read_text("utf-8")
+        return write_folder(loop, scratch / "loop").read_text("utf-8")

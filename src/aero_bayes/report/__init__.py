@@ -1,12 +1,11 @@
 """A finished run, or several side by side, as one self-contained HTML page."""
 
 from aero_bayes.report.compare import write_comparison
-from aero_bayes.report.diagram_figure import is_all_equations
 from aero_bayes.report.drawing import Line, Panel, Source, draw, nice_ticks
 from aero_bayes.report.embed import BITS, pack_series
 from aero_bayes.report.figure import data_table
 from aero_bayes.report.fleet_page import write_fleet_page
-from aero_bayes.report.loop_figures import curve_plate, rounds_plates
+from aero_bayes.report.loop_figures import curve_plate, rounds_plate
 from aero_bayes.report.loop_story import changed_equations
 from aero_bayes.report.page import write_run_page
 from aero_bayes.report.posterior_figures import most_correlated
@@ -33,13 +32,12 @@ __all__ = [
     "duration",
     "envelope",
     "html_table",
-    "is_all_equations",
     "most_correlated",
     "nice_ticks",
     "pack_series",
     "pretty_unit",
     "rounded_value",
-    "rounds_plates",
+    "rounds_plate",
     "sentence",
     "signed",
     "significant",

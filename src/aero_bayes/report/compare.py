@@ -14,13 +14,14 @@ from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import Line, Panel, Source
-from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate, plate
+from aero_bayes.report.figure import Plate, plate
+from aero_bayes.report.forest import forest_plate
 from aero_bayes.report.page import fill
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.svg import INK, MUTED, RULE, SERIES, Canvas
+from aero_bayes.report.svg import SERIES
 from aero_bayes.report.tables import Column, generic_cell, html_table, parameter_quantity, status_pill
-from aero_bayes.report.text import NO_VALUE, greek_name, pretty_unit, scaled_unit, signal_title, significant, symbol
-from aero_bayes.schema import ParameterJson
+from aero_bayes.report.text import NO_VALUE, pretty_unit, scaled_unit, signal_title, significant, symbol
+from aero_bayes.schema import ParameterJson, QuantilesJson
 
 Runs = Mapping[str, RunDirectory]
 
@@ -68,48 +69,14 @@ def _shared(runs: Runs) -> dict[str, dict[str, ParameterJson]]:
 
 
 def _interval_plate(runs: Runs) -> Plate | None:
-    """Return a row for each parameter that two runs estimate.
-
-    Values and 90 % intervals, each row on a scale of its own."""
-    rows = {
-        name: known
-        for name, entries in _shared(runs).items()
-        if len(known := {k: e for k, e in entries.items() if e.value is not None and parameter_quantity(e)[1]}) > 1
-    }
-    if not rows:
-        return None
+    """Draw the parameters that at least two runs estimate, run by run."""
+    rows: dict[str, list[QuantilesJson | None]] = {}
+    for name, entries in _shared(runs).items():
+        known = {k: e for k, e in entries.items() if e.value is not None and parameter_quantity(e)[1]}
+        if len(known) > 1:
+            rows[name] = [known.get(run) for run in runs]
     alt = f"Values and 90 % intervals of {', '.join(rows)} in {len(runs)} runs."
-    caption = "Each row has its own scale, from the smallest to the largest end of its intervals."
-    wide, narrow = (_interval_drawing(rows, list(runs), width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
-    return Plate(wide, narrow, alt, Markup(caption))
-
-
-def _interval_drawing(
-    rows: Mapping[str, Mapping[str, ParameterJson]], runs: list[str], width: float, alt: str
-) -> Markup:
-    label, line, gap = (150.0 if width > 600 else 92.0), 11.0, 16.0
-    height = (line * len(runs) + gap) * len(rows) + 8
-    canvas = Canvas(width, height, alt)
-    for index, (name, entries) in enumerate(rows.items()):
-        top = 8 + (line * len(runs) + gap) * index
-        ends = [end for e in entries.values() for end in (e.q05, e.q95, e.value) if end is not None]
-        low, high = min(ends), max(ends)
-        spread = (high - low) or abs(high) or 1.0
-        canvas.text(0, top + 0.5 * line * len(runs) + 4, greek_name(name), INK, 12)
-        canvas.curve([0, width], [top + line * len(runs) + 6] * 2, RULE, 0.7)
-
-        def across(value: float, low: float = low, spread: float = spread) -> float:
-            return label + 10 + (width - label - 20) * (value - low) / spread
-
-        for k, run in enumerate(runs):
-            if run not in entries:
-                continue
-            found, y = entries[run], top + line * (k + 0.5)
-            canvas.curve([across(found.q05 or 0.0), across(found.q95 or 0.0)], [y, y], SERIES[k], 3.0)
-            x = across(found.value or 0.0)
-            canvas.dots(np.array([x]), np.array([y]), SERIES[k], 7.0, 1.0)
-            canvas.curve([x, x], [y - 4, y + 4], MUTED, 0.8)
-    return canvas.svg()
+    return forest_plate(rows, SERIES[: len(runs)], alt)
 
 
 def _estimates_by_run_table(runs: Runs) -> Markup | None:

@@ -16,11 +16,6 @@ from aero_bayes.report.text import greek_name, role_words, scaled_unit, signal_t
 
 #: The model as it stood, and the one that came out.
 BASE_SERIES, FINAL_SERIES = "before", "fitted"
-MEANING = (
-    "Grey: measured data, drawn from the smallest to the largest value in each pixel column, so that all spikes show. "
-    "Below each output: its residual, measured minus model, with a running mean as a line. Dashed: twice the noise "
-    "floor. If only noise is left, 95 % of the samples lie between the dashed lines."
-)
 
 
 @dataclass(frozen=True)

@@ -20,11 +20,6 @@ _LETTER = 5.6
 Place = Callable[[float, float], tuple[float, float]]
 
 
-def is_all_equations(diagram: DiagramJson) -> bool:
-    """Return whether it shows a model without components: a box with its states, inputs and outputs."""
-    return bool(diagram.components) and diagram.components[0].type == "model"
-
-
 def diagram_plate(diagram: DiagramJson) -> Plate | None:
     """Return a diagram as a figure; None for an empty one."""
     if not diagram.components:

@@ -14,7 +14,7 @@ from aero_bayes.report.drawing import Band, Line, Panel, draw
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import minus, tidy
 
-WIDE_WIDTH, NARROW_WIDTH, SMALL_WIDTH = 980.0, 350.0, 320.0
+WIDE_WIDTH, NARROW_WIDTH, SMALL_WIDTH = 1140.0, 350.0, 320.0
 _STRETCHES = 12
 
 

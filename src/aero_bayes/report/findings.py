@@ -18,44 +18,72 @@ from aero_bayes.report.text import (
     symbol,
     tidy,
 )
-from aero_bayes.schema import McmcJson, ModeDrawsJson
+from aero_bayes.schema import McmcJson, ModeDrawsJson, RunJson
+from aero_bayes.schema.estimate import DiagnosisJson
+from aero_bayes.schema.loop import RecordingErrorJson
 
 #: Above this, ensembles do not agree.
 R_HAT_LIMIT = 1.01
 
 
-def residual_floor_table(run: RunDirectory) -> Markup | None:
-    """Write the residual size against the noise floor and the whiteness test, by recording and output."""
+def errors_table(result: RunJson) -> Markup | None:
+    """Write the error of each recording by its own noise, before and after where there are both."""
     rows: list[tuple[object, ...]] = []
-    for recording, outputs in run.result.residual.items():
-        for output, found in outputs.items():
-            rows.append((
-                Markup("{}<small>{}</small>").format(recording, role_words(run.result.role(recording))), symbol(output),
-                significant(found.rms), significant(found.noise_floor), pretty_unit(run.result.unit(output)),
-                significant(found.ratio), ratio_glyph(None, found.ratio), probability(found.p_value),
-                status_pill(found.verdict),
-            ))  # fmt: skip
+    for error in errors_of(result):
+        where = error.recording if error.begin is None else f"{error.recording} from {error.begin:.4g} s on"
+        ratios = [x / error.noise if x is not None and error.noise else None for x in (error.before, error.after)]
+        rows.append((
+            Markup("{}<small>{}</small>").format(where, role_words(error.role)), symbol(error.output),
+            significant(error.before), significant(error.after), significant(error.noise),
+            pretty_unit(result.unit(error.output)), significant(error.ratio), ratio_glyph(*ratios),
+            probability(error.p_value), status_pill(error.verdict),
+        ))  # fmt: skip
     if not rows:
         return None
-    columns = (
-        "recording", "output", Column("RMS", "right"), Column("noise floor", "right"), "unit", Column("ratio", "right"),
-        Column("floor │ residual", "centre"), Column("p (white)", "right"), "verdict",
-    )  # fmt: skip
-    return html_table(columns, rows, "Residual against noise floor")
+    columns: list[Column | str] = [
+        "recording", "output", Column("before", "right"), Column("after", "right"), Column("noise", "right"), "unit",
+        Column("ratio", "right"), Column("noise │ ○ before  ● after", "centre"), Column("p (white)", "right"),
+        "what is left",
+    ]  # fmt: skip
+    if all(error.before is None for error in errors_of(result)):
+        columns[3], columns[7] = Column("error", "right"), Column("noise │ error", "centre")
+        columns, rows = [c for k, c in enumerate(columns) if k != 2], [(*r[:2], *r[3:]) for r in rows]
+    return html_table(columns, rows, "RMS error of each recording")
 
 
-def diagnosis_table(run: RunDirectory) -> Markup | None:
-    """Return what was looked at and found of each cause of a residual that is not noise."""
+def errors_of(result: RunJson) -> list[RecordingErrorJson]:
+    """Return the errors of a loop; of a fit those that its residuals are."""
+    if result.loop is not None and result.loop.errors:
+        return result.loop.errors
+    kinds = {"adequate": "noise", "structured": "structured"}
+    return [
+        RecordingErrorJson.model_construct(
+            recording=recording, role=result.role(recording) or "train", output=output, before=None, after=found.rms,
+            noise=found.noise_floor, noise_known=found.noise_floor is not None, ratio=found.ratio,
+            p_value=found.p_value, verdict=kinds[found.verdict], begin=None,
+        )
+        for recording, own in result.residual.items() for output, found in own.items()
+    ]  # fmt: skip
+
+
+def checks_table(result: RunJson) -> Markup | None:
+    """Return the causes of a residual that were found, before and after; those that are clear are a line elsewhere."""
+    before = {row.cause: row for row in (result.loop.diagnosis_before if result.loop else [])}
     rows: list[tuple[object, ...]] = []
-    marked = []
-    for row in run.result.diagnosis:
-        if row.found:
-            marked.append(len(rows))
-        detail = Markup("{}<small>{}</small>").format(sentence(row.what), sentence(row.where))
-        detail += Markup("").join(Markup("<p>{}</p>").format(sentence(text)) for text in row.more)
-        rows.append((row.cause, "found" if row.found else "clear", detail, sentence(row.done) or NO_VALUE))
-    columns = ("cause", "state", "what was found", "what was done")
-    return html_table(columns, rows, "Diagnosis, in the order of blame", marked) if rows else None
+    for row in result.diagnosis:
+        was = before.get(row.cause)
+        if row.found or (was is not None and was.found):
+            cells = [_check(found) for found in ([was] if before else []) + [row]]
+            rows.append((row.cause, *cells))
+    heads = ("before", "after") if before else ("what was found",)
+    return html_table(("cause", *heads), rows, "What the checks found") if rows else None
+
+
+def _check(row: DiagnosisJson | None) -> Markup:
+    if row is None:
+        return Markup(NO_VALUE)
+    found = Markup("").join(Markup("<p>{}</p>").format(sentence(text)) for text in row.more)
+    return Markup("{}<small>{} {}</small>").format(sentence(row.what), sentence(row.where), sentence(row.done)) + found
 
 
 def noise_model_table(run: RunDirectory) -> Markup | None:
@@ -126,21 +154,6 @@ def _mode_words(mode: ModeDrawsJson) -> str:
     return f"{count(mode.draws)} at {values}{'' if mode.converged else ' (not converged)'}"
 
 
-def fit_error_table(run: RunDirectory) -> Markup | None:
-    """Write the RMS error of the fit by role and output, where no residual table says it by recording."""
-    errors = {split: outputs for split, outputs in run.result.fit.rms.items() if outputs}
-    outputs = list(dict.fromkeys(output for found in errors.values() for output in found))
-    if not outputs or run.result.residual:
-        return None
-    rows = [
-        (symbol(output), *(significant(found.get(output)) for found in errors.values()),
-         pretty_unit(run.result.unit(output)))
-        for output in outputs
-    ]  # fmt: skip
-    columns: tuple[Column | str, ...] = ("output", *(Column(role_words(split), "right") for split in errors), "unit")
-    return html_table(columns, rows, "RMS error of the fit")
-
-
 def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
     """List the interpolation of the inputs, the cost, and why each optimiser stopped."""
     fit = run.result.fit
@@ -196,14 +209,12 @@ def stretches_table(run: RunDirectory) -> Markup | None:
     rows = []
     for key, label in words.items():
         entry = run.result.prediction.stretches.get(key)
-        if entry is None:
+        if entry is None or not entry.reliable:
             continue
-        trust = "" if entry.reliable else "not reliable: the importance weights are too uneven"
         name = Markup("{}<small>{}</small>").format(label, key.replace("_", " "))
-        rows.append((name, tidy(entry.elpd, 7), significant(entry.se, 2), count(entry.stretches), trust))
+        rows.append((name, tidy(entry.elpd, 7), significant(entry.se, 2), count(entry.stretches)))
     columns = (
         "predicted", Column("log-density", "right"), Column("standard error", "right"), Column("blocks", "right"),
-        "",
     )  # fmt: skip
     return (
         html_table(columns, rows, "Expected log-density of left-out blocks of time (larger is better)")

@@ -22,8 +22,6 @@ _ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
 #: Falls of the error that are marked on the axis, in %.
 TICKS = (0, 25, 50, 75, 100)
-#: Candidates that are seen at once; the others are folded.
-SHOWN = 5
 #: Width of a letter beside a bar, and letters of a candidate's label.
 LETTER, LABEL_LETTERS = 6.3, 52
 
@@ -41,29 +39,22 @@ def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
     return steps, ids, [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
 
 
-def rounds_plates(loop: LoopJson, words: Mapping[str, str]) -> list[Plate]:
-    """Return a row for each candidate, a column for each round, bars of how far the error falls.
-
-    The best, then all others."""
+def rounds_plate(loop: LoopJson, words: Mapping[str, str]) -> Plate | None:
+    """Draw a row for each candidate, a column for each round, bars of how far the error falls."""
     steps, ids, shown = rounds(loop)
     if not steps:
-        return []
+        return None
     alt = f"Fall of the error on left-out readings for {len(ids)} candidates over {len(steps)} steps. " + " ".join(
         f"Step {step.round}: {step.chosen or 'none'} chosen." for step in steps
     )
-    caption = Markup(
-        "By how much the error on readings that were left out falls with each candidate, in the output where it falls "
-        "most, with all parameters fitted again. Orange: chosen. Outlined: the data cannot tell it from the chosen one."
-    )
     left_out = len(ids) - len(shown)
-    rest = Markup.escape(f"{left_out} candidates that do not lower the error are not shown." if left_out else "")
-    plates: list[Plate] = []
-    for part, about, below in ((shown[:SHOWN], alt, caption), (shown[SHOWN:], f"The other candidates. {alt}", rest)):
-        if part:
-            wide, narrow = (_rounds_drawing(steps, part, words, width, about) for width in (WIDE_WIDTH, NARROW_WIDTH))
-            table = None if plates else _rounds_table(steps, ids, words)
-            plates.append(Plate(wide, narrow, about, below, (), table))
-    return plates
+    rest = f" {left_out} candidates that do not lower the error are not shown." if left_out else ""
+    caption = Markup(
+        "The output where the error falls most, all parameters fitted again. Orange: chosen. Outlined: the data cannot "
+        "tell it from the chosen one.{}"
+    ).format(rest)
+    wide, narrow = (_rounds_drawing(steps, shown, words, width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
+    return Plate(wide, narrow, alt, caption, (), _rounds_table(steps, ids, words))
 
 
 def _rounds_drawing(steps: list[StepJson], ids: list[str], words: Mapping[str, str], width: float, alt: str) -> Markup:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from aero_bayes.report.findings import R_HAT_LIMIT
+from aero_bayes.report import words
+from aero_bayes.report.findings import R_HAT_LIMIT, errors_of
 from aero_bayes.report.tables import Column, generic_cell, html_table
 from aero_bayes.report.text import count, duration, role_words, scaled_unit, significant, symbol, tidy
-from aero_bayes.schema import RunJson, VerdictJson
+from aero_bayes.schema import RunJson
 
 _HASH_SHOWN = 16
 
@@ -25,28 +26,17 @@ class KeyFigure:
     level: str = ""
 
 
-def stated_verdict(result: RunJson) -> VerdictJson:
-    """Return the run's verdict; a plain one where the run states none."""
-    return result.verdict or VerdictJson(level="warning", text="The run has finished without a verdict.")
-
-
 def readings(result: RunJson) -> list[KeyFigure]:
     """List key figures on the quality of the result."""
-    outputs = dict.fromkeys(out for found in result.residual.values() for out in found)
-    found = [_residual_reading(result, output) for output in outputs]
+    found = [card for role in ("test", "train") for card in _error_readings(result, role)]
     mcmc = result.mcmc
     if mcmc is not None and mcmc.r_hat_max is not None:
         fine = mcmc.r_hat_max <= R_HAT_LIMIT
-        words = "ensembles agree" if fine else "ensembles disagree: above 1.01"
-        found.append(KeyFigure(Markup("largest R&#770;"), f"{mcmc.r_hat_max:.3f}", words, "good" if fine else "bad"))
+        said = "ensembles agree" if fine else "ensembles disagree: above 1.01"
+        found.append(KeyFigure(Markup("largest R&#770;"), f"{mcmc.r_hat_max:.3f}", said, "good" if fine else "bad"))
     sizes = [] if mcmc is None else [size for size in (mcmc.ess_bulk_min, mcmc.ess_tail_min) if size is not None]
     if sizes:
         found.append(KeyFigure(Markup("effective draws"), count(min(sizes)), "of the parameter with the fewest"))
-    if result.seconds is not None:
-        runs = sum(result.failures.values())
-        failed = runs - result.failures.get("completed", 0)
-        words = f"{count(runs)} simulations, {count(failed)} failed" if runs else "wall time"
-        found.append(KeyFigure(Markup("time taken"), duration(result.seconds), words))
     return found
 
 
@@ -72,7 +62,7 @@ def provenance(result: RunJson) -> list[Markup]:
         ("Model", model),
         ("Run", {"command": result.command, "seed": result.seed}),
         ("Versions", result.versions),
-        ("Simulations", result.failures),
+        ("Simulations", result.failures | ({"time": duration(result.seconds)} if result.seconds is not None else {})),
     ):
         if node:
             rows = [(key.replace("_", " ") if node is model else key, _exact(value)) for key, value in node.items()]
@@ -84,7 +74,7 @@ def warnings(result: RunJson) -> list[str]:
     """Return warnings of the run without those in the verdict, and one on parameters on a bound."""
     found = list(result.warnings)
     reason = result.mcmc.reason if result.mcmc is not None and not result.mcmc.converged else ""
-    if reason and reason in stated_verdict(result).text:  # said already
+    if reason and reason in words.verdict(result).text:  # said already
         found = [text for text in found if reason not in text]
     bounds = [f"`{name}`" for name, entry in result.parameters.items() if entry.status == "at_bound"]
     if bounds:
@@ -98,19 +88,25 @@ def _signals(names: Sequence[str]) -> Markup:
     return Markup(", ").join(symbol(name) for name in names)
 
 
-def _residual_reading(result: RunJson, output: str) -> KeyFigure:
-    entries = [found[output] for found in result.residual.values() if output in found]
-    ratios = [entry.ratio for entry in entries if entry.ratio is not None]
-    structured = any(entry.verdict == "structured" for entry in entries)
-    label, level = symbol(output) + Markup(" residual"), "warning" if structured else "good"
-    words = "structured: more than noise" if structured else "no structure left"
-    ratio = max(ratios, default=None)
-    sizes = [entry.rms for entry in entries if entry.rms is not None]
-    if ratio is None and sizes:
-        factor, unit = scaled_unit(max(sizes), result.unit(output))
-        size = f"{significant(factor * max(sizes))} {unit}".strip()
-        return KeyFigure(label, size, f"RMS; the signal changes too fast to estimate the noise floor; {words}", level)
-    return KeyFigure(label, f"{significant(ratio)}\u202f×", f"the noise floor; {words}", level)
+def _error_readings(result: RunJson, role: str) -> Iterator[KeyFigure]:
+    """Yield, for each output, the recording of a role in which most is left of it, by that recording's own noise."""
+    errors = [error for error in errors_of(result) if error.role == role]
+    left = {"noise": "only noise is left", "structured": "structure is left", "too large": "more than noise is left"}
+    for output in dict.fromkeys(error.output for error in errors):
+        worst = max((e for e in errors if e.output == output), key=lambda e: (e.verdict != "noise", e.ratio or 0.0))
+        value, noise = (
+            f"{significant(worst.ratio)}\u202f×",
+            "the noise" if worst.noise_known else "the error of the fit",
+        )
+        if worst.ratio is None:
+            factor, unit = scaled_unit(worst.after or 0.0, result.unit(output))
+            value, noise = (
+                f"{significant(factor * (worst.after or 0.0))} {unit}".strip(),
+                "the RMS error, of unknown noise,",
+            )
+        label = symbol(output) + Markup(" {}").format({"test": "test", "train": "training"}[role])
+        level = "good" if worst.verdict == "noise" else "warning"
+        yield KeyFigure(label, value, f"{noise} of {worst.recording}; {left[worst.verdict]}", level)
 
 
 def _exact(value: object) -> object:

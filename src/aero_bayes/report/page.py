@@ -18,7 +18,9 @@ from aero_bayes.files import whole_file
 from aero_bayes.report import (
     curves,
     experiment,
+    finding,
     findings,
+    forest,
     listed_values,
     loop_figures,
     loop_story,
@@ -27,26 +29,18 @@ from aero_bayes.report import (
     profile_figures,
     residual_figures,
     study,
+    words,
 )
-from aero_bayes.report.diagram_figure import diagram_plate, is_all_equations
+from aero_bayes.report.diagram_figure import diagram_plate
 from aero_bayes.report.embed import embedded
 from aero_bayes.report.figure import WIDE_WIDTH, Plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.sensor_table import sensor_table
-from aero_bayes.report.tables import generic_cell, parameter_table, status_words
+from aero_bayes.report.tables import generic_cell, parameter_table, prior_table, status_words
 from aero_bayes.report.text import named_effect, sentence, symbol
 from aero_bayes.schema import LoopJson, RunJson
 
-_TITLES = {
-    "fit": "Fit", "posterior": "Posterior", "close-loop": "Closed loop", "design": "The next experiment",
-    "all": "From model to posterior",
-}  # fmt: skip
 SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "save", "start")
-_OUTCOMES = {
-    "adequate": "the model is adequate: the residual is noise",
-    "extended": "the model was extended",
-    "unexplained": "an effect is missing, and no candidate explains it",
-}
 
 
 @dataclass(frozen=True)
@@ -55,6 +49,7 @@ class RecordingPlates:
 
     name: str
     role: str
+    folded: bool
     curves: Plate | None
     statistics: list[Plate]
 
@@ -131,46 +126,52 @@ def _plates(values: Iterable[Any]) -> Iterable[Plate]:
 
 def _context(run: RunDirectory) -> dict[str, Any]:
     result = run.result
-    model = (result.loop.base if result.loop else "") or result.model.name or run.path.name
-    heading = result.study.title if result.study else _TITLES.get(result.command, "Run")
     scene = curves.opening_scene(run)
-    equations = loop_story.changed_equations(result.loop) if result.loop else None
-    plates = [diagram_plate(d) for d in result.diagrams if not (equations and is_all_equations(d))]
-    diagrams = [plate for plate in plates if plate]
+    head = finding.finding(result)
+    aside = {n: p for n, p in result.parameters.items() if p.status == "fixed" or p.recording}
+    plates = [diagram_plate(d) for d in result.diagrams]
     return {
-        "title": f"{heading}: {model}",
+        "title": words.title(result, run.path.name), "leads": words.LEADS,
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
-        "verdict": overview.stated_verdict(result), "simulated": result.simulated,
-        "equations": equations, "new_values": loop_story.new_values(result.loop) if result.loop else "",
-        "opening": curves.scene_plate(run, scene, 700 if diagrams else WIDE_WIDTH) if scene else None,
+        "verdict": result.verdict or words.verdict(result), "said": words.short_verdict(result),
+        "simulated": result.simulated, "finding": head,
+        "opening": curves.scene_plate(run, scene, WIDE_WIDTH) if scene else None,
         "opening_words": curves.stretch_words(run, scene) if scene else "",
-        "diagrams": diagrams,
+        "diagrams": [plate for plate in plates if plate],
         "warnings": overview.warnings(result), "readings": overview.readings(result),
-        "diagnosis": findings.diagnosis_table(run),
-        "parameters": parameter_table(result.parameters) if result.parameters else None,
+        "checks": words.checks_line(result), "diagnosis": findings.checks_table(result),
+        "moved": forest.before_and_after(result),
+        "parameters": parameter_table({n: p for n, p in result.parameters.items() if n not in aside}),
+        "aside": parameter_table(aside, "Values of single recordings, and fixed parameters"),
+        "priors": prior_table(result.parameters),
         "listed_values": listed_values.listed_values_table(run),
         "statuses": status_words(result.parameters), "identifiability": result.identifiability,
         "profiles": profile_figures.profile_plates(run),
         "combinations": [c for c in result.identifiability.combinations if c.text not in c.members],
         "recordings": [_recording(run, name, scene) for name in run.recordings()],
-        "curve_words": curves.MEANING,
-        "residuals": findings.residual_floor_table(run), "noise": findings.noise_model_table(run),
+        "errors": findings.errors_table(result), "noise": findings.noise_model_table(run),
         "process_noise": findings.process_noise_table(run),
-        "sensors": sensor_table(run), "rms": findings.fit_error_table(run), "fit_facts": findings.fit_facts(run),
+        "sensors": sensor_table(run), "fit_facts": findings.fit_facts(run),
         "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),
+        "waterfall": posterior_figures.waterfall_plate(result.fit.start_levels),
         "loop": _loop(run, result.loop) if result.loop else None,
         "study": _study(run), "design": experiment.experiment(run), "provenance": overview.provenance(result),
     }  # fmt: skip
 
 
 def _recording(run: RunDirectory, name: str, scene: curves.Scene | None) -> RecordingPlates:
-    above = scene.output if scene is not None and scene.recording == name and run.unseen(name) is not None else ""
+    """Return the figures of a recording; those of a fitted one are folded where another one was not fitted."""
+    above = scene.output if scene is not None and scene.recording == name else ""
     whole = scene is not None and scene.stretch == run.span(name)
+    unseen = any(run.unseen(other) is not None for other in run.recordings())
     return RecordingPlates(
-        name, curves.role_of(run, name), curves.recording_plate(run, name, without=above if whole else ""),
+        name,
+        curves.role_of(run, name),
+        unseen and run.unseen(name) is None,
+        curves.recording_plate(run, name, without=above if whole else ""),
         residual_figures.statistics(run, name),
-    )  # fmt: skip
+    )
 
 
 def _prediction(run: RunDirectory) -> dict[str, Any] | None:
@@ -193,13 +194,12 @@ def _posterior(run: RunDirectory) -> dict[str, Any] | None:
 
 def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
     return {
-        "outcome": _OUTCOMES[loop.outcome], "story": loop.story,
-        "effects": loop_story.effects(loop, run.result.parameters),
-        "rounds": loop_figures.rounds_plates(loop, run.result.effect_words()),
-        "errors": loop_story.before_after_table(run, loop), "shift": loop_story.shift_table(run, loop),
-        "equivalents": loop.equivalent, "separate": loop.separate,
-        "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
-    }  # fmt: skip
+        "story": loop.story,
+        "rounds": loop_figures.rounds_plate(loop, run.result.effect_words()),
+        "separate": loop.separate,
+        "diff": loop_story.diff_lines(loop),
+        "source": loop.modelica_source,
+    }
 
 
 def _study(run: RunDirectory) -> dict[str, Any] | None:

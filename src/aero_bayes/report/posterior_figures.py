@@ -12,7 +12,7 @@ from markupsafe import Markup
 from scipy.ndimage import gaussian_filter
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.report.drawing import Band, Layer, Line, Panel
+from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel
 from aero_bayes.report.figure import Plate, plate
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, SERIES, Canvas
 from aero_bayes.report.tables import Column, html_table
@@ -42,7 +42,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
         return None
     draws = {name: posterior[name].ravel() for name in names}
     correlation = rank_correlation(posterior, names)
-    cell = min(150.0, 980 / len(names))
+    cell = min(150.0, 980.0 / len(names))
     first, second, value = _strongest(names, correlation)
     alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {first} with {second}, {value}."
     canvas = Canvas(cell * len(names) + 8, cell * len(names) + 62, alt)
@@ -63,7 +63,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
     for column, name in enumerate(names):
         _cell_scale(canvas, draws[name], units.get(name, ""), 2 + cell * column, 22 + cell * len(names), cell)
     caption = Markup(
-        "Dark and light: regions that contain 50 % and 90 % of the posterior. Numbers: rank correlations. "
+        "Inner and outer regions hold 50 % and 90 % of the posterior. Numbers: rank correlations. "
         "Each cell spans the central 99.8 % of its parameter. Strongest correlation: {} with {}, {}."
     ).format(symbol(first), symbol(second), value)
     rows = [
@@ -117,6 +117,22 @@ def history_plate(history: Sequence[float | None], label: str) -> Plate | None:
     first, last = best[np.isfinite(best)][[0, -1]]
     alt = f"Best cost of the swarm over {len(best)} iterations, from {significant(first)} to {significant(last)}."
     return plate([panel], alt, "iteration", "Particle swarm: best cost so far.", width=320)
+
+
+def waterfall_plate(levels: Sequence[float | None]) -> Plate | None:
+    """Draw how far below the best the local fits from several starts ended; None for one start."""
+    known = np.sort(np.array([level for level in levels if level is not None], dtype=np.float64))[::-1]
+    if len(known) < 2:
+        return None
+    below = known[0] - known
+    log = bool(below[-1] > 10.0)
+    shown = np.maximum(below, 0.1) if log else below
+    rank = np.arange(1.0, len(below) + 1)
+    layers = (Line(rank, shown, ACCENT, label="below the best"), Dots(rank, shown, ACCENT, 6.0, 1.0))
+    alt = f"Log-posterior below the best at which local fits from {len(below)} starts ended, the best first."
+    caption = "A level stretch at the left: several starts ended at the same, best answer."
+    panel = Panel("log-posterior below the best", layers, 120, log_y=log)
+    return plate([panel], alt, "start, the best first", caption, width=320)
 
 
 def _power(draws: FloatArray) -> float:

@@ -52,19 +52,18 @@ def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name
     factor, unit = scaled_unit(largest(values), run.result.unit(name))
     reach = max(float(np.quantile(np.abs(finite), 0.995)), 3.5 * (floor or 0.0)) or 1.0
     density, edges = np.histogram(finite, bins=61, range=(-reach, reach), density=True)
-    density = density / max(density.max(), 1e-300)
     steps = factor * np.repeat(edges, 2)[1:-1]
     layers: list[Line | Band] = [
-        Band(steps, np.zeros(2 * len(density)), np.repeat(density, 2), ACCENT, 0.45, label="histogram, peak at 1")
+        Band(steps, np.zeros(2 * len(density)), np.repeat(density, 2), ACCENT, 0.45, label="histogram")
     ]
     if floor:
         grid = np.linspace(-reach, reach, 301)
-        layers.append(Line(factor * grid, np.exp(-0.5 * (grid / floor) ** 2), INK, 1.3, label="noise floor alone"))
-    panel = Panel(f"{greek_name(name)}: histogram", tuple(layers), 120, (0, 1.08), ticks=0)
-    alt = f"Histogram of the {greek_name(name)} residual, recording {recording}, and the density of the noise floor."
+        normal = np.exp(-0.5 * (grid / floor) ** 2) / (floor * np.sqrt(2.0 * np.pi))
+        layers.append(Line(factor * grid, normal, INK, 1.3, label="noise alone"))
+    top = max(float(np.max(layer.high if isinstance(layer, Band) else layer.y)) for layer in layers)
+    panel = Panel(f"{greek_name(name)}: histogram", tuple(layers), 120, (0, 1.08 * top), ticks=0)
+    alt = f"Histogram of the {greek_name(name)} residual, recording {recording}, and the density of the noise."
     words = f"RMS {significant(factor * float(np.sqrt(np.mean(finite**2))))} {unit}."
     if floor:
-        words += (
-            f" Line: normal density of the noise floor, {significant(factor * floor)} {unit}, scaled to the same peak."
-        )
+        words += f" Line: noise alone, {significant(factor * floor)} {unit}, over the same area."
     return plate([panel], alt, f"residual ({unit})" if unit else "residual", words, width=SMALL_WIDTH)

@@ -135,7 +135,7 @@ class RunDirectory:
 
     def __repr__(self) -> str:
         result = self.result
-        verdict = f": {result.verdict.text}" if result.verdict is not None else ""
+        verdict = f": {result.verdict.text.partition('. ')[0]}" if result.verdict is not None else ""
         return f"<RunDirectory {self.path.name}, {result.command} of {result.model.name}{verdict}>"
 
     def _repr_html_(self) -> str:

@@ -30,6 +30,8 @@ _STATUS_WORDS = {
     "at_bound": "the best value lies on a bound of its range",
     "adequate": "the residual is noise",
     "structured": "the residual is more than noise",
+    "noise": "only noise is left",
+    "too large": "more than 1.3 times the noise",
 }
 _RANKS = {status: rank for rank, status in enumerate(("identified", "weak", "at_bound", "unidentified", "fixed"))}
 
@@ -66,8 +68,8 @@ def html_table(
     ).format(caption or "table", title, top, body)
 
 
-def parameter_table(parameters: Mapping[str, ParameterJson]) -> Markup:
-    """Write value, 90 % interval, unit, prior and status of every parameter.
+def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Estimates") -> Markup | None:
+    """Write value, 90 % interval, unit and status of every parameter.
 
     What was fixed, ended on a bound, or is not determined by the data never shows an interval."""
     rows = []
@@ -75,19 +77,27 @@ def parameter_table(parameters: Mapping[str, ParameterJson]) -> Markup:
         shown, sure = parameter_quantity(stated)
         interval = Markup('{}<span class="to"> … </span>{}').format(shown.low, shown.high) if sure else NO_VALUE
         about = Markup("{}<small>{}</small>").format(symbol(name), stated.description)
-        glyph = _interval_glyph(stated, name) if sure else Markup("")
         own = f"of {stated.recording} alone" if stated.recording else ""
-        note = "; ".join(filter(None, (stated.note, own)))
-        known = stated.prior.replace(f" {stated.unit}", f" {pretty_unit(stated.unit)}") if stated.unit else stated.prior
-        prior = Markup("{}<small>{}</small>").format(known or NO_VALUE, note)
         held = stated.status in {"unidentified", "at_bound"}
         value = Markup('<span class="held">{}</span>').format(shown.value) if held else shown.value
-        rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""), glyph, prior))
-    columns = (
-        "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "status",
-        Column("interval within bounds", "centre"), "prior",
-    )  # fmt: skip
-    return html_table(columns, rows, "Estimates")
+        rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""),
+                     "; ".join(filter(None, (stated.note, own)))))  # fmt: skip
+    columns = ("parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "status", "")
+    return html_table(columns, rows, caption) if rows else None
+
+
+def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:
+    """Write prior, start and bounds of every parameter that was fitted; None where there is none."""
+    rows = []
+    for name, stated in parameters.items():
+        if stated.status == "fixed":
+            continue
+        known = stated.prior.replace(f" {stated.unit}", f" {pretty_unit(stated.unit)}") if stated.unit else stated.prior
+        numbers = (significant(x) for x in (stated.start, stated.lower, stated.upper))
+        rows.append((symbol(name), *numbers, pretty_unit(stated.unit), known))
+    ends = [Column(head, "right") for head in ("start", "lowest", "highest")]
+    columns: list[Column | str] = ["parameter", *ends, "unit", "prior"]
+    return html_table(columns, rows, "Priors, starts and bounds") if rows else None
 
 
 def parameter_quantity(stated: QuantilesJson) -> tuple[RoundedValue, bool]:
@@ -104,7 +114,7 @@ def status_pill(status: str) -> Markup:
     """Return a parameter's status or a residual's verdict as a small label with its meaning."""
     if not status:
         return Markup(NO_VALUE)
-    known = status if status in _STATUS_WORDS else "other"
+    known = status.replace(" ", "_") if status in _STATUS_WORDS else "other"
     return Markup('<span class="pill {}" title="{}">{}</span>').format(known, _STATUS_WORDS.get(status, ""), status)
 
 
@@ -112,31 +122,6 @@ def status_words(parameters: Mapping[str, ParameterJson]) -> list[tuple[str, str
     """Return the statuses that parameters have, and what each means."""
     found = {entry.status for entry in parameters.values()}
     return [(status, _STATUS_WORDS[status]) for status in _RANKS if status in found]
-
-
-def _interval_glyph(stated: ParameterJson, name: str) -> Markup:
-    """Return the 90 % interval (bar) within the parameter's bounds (track); logarithmic where wide."""
-    low, high, middle, first, last = stated.q05, stated.q95, stated.value, stated.lower, stated.upper
-    if low is None or high is None or middle is None or first is None or last is None or last <= first:
-        return Markup("")
-    ends = min(first, low), max(last, high)
-    log = ends[0] > 0 and ends[1] / ends[0] > 3
-
-    def at(x: float) -> float:
-        a, b, c = (math.log(v) if log else v for v in (ends[0], x, ends[1]))
-        return 6 + 108 * (b - a) / (c - a)
-
-    left, right = at(low), at(high)
-    grown = max(right - left, 2.0)
-    return Markup(
-        '<svg class="glyph" viewBox="0 0 120 16" role="img" aria-label="{}">'
-        '<rect class="track" x="{:.1f}" y="5" width="{:.1f}" height="6" rx="3"/>'
-        '<rect class="bar" x="{:.1f}" y="5" width="{:.1f}" height="6" rx="1"/>'
-        '<line class="mark" x1="{:.1f}" x2="{:.1f}" y1="1.5" y2="14.5"/></svg>'
-    ).format(
-        f"{name}: 90 % interval within its bounds", at(first), at(last) - at(first),
-        0.5 * (left + right - grown), grown, at(middle), at(middle),
-    )  # fmt: skip
 
 
 def ratio_glyph(before: float | None, after: float | None) -> Markup:

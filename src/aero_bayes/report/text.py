@@ -13,6 +13,8 @@ from markupsafe import Markup, escape
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXED = {"V", "A", "rad", "rad/s", "N", "N·m", "s", "m", "Ω", "H"}
 NO_VALUE = "–"
+#: What a unit begins with.
+_UNIT = r"(?:[µmk]?(?:m|s|V|A|K|Hz|g|N|rad|J|W|Pa|Ω|Ohm|H|F)|%|°|min|h|degC|bar)(?![A-Za-z])"
 
 
 def significant(value: float | None, digits: int = 3) -> str:
@@ -175,9 +177,10 @@ def named_effect(id_: str, words: Mapping[str, str]) -> Markup:
 def sentence(text: object, words: Mapping[str, str] | None = None, signals: Collection[str] = ()) -> Markup:
     """Escape a text, with ``backquoted`` names and signals set as symbols, and ids of effects put in words."""
     words = words or {}
-    parts = str(text).split("`")
+    text = re.sub(rf"(?<=\d) (?={_UNIT})", "\u00a0", str(text))  # a number keeps its unit
+    parts = text.split("`")
     if len(parts) % 2 == 0:
-        return _with_words(str(text), words, signals)
+        return _with_words(text, words, signals)
     return Markup("").join(
         (named_effect(part, words) if part in words else symbol(part))
         if index % 2

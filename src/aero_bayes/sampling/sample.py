@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.arguments import require_type
+from aero_bayes.arguments import fit_of
 from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
@@ -37,9 +38,12 @@ from aero_bayes.sampling.settings import SampleSettings
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Simulator
 
+if TYPE_CHECKING:
+    from aero_bayes.loop.result import LoopResult
+
 
 def sample(
-    fit: Fit,
+    fit: Fit | LoopResult,
     *,
     draws: int | None = None,
     chains: int | None = None,
@@ -53,7 +57,8 @@ def sample(
 
     Parameters
     ----------
-    fit : Fit
+    fit : Fit or LoopResult
+        Of a loop's result the model that came out is sampled.
     draws, chains : int, optional
         Draws that each chain keeps, and how many chains, four at least; as ``settings`` say by default. A chain is an
         ensemble of walkers.
@@ -83,12 +88,15 @@ def sample(
     >>> short = aero_bayes.sample(fit, settings=settings, workers=0)
     >>> short.converged, short.draws.shape[0]
     (False, 4)
+    >>> "F_c" in aero_bayes.sample(loop, settings=settings, workers=0).names  # of the model that came out
+    True
     """
     settings = settings or SampleSettings()
     settings = replace(settings, draws=draws or settings.draws, ensembles=chains or settings.ensembles)
     if settings.ensembles < 4:
         raise InputError(f"chains: {settings.ensembles} chains cannot be held against each other; expected 4 or more")
-    engine = require_type(fit, Fit, "fit").settings.engine
+    fit = fit_of(fit)
+    engine = fit.settings.engine
     with ExitStack() as stack:
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))

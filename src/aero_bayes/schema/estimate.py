@@ -77,6 +77,7 @@ class ListedValuesJson(JsonTable):
 class FitJson(JsonTable):
     """The best fit; ``rms`` by role and output, ``interpolation`` of each input between its samples.
 
+    ``start_levels`` are the log-posteriors at which local fits from several starts ended, on fewer samples.
     ``values`` are the listed values of parameters that were each fitted, likeliest first."""
 
     cost_eq6: JsonNumber = None
@@ -90,6 +91,7 @@ class FitJson(JsonTable):
     modes: list[ModeJson] = []
     values: list[ListedValuesJson] = []
     local: LocalJson | None = None
+    start_levels: list[JsonNumber] = []
 
 
 class NoiseJson(JsonTable):

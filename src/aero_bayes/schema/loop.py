@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson
-from aero_bayes.schema.estimate import ResidualJson
+from aero_bayes.schema.estimate import DiagnosisJson, ResidualJson
 
 
 class CurveJson(JsonTable):
@@ -92,6 +92,25 @@ class ShiftJson(JsonTable):
 RmsByRole = dict[str, dict[str, JsonNumber]]
 
 
+class RecordingErrorJson(JsonTable):
+    """RMS error of an output in one recording, or in the part of it that begins at ``begin`` (s), before and after.
+
+    ``noise`` is that of the recording, or of the fit where ``noise_known`` is false; ``verdict`` is of the model that
+    came out."""
+
+    recording: str
+    role: Literal["train", "test"]
+    output: str
+    before: JsonNumber = None
+    after: JsonNumber
+    noise: JsonNumber
+    noise_known: bool
+    ratio: JsonNumber = None
+    p_value: JsonNumber = None
+    verdict: Literal["noise", "structured", "too large"]
+    begin: JsonNumber = None
+
+
 class LoopJson(JsonTable):
     """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
 
@@ -104,6 +123,8 @@ class LoopJson(JsonTable):
     effects: list[EffectJson] = []
     equivalent: list[list[str]] = []
     limits: list[LimitJson] = []
+    errors: list[RecordingErrorJson] = []
+    diagnosis_before: list[DiagnosisJson] = []
     refused: list[list[str]] = []
     before: RmsByRole = {}
     after: RmsByRole = {}

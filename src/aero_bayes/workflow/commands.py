@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,17 +16,17 @@ import click
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data import summarise
+from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
-from aero_bayes.files import whole_file
 from aero_bayes.loop import LoopResult
 from aero_bayes.progress import ProgressBar
-from aero_bayes.report import write_run_page
-from aero_bayes.scratch import ScratchFolder
+from aero_bayes.report import words, write_run_page
+from aero_bayes.schema import RunJson
 from aero_bayes.simulation.model import ModelicaSource
 from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import (
@@ -38,7 +39,7 @@ from aero_bayes.workflow.curves import (
     state_series,
     unfitted_series,
 )
-from aero_bayes.workflow.describe import diagnosis_line, fit_verdict, preamble, residual_table, values_line
+from aero_bayes.workflow.describe import preamble, residual_table, values_line
 from aero_bayes.workflow.job import (
     Job,
     RunOptions,
@@ -60,7 +61,7 @@ from aero_bayes.workflow.loop import (
 )
 from aero_bayes.workflow.prediction import prediction_part
 from aero_bayes.workflow.profiles import profile_part
-from aero_bayes.workflow.results import merge, write_result, write_series
+from aero_bayes.workflow.results import merge, plain, write_result, write_series
 from aero_bayes.workflow.resume import resumable
 from aero_bayes.workflow.settings import fit_settings, sample_settings
 
@@ -79,7 +80,7 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> None:
             found = fit_job(job, progress, checkpoint)
             checks = _checks(job, found, progress)
         result, series = fit_part(job, found)
-        _finish(job, "fit", began, [result, checks, _closing(result)], series, _calibrated(job, found))
+        _finish(job, "fit", began, [result, checks], series, found, _calibrated(job, found))
 
 
 def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
@@ -94,22 +95,26 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
         result, series = fit_part(job, found)
         sampled, bands = _posterior_part(posterior)
         result = merge(result, sampled, checks)
-        _finish(job, "posterior", began, [result, _closing(result)], series | bands, _calibrated(job, found))
+        _finish(job, "posterior", began, [result], series | bands, found, _calibrated(job, found))
 
 
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
     """Run ``aero-bayes close-loop``: find the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
     job = open_job(train, options, tests=test)
-    with resumable(job, "close-loop"):
+    with resumable(job, "close-loop") as checkpoint:
         values: Json = {}
         with ProgressBar(options.quiet) as progress:
             if job.values:
                 found = fit_job(job, progress)
                 job, values = with_chosen_values(job, found), {"fit": {"values": [t.to_dict() for t in found.trials]}}
             loop = run_loop(job, progress)
+            posterior = _sample(job, loop.after, progress, checkpoint) if options.posterior else None
         result, series = _loop_page_parts(job, loop)
-        _finish(job, "close-loop", began, [result, values], series, loop.calibrated)
+        if posterior is not None:
+            sampled, bands = _posterior_part(posterior)
+            result, series = merge(result, sampled), series | bands
+        _finish(job, "close-loop", began, [result, values], series, loop.after, loop.calibrated)
 
 
 def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
@@ -133,14 +138,12 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         result = merge(result, sampled, checks)
         series = series | bands
         if loop is None:
-            _finish(final, "all", began, [result, _closing(result)], series, _calibrated(final, found))
+            _finish(final, "all", began, [result], series, found, _calibrated(final, found))
             return
         story = loop_part(job, loop)
-        closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
         series = loop_series(job, loop) | measured_series(job.tests) | series
-        story_keys = {key: story[key] for key in ("loop", "words")}
-        parts = [result, story_keys, closing]
-        _finish(final, "all", began, parts, series, _calibrated(final, found))
+        parts = [result, {key: story[key] for key in ("loop", "words")}]
+        _finish(final, "all", began, parts, series, found, _calibrated(final, found))
 
 
 def run_check(files: Sequence[Path], config_path: Path | None) -> None:
@@ -232,42 +235,38 @@ def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
     return found.calibrated if job.modelica else None
 
 
-def _closing(result: Json) -> Json:
-    exact = all(entry["exact"] for outputs in result["residual"].values() for entry in outputs.values())
-    flat = result["identifiability"]["flat"]
-    return {"verdict": fit_verdict(result["diagnosis"], result.get("mcmc"), flat, exact)}
-
-
 def _finish(
     job: Job,
     command: str,
     began: float,
     parts: Sequence[Json],
     series: Series,
+    fit: Fit,
     calibrated: CalibratedModel | None,
 ) -> None:
-    """Write the run directory and print its place."""
+    """Write the run directory and print its place; then the fitted model for other tools."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
-    page = _page(job, result, series)
-    click.echo(result["verdict"]["text"].replace("`", ""))
+    page, told = _page(job, result, series)
+    for line in (words.verdict(told).text, "", *parameter_lines(told.parameters), "", words.checks_line(told)):
+        click.echo(words.plain(line))
     if result.get("fit", {}).get("values"):
         click.echo(values_line(result["fit"]["values"]))
-    if result.get("diagnosis"):
-        click.echo(diagnosis_line(result["diagnosis"]))
     click.echo(f"wrote {out / 'result.json'} and {page}")
+    named = calibrated.name.rpartition(".")[2] if calibrated is not None else f"{Path(job.name).stem}_fitted"
+    script = re.sub(r"\W", "_", named)
+    made = [fit.to_matlab(out / f"{script}.m")]
     if calibrated is not None:
-        written = calibrated.write(out)
+        made.insert(0, calibrated.write(out))
         try:
-            made = f"{written} and {calibrated.export_fmu(written.with_suffix('.fmu'))}"
+            made.insert(1, calibrated.export_fmu(made[0].with_suffix(".fmu")))
         except InputError as error:
-            click.echo(f"note: {written} cannot be compiled here: {error}", err=True)
-            made = f"{written}"
-        click.echo(f"wrote {made}: the model with all fitted values")
+            click.echo(f"note: {made[0]} cannot be compiled here: {error}", err=True)
+    click.echo(f"wrote {join_names([str(path) for path in made])}: all fitted values, for other tools")
 
 
-def _page(job: Job, result: Json, series: Series) -> Path:
-    """Write the files of a run and draw its page."""
+def _page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
+    """Write the files of a run and draw its page; return the page, and what it tells."""
     out = job.options.out
     # Result and page stand together or not at all, also where the disk is full: both are made beside, then moved.
     with TemporaryDirectory(dir=out, prefix=".run-") as beside:
@@ -275,39 +274,36 @@ def _page(job: Job, result: Json, series: Series) -> Path:
         if (posterior := out / "posterior.nc").is_file():
             os.link(posterior, made / posterior.name)
         write_series(made, only_measured(series))
-        write_result(made, result | context_part(job, result))
+        told = RunJson.model_validate(plain(result | context_part(job, result)))
+        told = told.model_copy(update={"verdict": words.verdict(told)})
+        write_result(made, told)
         page = write_run_page(made)
         for name in ("series.npz", "result.json", page.name):
             (made / name).replace(out / name)
-    return out / page.name
+    return out / page.name, told
 
 
-def write_page(found: Fit | Posterior | LoopResult, path: Path) -> Path:
-    """Write the page of a fit, a posterior or a loop that no command made."""
+def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
+    """Write the folder of a fit, a posterior or a loop that no command made: what a command writes; return the page."""
     fit = found if isinstance(found, Fit) else found.before if isinstance(found, LoopResult) else found.fit
     calibration, model = fit.calibration, fit.calibration.model
     source = model.source or ModelicaSource(model.name)
-    with ScratchFolder() as scratch:
-        config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
-        job = Job(
-            RunOptions(scratch), config, source.name, model.source is not None, model, calibration.data.recordings, (),
-            calibration.parameters, dict(calibration.simulated.fixed),
-        )  # fmt: skip
-        if isinstance(found, LoopResult):
-            known = found.recordings
-            job = job if known is None else replace(job, recordings=known.train, tests=known.test)
-            if found.modelica_path:  # the diagram of the extended model is drawn from its file
-                (scratch / found.modelica_path).write_text(found.modelica, encoding="utf-8")
-            result, series = _loop_page_parts(job, found)
-        else:
-            result, series = fit_part(job, fit)
-            if not isinstance(found, Fit):
-                sampled, bands = _posterior_part(found)
-                result, series = merge(result, sampled, {"command": "posterior"}), series | bands
-                found.save(scratch / "posterior.nc")
-            result |= _closing(result)
-        page = _page(job, result, series)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(path) as temporary:
-            temporary.write_bytes(page.read_bytes())
-    return path
+    config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
+    job = Job(
+        RunOptions(folder), config, source.name, model.source is not None, model, calibration.data.recordings, (),
+        calibration.parameters, dict(calibration.simulated.fixed),
+    )  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    if isinstance(found, LoopResult):
+        known = found.recordings
+        job = job if known is None else replace(job, recordings=known.train, tests=known.test)
+        if found.modelica_path:  # the diagram of the extended model is drawn from its file
+            (folder / found.modelica_path).write_text(found.modelica, encoding="utf-8")
+        result, series = _loop_page_parts(job, found)
+    else:
+        result, series = fit_part(job, fit)
+        if not isinstance(found, Fit):
+            sampled, bands = _posterior_part(found)
+            result, series = merge(result, sampled, {"command": "posterior"}), series | bands
+            found.save(folder / "posterior.nc")
+    return _page(job, result, series)[0]

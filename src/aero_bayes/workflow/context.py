@@ -31,12 +31,8 @@ def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[Any]:
     if job.modelica:
         written = [job.options.out / effect["modelica"] for effect in loop.get("effects", []) if effect.get("modelica")]
         files += modelica_files([modelica_root(), *job.config.model.sources, *dict.fromkeys(written)])
-    tried = {c["id"].partition("@")[2] for step in loop.get("steps", []) for c in step["candidates"]}
-    outputs = {v.name for v in job.model.outputs}
     ports = [str(effect["id"]).partition("@")[2] or str(effect["port"]) for effect in loop.get("effects", [])]
     # what acts between two names is marked at both
     ports = [name for port in ports for name in port.split("-")]
-    # A name stands for the balance of a state only where the reading of it goes by another.
-    ports = [f"output_{p}" if p in outputs and f"output_{p}" not in tried else p for p in ports]
     base = str(loop.get("base") or job.name)
-    return model_diagrams(job.model, base, files, extended=str(loop.get("model", "")), ports=ports)
+    return model_diagrams(base, files, extended=str(loop.get("model", "")), ports=ports)

@@ -13,12 +13,9 @@ from aero_bayes.language.component_tree import ComponentTree, build_tree, read_l
 from aero_bayes.language.syntax import Array, Call, Expression, arguments_of, short_text
 from aero_bayes.language.values import evaluate_expression
 from aero_bayes.schema import ComponentJson, ConnectionJson, DiagramJson, ShapeJson
-from aero_bayes.simulation import Model, Variable
 
 _HALF = 10.0
 _STEP_ACROSS, _STEP_DOWN = 55.0, 34.0
-_BOX = ShapeJson(kind="rectangle", points=[(-100.0, -100.0), (100.0, 100.0)])
-_STATE = ShapeJson(kind="rectangle", points=[(-60.0, -40.0), (60.0, 40.0)], filled=True)
 _SCALARS = {"Real", "Integer", "Boolean", "String"}
 
 #: First and second part, points of the line, and whether only a value is handed on.
@@ -27,17 +24,15 @@ _Terminal = Literal["", "input", "output", "connector"]
 
 
 def model_diagrams(
-    model: Model, name: str, files: Iterable[Path] = (), extended: str = "", ports: Sequence[str] = ()
+    name: str, files: Iterable[Path] = (), extended: str = "", ports: Sequence[str] = ()
 ) -> list[DiagramJson]:
-    """Return the model's diagram, then one for each component within which an effect was added."""
+    """Return the model's diagram, then one for each component within which an effect was added; none of equations."""
     library = read_library(files)
     if name not in library:
-        return [_of_variables(model, name, ports)]
+        return []
     base = build_tree(library, name)
     shown = build_tree(library, extended) if extended in library else base
-    if not any(part for part in shown.inside):
-        return [_of_variables(model, name, ports)]
-    return _of_tree(shown, base, name.rpartition(".")[2], ports)
+    return _of_tree(shown, base, name.rpartition(".")[2], ports) if any(shown.inside) else []
 
 
 def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports: Sequence[str]) -> list[DiagramJson]:
@@ -171,30 +166,6 @@ def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, flo
         for row, name in enumerate(names)
         for x, y in [(left + k * _STEP_ACROSS, _STEP_DOWN * (0.5 * (len(names) - 1) - row))]
     }
-
-
-def _of_variables(model: Model, name: str, ports: Sequence[str]) -> DiagramJson:
-    """Return a model that is all equations: a box with its states between inputs and outputs."""
-    groups: list[tuple[_Terminal, Sequence[Variable]]] = [
-        ("input", model.inputs), ("", model.states), ("output", model.outputs)
-    ]  # fmt: skip
-    places = _grid([[f"{kind} {v.name}" for v in variables] for kind, variables in groups])
-    title = name.rpartition(".")[2]
-    high = 0.5 * _STEP_DOWN * max(1, len(model.states)) + 0.3 * _HALF
-    box = ComponentJson(name=title, type="model", extent=(-2.6 * _HALF, -high, 2.6 * _HALF, high), shapes=[_BOX])
-    marks = {port.removeprefix("der(").rstrip(")") for port in ports}
-    states = {v.name for v in model.states}
-    parts = [
-        ComponentJson(
-            name=v.name, type=v.unit, description=v.description, extent=places[f"{kind} {v.name}"], terminal=kind,
-            marked=(f"output_{v.name}" in marks and kind == "output") or v.name in marks - (states if kind else set()),
-            shapes=[] if kind else [_STATE],
-        )
-        for kind, variables in groups for v in variables
-    ]  # fmt: skip
-    lines = [ConnectionJson(first=v.name, second=title, signal=True) for v in model.inputs]
-    lines += [ConnectionJson(first=title, second=v.name, signal=True) for v in model.outputs]
-    return DiagramJson(title=title, components=[box, *parts], connections=lines)
 
 
 def _shapes(graphics: Sequence[Expression]) -> list[ShapeJson]:

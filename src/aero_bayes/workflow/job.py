@@ -51,6 +51,7 @@ class RunOptions:
     engine: Engine | None = None
     resume: bool = False
     quiet: bool = False
+    posterior: bool = False
     built: Path | None = None
     cache: Path | None = None
 

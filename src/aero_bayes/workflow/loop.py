@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.check.residual_tests import reports_by_recording, structured_residuals
+from aero_bayes.check.residual_tests import reports_by_recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.noise_report import noise_at_interval
@@ -16,6 +16,7 @@ from aero_bayes.estimate.parameter_estimates import fixed_reasons
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
+from aero_bayes.loop.judgement import errors_by_recording
 from aero_bayes.progress import ProgressBar
 from aero_bayes.simulation import Model, ModelicaSource
 from aero_bayes.simulation.load_model import load_model
@@ -139,15 +140,15 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         },
         "residual": reports_by_recording(loop.residual_after),
         "noise": noise_at_interval(loop.noise, interval),
-        "diagnosis": loop.diagnosis.to_list(),
-        "loop": loop.to_dict(),
+        "diagnosis": (loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).to_list(),
+        "loop": {
+            **loop.to_dict(),
+            "errors": [error.to_dict() for error in errors_by_recording(loop)],
+            "diagnosis_before": loop.diagnosis.to_list(),
+        },
         "words": dict(loop.words),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
         "identifiability": loop.identifiability.to_dict(),
-        "verdict": {
-            "level": _level(loop),
-            "text": " ".join([loop.sentence, *(direction.sentence for direction in loop.identifiability.flat)]),
-        },
     }
 
 
@@ -159,6 +160,8 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
         base = name.partition("@")[0]
         item = job.parameters[base] if base in job.parameters else new.get(base)
         entry: Json = estimate.to_dict() | {"status": str(loop.identifiability.status[name])}
+        if name in loop.after.failed_intervals:
+            entry["note"] = loop.after.failed_intervals[name]
         if item is not None:
             entry |= {
                 "description": item.description, "prior": item.prior.describe(item.unit), "start": item.start,
@@ -185,13 +188,6 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
                 "status": "fixed", "description": variable.description, "note": reason,
             }  # fmt: skip
     return table
-
-
-def _level(loop: LoopResult) -> str:
-    """Good only if nothing is left, since an effect that was found may be half of what is missing, and if no held
-    value decides what the parameters are."""
-    left = bool(structured_residuals(loop.residual_after)) or bool(loop.identifiability.flat)
-    return "warning" if left or loop.outcome == "unexplained" else "good"
 
 
 def loop_series(job: Job, loop: LoopResult) -> Series:

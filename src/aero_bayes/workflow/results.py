@@ -25,9 +25,10 @@ __all__ = ["SCHEMA", "merge", "plain", "versions", "write_result", "write_series
 PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 
 
-def write_result(directory: Path, result: Mapping[str, Any]) -> Path:
+def write_result(directory: Path, result: RunJson | Mapping[str, Any]) -> Path:
     """Write ``result.json``; numbers that are not finite become null."""
-    checked = RunJson.model_validate(plain(result)).model_dump(by_alias=True, exclude_unset=True)
+    told = result if isinstance(result, RunJson) else RunJson.model_validate(plain(result))
+    checked = told.model_dump(by_alias=True, exclude_unset=True)
     path = directory / "result.json"
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(checked, indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")

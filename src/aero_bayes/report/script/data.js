@@ -1,5 +1,5 @@
 // The series embedded in the page, and small tools of drawing.
-const SVG = "http://www.w3.org/2000/svg", NARROW = 600, DOT = 2.2;
+const SVG = "http://www.w3.org/2000/svg", NARROW = 600;
 const store = JSON.parse(document.getElementById("series").textContent);
 const arrays = new Map(), sums = new Map(), links = new Map();
 

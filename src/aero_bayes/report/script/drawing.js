@@ -16,32 +16,14 @@ class Drawing {
   get range() { return this.figure.link.range ?? this.home; }
   async refresh() {
     if (!this.shown || !this.figure.visible) return;
-    const { link } = this.figure, key = () => (link.range ? `${link.range} ${link.moving}` : "");
+    const { link } = this.figure, key = () => (link.range ? `${link.range}` : "");
     if (key() !== (this.drawn ?? "") || link.cursor !== null) await (this.ready ??= Promise.all(this.panels.map((p) => p.load())));
     if (key() !== (this.drawn ?? "")) {
       this.drawn = key();
-      for (const panel of this.panels) panel.draw(this.range, link.moving ? 2 : 1);
-      this.paint();
+      for (const panel of this.panels) if (link.range) panel.draw(this.range); else panel.restore();
       this.ticks();
     }
     this.said = this.panels.map((p, k) => p.point(link.cursor, this.narrow, k === 0)).filter(Boolean).join("; ");
-  }
-  paint() {
-    const { width, height } = this.svg.viewBox.baseVal, box = this.svg.getBoundingClientRect(), zoomed = this.figure.link.range !== null;
-    const scale = Math.min(2, devicePixelRatio) * box.width / width;
-    if (!this.canvas) {
-      this.canvas = document.createElement("canvas");
-      this.canvas.setAttribute("aria-hidden", "true");
-      this.svg.before(this.canvas);
-    }
-    for (const panel of this.panels) for (const layer of panel.layers) layer.path.style.display = zoomed ? "none" : "";
-    this.canvas.style.display = zoomed ? "" : "none";
-    if (!zoomed) return;
-    if (this.canvas.width !== Math.round(width * scale)) Object.assign(this.canvas, { width: Math.round(width * scale), height: Math.round(height * scale) });
-    const context = this.canvas.getContext("2d");
-    context.setTransform(scale, 0, 0, scale, 0, 0);
-    context.clearRect(0, 0, width, height);
-    for (const panel of this.panels) panel.paint(context);
   }
   ticks() {
     const foot = this.panels.at(-1).top + this.panels.at(-1).height, [low, high] = this.range;

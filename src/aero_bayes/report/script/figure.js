@@ -1,7 +1,6 @@
-const IDLE = 150;
 // All figures of one recording: they show one stretch of time and one cursor.
 class Link {
-  constructor() { Object.assign(this, { figures: [], range: null, cursor: null, pending: false, moving: false }); }
+  constructor() { Object.assign(this, { figures: [], range: null, cursor: null, pending: false }); }
   get whole() {
     const keys = this.figures.flatMap((f) => f.drawings.flatMap((d) => d.panels.flatMap((p) => p.layers.map((l) => l.t))));
     const { even, n, lo, step, ends } = store[keys[0]];
@@ -16,10 +15,6 @@ class Link {
       low = Math.min(last - width, Math.max(first, low));
       range = [low, low + width];
     }
-    this.moving = range !== null && performance.now() - (this.last ?? -IDLE) < IDLE;  // coarse while it moves
-    this.last = performance.now();
-    clearTimeout(this.settling);
-    if (this.moving) this.settling = setTimeout(() => { this.moving = false; this.schedule(); }, IDLE);
     this.range = range;
     this.schedule();
   }

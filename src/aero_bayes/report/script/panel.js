@@ -7,9 +7,10 @@ class Panel {
     this.title = group.querySelector("text");
     this.axis = group.querySelector(".y.axis");
     this.home = this.x;
+    this.stillAxis = this.axis.innerHTML;
     this.layers = [...group.querySelectorAll("path[data-spec]")].map((path) => {
       const { stroke, fill } = path.style;
-      return { ...JSON.parse(path.dataset.spec), path, colour: stroke && stroke !== "none" ? stroke : fill };
+      return { ...JSON.parse(path.dataset.spec), path, colour: stroke && stroke !== "none" ? stroke : fill, still: path.getAttribute("d"), style: path.style.cssText };
     });
     this.line = element("path", { class: "cursor" }, group);
     const end = this.left + this.width;
@@ -23,37 +24,27 @@ class Panel {
       layer.low = low;
     }
   }
-  // Least and greatest value of every pixel column within the range.
-  reduce(layer, [first, last], wide) {
-    const { time, low, high } = layer, columns = Math.round(this.width / wide);
-    const from = Math.max(0, index(time, first) - 1), to = Math.min(time.length, index(time, last) + 1);
-    layer.fine = to - from <= 2 * columns;
-    const size = layer.fine ? to - from : columns, across = columns / (last - first);
-    const x = new Float64Array(size), lows = new Float64Array(size).fill(NaN), highs = new Float64Array(size).fill(NaN);
-    const sums = layer.k === "mean" ? [new Float64Array(size), new Float64Array(size)] : null;
-    for (let i = from; i < to; i++) {
-      const at = (time[i] - first) * across, a = this.f * low[i], b = this.f * high[i];
-      const c = layer.fine ? i - from : Math.min(columns - 1, Math.max(0, Math.floor(at)));
-      x[c] = layer.fine ? at * this.width / columns : c * this.width / columns;
-      if (a === a) { if (!(lows[c] <= a)) lows[c] = a; if (sums) { sums[0][c] += a; sums[1][c]++; } }
-      if (b === b && !(highs[c] >= b)) highs[c] = b;
+  // Least and greatest value of every pixel column within the range; each sample where there are fewer than columns.
+  reduce(layer, [first, last]) {
+    const { time, low, high } = layer, columns = Math.round(this.width), scale = this.width / (last - first);
+    const from = Math.max(0, index(time, first) - 1), to = Math.min(time.length, index(time, last) + 1), found = [];
+    layer.fine = to - from <= columns;
+    for (let i = from, column = -1; i < to; i++) {
+      const at = (time[i] - first) * scale, own = layer.fine ? i : Math.floor(at);
+      if (own !== column) found.push({ x: layer.fine ? at : own, low: NaN, high: NaN, sum: 0, count: 0 });
+      column = own;
+      const group = found.at(-1), a = this.f * low[i], b = this.f * high[i];
+      if (a === a) { if (!(group.low <= a)) group.low = a; group.sum += a; group.count++; }
+      if (b === b && !(group.high >= b)) group.high = b;
     }
-    if (sums) {
-      const half = layer.fine ? 0 : 4;
-      for (let c = 0; c < size; c++) {
-        let sum = 0, count = 0;
-        for (let k = Math.max(0, c - half); k <= Math.min(size - 1, c + half); k++) { sum += sums[0][k]; count += sums[1][k]; }
-        lows[c] = highs[c] = count ? sum / count : NaN;
-      }
-    }
-    Object.assign(layer, { x, lows, highs });
+    if (layer.k !== "mean") return found;
+    const near = (k) => found.slice(Math.max(0, k - 4), k + 5).reduce(([sum, count], g) => [sum + g.sum, count + g.count], [0, 0]);
+    return found.map((g, k) => { const [sum, count] = near(k), mean = sum / count; return { x: g.x, low: mean, high: mean }; });
   }
-  draw(range, wide) {
+  draw(range) {
+    const known = this.layers.map((layer) => this.reduce(layer, range).filter((g) => g.high >= g.low || g.high !== g.high));
     let low = Infinity, high = -Infinity;
-    for (const layer of this.layers) {
-      this.reduce(layer, range, wide);
-      if (layer.k !== "dots") for (let c = 0; c < layer.x.length; c++) { if (layer.lows[c] < low) low = layer.lows[c]; if (layer.highs[c] > high) high = layer.highs[c]; }
-    }
+    this.layers.forEach((layer, k) => { if (layer.k !== "dots") for (const g of known[k]) { if (g.low < low) low = g.low; if (g.high > high) high = g.high; } });
     if (this.fixed || !(high >= low)) [low, high] = this.y;
     else {
       const spare = 0.08 * (high - low) || 0.1 * Math.abs(high) || 1;
@@ -69,52 +60,33 @@ class Panel {
     }
     element("path", { d: `M${this.left} ${foot}H${right}`, class: "grid" }, this.axis);
     for (const level of this.levels) if (level > low && level < high) element("path", { d: `M${this.left} ${this.down(level)}H${right}`, class: "level" }, this.axis);
+    this.layers.forEach((layer, k) => this.trace(layer, known[k]));
   }
-  // The data go to a canvas, which takes a fifth of the time that changing the paths would.
-  paint(context) {
-    context.save();
-    context.beginPath();
-    context.rect(this.left, this.top, this.width, this.height);
-    context.clip();
-    for (const layer of this.layers) {
-      if (layer.k === "mean" && layer.fine) continue;
-      const { x, lows, highs, colour, fine } = layer, style = layer.path.style, bare = layer.k === "area" && !layer.u && fine;
-      context.fillStyle = context.strokeStyle = ink(colour);
-      context.globalAlpha = layer.k === "area" && !bare ? +style.fillOpacity || 1 : 1;
-      context.lineWidth = bare ? 1.2 : parseFloat(style.strokeWidth) || 1;
-      context.lineJoin = "bevel";
-      const at = (c) => this.left + x[c], known = (c) => highs[c] >= lows[c];
-      if (layer.k === "dots") {
-        const size = parseFloat(style.strokeWidth), edge = (v) => Math.min(Math.max(this.down(v), this.top + size), this.top + this.height - size);
-        for (let c = 0; c < x.length; c++) if (known(c)) { context.beginPath(); context.arc(at(c), edge(highs[c]), size / 2, 0, 7); context.fill(); }
-        continue;
-      }
-      if (layer.k === "area" && !fine) {
-        const wide = x[1] - x[0];
-        for (let c = 0; c < x.length; c++) if (known(c)) { const top = this.down(highs[c]); context.fillRect(at(c), top, wide, Math.max(1, this.down(lows[c]) - top)); }
-        continue;
-      }
-      context.beginPath();
-      if (layer.u && fine) {
-        let first = true;
-        for (let c = 0; c < x.length; c++) if (known(c)) { context[first ? "moveTo" : "lineTo"](at(c), this.down(highs[c])); first = false; }
-        for (let c = x.length - 1; c >= 0; c--) if (known(c)) context.lineTo(at(c), this.down(lows[c]));
-        context.fill();
-        continue;
-      }
-      let open = false;
-      for (let c = 0; c < x.length; c++) {
-        if (!known(c)) { open = open && !fine; continue; }
-        const y = this.down(lows[c]);
-        if (open && layer.held && fine) context.lineTo(at(c), this.down(lows[c - 1]));
-        context[open ? "lineTo" : "moveTo"](at(c), y);
-        if (y - this.down(highs[c]) > 0.7) context.lineTo(at(c), this.down(highs[c]));
-        open = true;
-      }
-      context.stroke();
-      if (bare && this.width / x.length > 5) for (let c = 0; c < x.length; c++) if (known(c)) { context.beginPath(); context.arc(at(c), this.down(lows[c]), DOT, 0, 7); context.fill(); }
+  // The path of a layer: a line through each group's ends, a band, or dots. A cloud of few samples is a line with dots.
+  trace(layer, groups) {
+    const { path, k, u, fine, held } = layer, bare = k === "area" && !u && fine, x = (g) => tenth(this.left + g.x), down = this.down;
+    const size = parseFloat(path.style.strokeWidth) || 1, edge = (v) => Math.min(Math.max(down(v), this.top + size), this.top + this.height - size);
+    let d = "", open = null;
+    if (k === "mean" && fine) groups = [];
+    if (k === "area" && !bare && groups.length) d = `M${groups.map((g) => `${x(g)} ${down(g.high)}`).join("L")}L${groups.toReversed().map((g) => `${x(g)} ${down(g.low)}`).join("L")}Z`;
+    else for (const g of groups) {
+      if (g.high !== g.high) { open = fine ? null : open; continue; }
+      if (k === "dots") { d += `M${x(g)} ${edge(g.high)}h0`; continue; }
+      if (open && held && fine) d += `H${x(g)}`;
+      d += `${open ? "L" : "M"}${x(g)} ${down(g.low)}`;
+      if (down(g.low) - down(g.high) > 0.7) d += `V${down(g.high)}`;
+      if (bare && this.width / groups.length > 5) d += `m-1.5 0h3m-1.5 -1.5v3m0 -1.5`;
+      open = g;
     }
-    context.restore();
+    path.setAttribute("d", d);
+    path.dataset.drawn = "";
+    path.style.cssText = bare ? `fill:none;stroke:${layer.colour};stroke-width:1.2` : layer.style;
+  }
+  // The still picture again.
+  restore() {
+    for (const { path, still, style } of this.layers) { path.setAttribute("d", still); path.style.cssText = style; delete path.dataset.drawn; }
+    this.axis.innerHTML = this.stillAxis;
+    this.range = this.home;
   }
   values(x) {
     const found = [];

@@ -18,7 +18,9 @@ class Saver {
       });
       this.bar.append(button);
     }
-    box.append(this.bar);
+    const numbers = box.querySelector(".numbers");
+    if (numbers) numbers.querySelector("summary").after(this.bar);
+    else box.append(this.bar);
   }
   get svg() {
     const drawings = [...this.box.querySelectorAll("svg.plot")];
@@ -26,7 +28,7 @@ class Saver {
   }
   // The drawing with its colours written out, on the page's ground, its legend below.
   picture() {
-    const { svg } = this, copy = svg.cloneNode(true), { width, height } = svg.viewBox.baseVal, canvas = svg.parentNode.querySelector("canvas");
+    const { svg } = this, copy = svg.cloneNode(true), { width, height } = svg.viewBox.baseVal;
     const own = [...copy.querySelectorAll("*")];
     [...svg.querySelectorAll("*")].forEach((element, k) => {
       const style = getComputedStyle(element);
@@ -35,7 +37,6 @@ class Saver {
     });
     for (const element of copy.querySelectorAll(".cursor, .readout, .mark, .cover, a")) element.remove();
     const labels = [...this.box.querySelectorAll(".legend span")], tall = height + (labels.length ? 22 : 0);
-    if (canvas && canvas.style.display !== "none") copy.prepend(element("image", { href: canvas.toDataURL(), width, height }, copy));
     copy.prepend(element("rect", { width, height: tall, fill: ink("--ground") }, copy));
     const legend = element("text", { x: 3, y: height + 14, "font-size": 11.5 }, copy);
     for (const label of labels) element("tspan", { dx: 12, fill: getComputedStyle(label.querySelector("i")).backgroundColor }, legend, `━ ${label.textContent}`);

@@ -3,9 +3,7 @@ document.documentElement.classList.add("scripted");
 for (const box of document.querySelectorAll("figure[data-link]")) new Figure(box);
 for (const box of document.querySelectorAll("figure.pairs")) new Pairs(box);
 for (const box of document.querySelectorAll("figure")) if (box.querySelector("svg.plot")) new Saver(box);
-const again = () => { for (const link of links.values()) { for (const f of link.figures) for (const d of f.drawings) d.drawn = undefined; link.schedule(); } };
-addEventListener("resize", again);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
+addEventListener("resize", () => { for (const link of links.values()) link.schedule(); });  // the other form may be seen now
 const seen = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) {
     const link = document.querySelector(`nav a[href="#${target.id}"]`);

@@ -1,0 +1,55 @@
+"""Errors by recording, against noise of known size."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aero_bayes.check.recording_errors import recording_errors
+from aero_bayes.data import Recording
+from aero_bayes.sensors import OutputNoise
+
+TIME = np.arange(2000) * 0.01
+WHITE = {"y": OutputNoise(0.1)}
+
+
+def recorded(residual: np.ndarray, name: str = "test") -> tuple[Recording, dict[tuple[str, str], np.ndarray]]:
+    model = np.sin(TIME)
+    return Recording(name, TIME, {"u": np.ones(TIME.size)}, {"y": model + residual}), {(name, "y"): model}
+
+
+@pytest.mark.parametrize(
+    ("scale", "wave", "verdict"),
+    [(1.0, 0.0, "noise"), (1.5, 0.0, "too large"), (1.0, 0.06, "structured"), (1.0, 0.3, "too large")],
+)
+def test_size_and_structure_are_told_apart(scale: float, wave: float, verdict: str) -> None:
+    rng = np.random.default_rng(1)
+    recording, fitted = recorded(0.1 * scale * rng.normal(size=TIME.size) + wave * np.sin(2.0 * TIME))
+    (error,) = recording_errors([(recording, "test", None, None)], None, fitted, {("test", "y"): 0.1}, WHITE)
+    assert error.verdict == verdict
+    assert error.noise_known
+    assert error.ratio == pytest.approx(np.sqrt(scale**2 + 50.0 * wave**2), rel=0.05)
+
+
+def test_parts_of_a_recording_are_judged_apart_and_unknown_noise_is_that_of_the_fit() -> None:
+    rng = np.random.default_rng(2)
+    residual = np.where(TIME < 10.0, 0.1, 0.2) * rng.normal(size=TIME.size)
+    recording, fitted = recorded(residual)
+    parts = [(recording, "train", None, 10.0), (recording, "test", 10.0, None)]
+    first, last = recording_errors(parts, fitted, fitted, {}, WHITE)
+    assert (first.verdict, last.verdict) == ("noise", "too large")
+    assert (first.begin, last.begin) == (None, 10.0)
+    assert last.after == pytest.approx(0.2, rel=0.1)
+    assert last.before == last.after
+    assert not last.noise_known
+    assert last.noise == 0.1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_white_noise_passes_however_many_readings_are_missing(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    residual = 0.1 * rng.normal(size=TIME.size)
+    residual[rng.random(TIME.size) < 0.3] = np.nan
+    recording, fitted = recorded(residual)
+    (error,) = recording_errors([(recording, "test", None, None)], None, fitted, {("test", "y"): 0.1}, WHITE)
+    assert error.verdict == "noise"
