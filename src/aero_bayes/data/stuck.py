@@ -1,7 +1,7 @@
 """Sensors that repeat a reading: stuck at any value, or clipped at an end of their range.
 
-Both are seen only in a channel whose readings do not repeat elsewhere, and move just before or after. Where it has noise
-at each reading, a run of equal ones is a fault. Where it has none, what is measured may rest, as an arm that friction
+Both are seen only in a channel whose readings do not repeat elsewhere, and move just before or after. Where each
+reading has noise, a run of equal ones is a fault. Where none has, what is measured may rest, as an arm that friction
 holds: a sensor that was stuck then jumps to what it missed, and a clipped one comes to its limit at full speed. What
 rests before any input changes, a counter at rest and a simulation that has settled repeat by right.
 """
