@@ -35,7 +35,6 @@ if typing.TYPE_CHECKING:
 
 sys.path.insert(0, str(Path(__file__).parent))
 from bad_fit_pictures import pictures
-from formula_picture import formula_picture
 from library_entries import library
 
 log = logging.getLogger("mkdocs.hooks.reference")
@@ -118,7 +117,6 @@ KEYS: Mapping[str, str] = {
     "loop.ports": "the only ports that are considered",
     "loop.laws": "the only laws that are considered",
     "loop.min_share": "largest share of an output's error on left-out readings that a named term leaves",
-    "loop.formulas": "seeks what no law describes: a product of functions of signals at a place (default: false)",
     "loop.include_smaller": "writes effects that help and are too small to be named into the model, too",
     "loop.leave_out": "names parts of the search that are left out, to see what each is worth",
     "solver.engine": "simulator: the compiled engine, or FMPy with CVode (slow; the reference)",
@@ -139,7 +137,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     from mkdocs.structure.files import File  # the tables can be written without it
 
     files.append(File.generated(config, "loop.svg", abs_src_path=str(ROOT / "reports" / "example" / "loop.svg")))
-    files.append(File.generated(config, "formula.svg", content=formula_picture()))
     for name, picture in pictures().items():
         files.append(File.generated(config, f"bad_fit/{name}.svg", content=picture))
     return files

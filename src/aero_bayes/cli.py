@@ -242,7 +242,7 @@ def _with_design_options(command: Command) -> Command:
     def grouped(**given: Any) -> Any:
         from aero_bayes.workflow import DesignOptions
 
-        names = ("aim", "separate", "loop", "duration", "rate_hz", "amplifier", "travel", "repeats")
+        names = ("aim", "separate", "duration", "rate_hz", "amplifier", "travel")
         asked = {name: given.pop(name) for name in names}
         return command(wanted=DesignOptions(**asked | {"separate": asked["separate"] or None}), **given)
 
@@ -256,15 +256,12 @@ def _with_design_options(command: Command) -> Command:
     "--aim", multiple=True, metavar="PARAMETER", help="Parameter whose interval to narrow.  [default: the weak ones]"
 )
 @click.option("--separate", nargs=2, metavar="EFFECT EFFECT", help="Two effects to tell apart.")
-@click.option("--loop", type=FOLDER, help="Finished close-loop run whose equivalent effects to tell apart.")
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), default=30.0, show_default=True, help="In s.")
 @click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), help="In Hz.  [default: as recorded]")
 @click.option("--amplifier", type=click.FloatRange(min=0, min_open=True), 
               help="Largest absolute input.  [default: as the package declares, else as recorded]")  # fmt: skip
 @click.option("--travel", multiple=True, callback=_travel, metavar="OUTPUT=LIMIT",
               help="Largest absolute value of an output (SI).  [default: as the package declares]")  # fmt: skip
-@click.option("--repeats", type=click.IntRange(min=2), default=20, show_default=True,
-              help="Simulated repetitions that check the gain.")  # fmt: skip
 @run_options
 def design_command(data: tuple[Path, ...], options: RunOptions, wanted: DesignOptions) -> None:
     """Propose the next experiment: the input that narrows weak parameters most, or tells two effects apart."""

@@ -180,7 +180,6 @@ class LoopSection(Section):
     leave_out: tuple[str, ...] = ()
     min_share: Annotated[float, Field(gt=0, lt=1)] = 0.75
     include_smaller: bool = False
-    formulas: bool = False
 
 
 class SolverSection(Section):

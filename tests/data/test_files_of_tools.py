@@ -225,6 +225,7 @@ def test_what_stands_above_the_names_is_refused_in_one_line(text: str, tmp_path:
         assert "\n" not in str(refused.value)
 
 
+@pytest.mark.long
 def test_an_object_of_matlab_that_is_no_table_is_refused_in_one_line(tmp_path: Path) -> None:
     """A Simulink Dataset is such an object; mat-io writes others, dates here, as MATLAB does."""
     matio = pytest.importorskip("matio")

@@ -63,6 +63,7 @@ def test_the_tutorials_commands_find_the_friction(cart: Path):
         assert done.returncode == 0, f"{command}\n{done.stderr}"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "page",
     [
@@ -88,7 +89,7 @@ def test_the_laws_of_the_how_to_page_are_read(cart: Path):
     assert [law.id for law in read_laws([cart / "MyLaws.mo"])] == ["wind_drag"]
 
 
-@pytest.mark.parametrize("page", ["model", "data", "priors", "loop", "law", "process_noise", "bad_fit", "formulas"])
+@pytest.mark.parametrize("page", ["model", "data", "priors", "loop", "law", "process_noise", "bad_fit"])
 def test_tables_of_the_how_to_pages_are_valid(page: str, tmp_path: Path):
     """Each TOML block is one that the program reads."""
     from aero_bayes.config import load_config

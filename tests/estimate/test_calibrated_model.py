@@ -71,6 +71,7 @@ def trajectory(fmu: Path, recording: aero_bayes.Recording, start: float) -> np.n
     return np.interp(recording.time, found["time"], found["position"])
 
 
+@pytest.mark.long
 def test_both_give_the_loops_own_trajectory(
     loop: aero_bayes.LoopResult, recording: aero_bayes.Recording, tmp_path: Path
 ):

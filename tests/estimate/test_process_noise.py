@@ -195,6 +195,7 @@ def test_given_diffusion_is_kept_and_an_uncertain_start_is_the_models(model):
         )  # fmt: skip
 
 
+@pytest.mark.long
 def test_intervals_of_the_diffusion_hold_it_as_often_as_they_say(model):
     # Of 60 at 90 %, fewer than 43 have a probability of 3e-5.
     inside = 0

@@ -42,6 +42,7 @@ def done(folder: Path) -> tuple[Path, FleetJson]:
     return folder / "out", fleet(folder / "fleet.toml", folder / "out", seed=3)
 
 
+@pytest.mark.long
 def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, FleetJson]) -> None:
     out, found = done
     truth = {r["name"]: r["parameters"] for r in json.loads((folder / "truth.json").read_text("utf-8"))["rigs"]}

@@ -117,6 +117,7 @@ def test_the_commands_take_it_from_there(tmp_path: Path) -> None:
     assert table["k"]["note"] == "weighed"
 
 
+@pytest.mark.long
 def test_the_loop_finds_an_effect_by_the_name_that_the_package_gives_it(tmp_path: Path) -> None:
     streams = np.random.default_rng(2).spawn(2)
     train, test = (sledge(rng, name, 0.6) for name, rng in zip(("train", "test"), streams, strict=True))
@@ -131,6 +132,7 @@ def test_the_loop_finds_an_effect_by_the_name_that_the_package_gives_it(tmp_path
     assert found.effects[0].summary == "runners that rub (under the sledge)"
 
 
+@pytest.mark.long
 def test_without_declaration_the_law_is_found_at_the_replaceable_model(tmp_path: Path) -> None:
     package = tmp_path / "Sledge"
     package.mkdir()

@@ -29,11 +29,9 @@ from aero_bayes.laws import (
     compose_laws,
     couple,
     find_candidates,
-    law_models,
     place_law,
     ports_with_laws,
 )
-from aero_bayes.laws.formula import SIGNAL, Formula, Signal, formula_law
 from aero_bayes.ports import Port
 from aero_bayes.simulation import (
     Experiment,
@@ -110,38 +108,6 @@ def test_laws_around_an_fmu_are_the_laws_in_its_source(
     assert worst.max() < 1e-3
 
 
-def formulas_at(ports: tuple[Port, ...], speed: str, flat: FlatModel) -> list[PlacedLaw]:
-    """``u + 0.3 u v`` at the input, and ``x + 0.2 x u`` as read."""
-    by_id = {p.id.removeprefix("output_"): p for p in ports}
-    found, taken = [], {v.name for v in flat.variables}
-    for id_, one, other, k in (("u", "u", speed, 0.3), ("x", "x", "u", 0.2)):
-        signals = [Signal(name, "", -1.0, 1.0) for name in (one, other)]
-        law, port = formula_law(
-            Formula(tuple((SIGNAL, s, 0.0) for s in signals)), by_id[id_], f"formula_{id_}", 1.0, one
-        )
-        found.append(place_law(law, port, taken, values={"k": k}))
-        taken |= {found[-1].instance, *found[-1].names.values()}
-    return found
-
-
-def test_formulas_around_an_fmu_are_the_formulas_in_its_source(plant: Model, tmp_path: Path) -> None:
-    flat, around = rig("Plant"), FmuBoundary(plant)
-    inside = formulas_at(tuple(p for p in ports_with_laws(flat) if p.id != "x" or p.kind == "output"), "v", flat)
-    models = law_models([p.law for p in inside])
-    export_flat(compose_laws(flat, inside, models), tmp_path / "source.fmu")
-    coupling = around.coupling(formulas_at(around.ports, "v_inside", flat), models)
-    couple(plant, coupling, tmp_path / "coupled.fmu", tmp_path / "laws.fmu")
-    t = np.linspace(0.0, 6.0, 301)
-    experiment = Experiment(t, ("x", "a"), (InputSignal("u", t, 2.0 * np.sin(2.0 * t) + np.sin(5.0 * t)),))
-    found = []
-    for name in ("source", "coupled"):
-        problem = Problem(Model.load(tmp_path / f"{name}.fmu"), (experiment,), ((ParameterTarget("m"),),))
-        with open_simulator(problem) as simulator:
-            found.append(simulator.simulate(np.array([[2.0]])).outputs[0][0])
-    assert np.abs(found[0][:, 0]).max() > 0.1
-    np.testing.assert_allclose(found[1], found[0], atol=1e-4)
-
-
 def measure(rng: Generator, seconds: float = 8.0) -> FloatArray:
     """Time, input, reading of a mass on a spring behind a dead zone of 0.4 N; exact between steps of the input."""
     m, d, k, u_d, dt = 2.2, 0.9, 12.0, 0.4, 0.02
@@ -159,6 +125,7 @@ def measure(rng: Generator, seconds: float = 8.0) -> FloatArray:
     return np.column_stack([t, u, x[:, 0] + rng.normal(0.0, 2e-3, t.size)])
 
 
+@pytest.mark.long
 def test_the_loop_finds_what_an_fmu_lacks(plant: Model, tmp_path: Path, rng: Generator) -> None:
     for name in ("train", "test"):
         np.savetxt(tmp_path / f"{name}.csv", measure(rng), delimiter=",", header="time,u,x", comments="")

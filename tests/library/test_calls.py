@@ -33,6 +33,7 @@ def typed(cart: SimpleNamespace) -> dict[str, Any]:
     return names
 
 
+@pytest.mark.long
 def test_every_call_does_as_typed(typed: dict[str, Any], cart: SimpleNamespace):
     assert len([line for line in SCRIPT.read_text("utf-8").splitlines() if line and "import" not in line]) >= 60
     assert typed["fit"]["k"].value == typed["k"]

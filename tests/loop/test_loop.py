@@ -14,7 +14,9 @@ from aero_bayes.judge import Recordings
 from aero_bayes.laws import LawPlaces, ModelicaFamily
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, StructureSettings, close_loop, fit_base_model
 from aero_bayes.simulation import WorkerPool
-from simulated_aero import Parameters, Truth, effect, random_levels, real, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.designs import random_levels
+from simulated_rigs.sensors import real, white
 
 SETTINGS = LoopSettings(structures=StructureSettings(max_effects=2))
 
@@ -83,16 +85,6 @@ def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
     (line,) = found.separate
     assert "pitch_delay" in line
     assert "thrust_lag" in line
-    average = found.averaged
-    assert {terms for (terms,) in average.structures} == {"pitch_delay", "thrust_lag"}
-    assert sum(average.wins) == pytest.approx(1.0)
-    for name in average.draws:
-        mixture, stated = average.mixture(name), found[name]
-        assert (stated.q05, stated.q95) == (mixture.q05, mixture.q95)
-        alone = average.chosen(name)
-        assert alone.q95 - alone.q05 == pytest.approx(2 * 1.645 * alone.sd, rel=0.05)
-    assert {"R_a", "K_sp"} <= set(average.draws)
-    assert set(found.to_dict()["averaged"]["parameters"]) == set(average.draws)
 
 
 def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_path):

@@ -122,6 +122,7 @@ def bake(name: str, seed: int) -> Recording:
     return Recording(name, STEP * np.arange(600), inputs, {"T": seen})
 
 
+@pytest.mark.long
 def test_a_loss_to_a_hall_is_found_against_its_recorded_temperature(tmp_path):
     (tmp_path / "Oven.mo").write_text(OVEN, encoding="utf-8")
     settings = LoopSettings(

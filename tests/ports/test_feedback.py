@@ -164,6 +164,7 @@ def motion(name: str, seed: int) -> Recording:
     return Recording(name, 0.01 * np.arange(r.size), {"r": r}, {"y": y + rng.normal(0.0, NOISE, r.size)})
 
 
+@pytest.mark.long
 def test_the_limit_of_an_actuator_within_a_loop_is_found(tmp_path):
     settings = LoopSettings(
         structures=StructureSettings(max_effects=2), parameters=("J", "b"),

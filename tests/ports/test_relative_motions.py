@@ -177,6 +177,7 @@ def drive(name: str, seed: int) -> Recording:
     return Recording(name, 0.01 * np.arange(700), {"road": road}, {"body": seen[:, 0], "wheel": seen[:, 1]})
 
 
+@pytest.mark.long
 def test_a_stiffening_spring_is_found_and_written_into_both_balances(tmp_path):
     (tmp_path / "Car.mo").write_text(CAR, encoding="utf-8")
     settings = LoopSettings(

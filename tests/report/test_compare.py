@@ -31,6 +31,7 @@ def rows_of(page: str, caption: str) -> dict[str, list[str]]:
     return {row[0]: row[1:] for row in cells[1:]}
 
 
+@pytest.mark.long
 def test_errors_are_those_of_the_series(runs: Path, page: str) -> None:
     rows = [re.findall(r">([^<>]+)<", row) for row in re.findall(r"<tr.*?</tr>", page) if ">train<" in row]
     for k, kind in enumerate(("loop", "posterior")):

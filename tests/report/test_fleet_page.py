@@ -33,6 +33,7 @@ def made_up(path: Path, count: int) -> tuple[Path, FleetJson]:
     return write_fleet_page(path, result, columns), result
 
 
+@pytest.mark.long
 def test_ten_thousand_rigs_fit_on_a_page(tmp_path: Path) -> None:
     page, result = made_up(tmp_path, 10_000)
     text = page.read_text("utf-8")

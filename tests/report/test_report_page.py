@@ -202,6 +202,7 @@ def test_ripple_and_encoder_are_shown_with_their_evidence(runs: Path, tmp_path: 
     assert any("encoder" in r and "0.00307" in r and "0.73 %" in r for r in rows)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_page_draws_what_is_left_when_any_piece_is_missing(runs: Path, kind: str, tmp_path: Path) -> None:
     result = result_of(copied(runs, kind, tmp_path))

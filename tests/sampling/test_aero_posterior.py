@@ -15,7 +15,10 @@ from aero_bayes.estimate import Fit, FitSettings, Status, SwarmSettings, fit
 from aero_bayes.export import export_fmu
 from aero_bayes.sampling import Posterior, SampleSettings, sample
 from aero_bayes.simulation import Model
-from simulated_aero import HALF_QUAD, Parameters, Sensors, Truth, effect, paper_step, simulate_recording, white
+from simulated_rigs.aero import Truth, effect, simulate_recording
+from simulated_rigs.designs import paper_step
+from simulated_rigs.kinds.aero import HALF_QUAD, Parameters
+from simulated_rigs.sensors import Sensors, white
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
 FREE = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp")
@@ -61,6 +64,7 @@ def test_the_truth_lies_where_the_laplace_approximation_says(found: Fit) -> None
     assert found.failures["completed"] > 0
 
 
+@pytest.mark.long
 def test_posterior_agrees_with_laplace_and_is_written_whole(posterior: Posterior, tmp_path: Path) -> None:
     assert posterior.converged
     assert posterior.r_hat_max <= 1.01
@@ -108,6 +112,7 @@ def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> 
     assert found["K_sp"].status is Status.IDENTIFIED
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not REAL.exists(), reason="the measured recordings are not here")
 def test_real_step_recording(models: dict[str, Model]) -> None:
     found = fit(read_recording(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)

@@ -60,6 +60,7 @@ def test_agrees_with_the_closed_form_and_the_native_engine(test_fmu, here, versi
     np.testing.assert_allclose(products.hessian, other.hessian, rtol=5e-3, atol=5e-3 * np.abs(other.hessian).max())
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_trouble_costs_its_own_run(test_fmu):
     model = test_fmu("Trouble", defines=("STEPS",))

@@ -68,6 +68,7 @@ def test_every_kind_of_trouble(test_fmu, pool):
     assert np.all(again.outcomes == Outcome.OK)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mode", [CRASH, HANG])
 def test_a_model_that_is_lost_in_every_run_is_run_no_more(test_fmu, mode):
     every = np.full((200, 1), float(mode))
@@ -240,6 +241,7 @@ def stopped(pool: WorkerPool, seconds: float = math.inf) -> tuple[threading.Thre
     return thread, task
 
 
+@pytest.mark.long
 def test_a_run_without_a_processor_does_not_use_its_time(test_fmu):
     experiment = Experiment(np.linspace(0.0, 10_000.0, 11), ("x0",))
     settings = SolverSettings(max_steps=10**9, time_limit=3.0)
@@ -283,6 +285,7 @@ simulator.simulate(np.full((1, 1), 2.0))
 """
 
 
+@pytest.mark.long
 def test_a_hanging_worker_ends_with_its_parent(test_fmu):
     command = [sys.executable, "-c", ORPHAN, str(test_fmu("Trouble").path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:

@@ -218,6 +218,7 @@ EXPECTED = {
 }
 
 
+@pytest.mark.long
 def test_failing_lanes_leave_the_others_alone(test_fmu):
     model = test_fmu("Trouble", defines=("LANES", "NO_CALLBACK"))
     time = np.linspace(0.0, 2.0, 41)

@@ -45,6 +45,7 @@ def simulated(
         return simulator.simulate(VALUES, active=active)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("define", ["IDLE_RESET", "KEPT_START", "COUNTED"])
 @pytest.mark.parametrize("version", [(), ("FMI3",)])

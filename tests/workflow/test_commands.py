@@ -14,7 +14,9 @@ from click.testing import CliRunner
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
-from simulated_aero import Parameters, Truth, effect, random_levels, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.designs import random_levels
+from simulated_rigs.sensors import white
 
 REAL = Path(os.environ.get("AERO_BAYES_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
 TRUTH = Parameters().scaled({"R_a": 1.05, "k_t": 0.95, "K_sp": 1.1})
@@ -79,6 +81,7 @@ def test_posterior_recovers_the_bench(adequate: Path, tmp_path: Path) -> None:
     assert not list(out.glob("checkpoint*"))
 
 
+@pytest.mark.long
 def test_same_seed_same_numbers(adequate: Path, tmp_path: Path) -> None:
     config = tmp_path / "study.toml"
     config.write_text("[fit.pso]\niterations = 10\n")
@@ -90,6 +93,7 @@ def test_same_seed_same_numbers(adequate: Path, tmp_path: Path) -> None:
     assert found[0] == found[1]
 
 
+@pytest.mark.long
 def test_the_page_can_be_drawn_again(adequate: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     invoke("fit", "--data", str(adequate), "--out", str(out))
@@ -177,6 +181,7 @@ def test_a_real_recording_is_said_to_need_more(tmp_path: Path) -> None:
     assert any("theta" in line for line in result["warnings"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cost", ["eq6", "weighted"])
 def test_least_squares_costs_reach_their_own_minimum(cost: str, adequate: Path, tmp_path: Path) -> None:
     """Eq. 6 is lower under ``eq6`` than under any other cost; the weighted sum of squares under ``weighted``."""

@@ -14,7 +14,9 @@ from click.testing import CliRunner, Result
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
 from aero_bayes.export import export_fmu
-from simulated_aero import Parameters, Truth, effect, pulse, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.designs import pulse
+from simulated_rigs.sensors import white
 
 QUICK = "[fit]\nmethod = 'local'\n"
 
@@ -62,7 +64,7 @@ def test_weak_parameters_get_an_experiment_that_keeps_its_word(
     out = folder / "narrow"
     result = design(
         out, "--data", short, "--model", fmu, "--config", config, "--aim", "D_p", "--aim", "K_sp", "--duration", 12,
-        "--amplifier", 10, "--travel", "theta=0.3", "--repeats", 16, "--workers", 1,
+        "--amplifier", 10, "--travel", "theta=0.3", "--workers", 1,
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     time, volts = signal_of(out)
@@ -78,24 +80,17 @@ def test_weak_parameters_get_an_experiment_that_keeps_its_word(
         entry = plan["parameters"][name]
         assert entry["sd_after"] < entry["sd_before"]
         assert entry["unit"] == found["parameters"][name]["unit"]
-        # Sixteen repetitions know a standard deviation to 18 %; four of those, and what is not linear.
-        assert 0.3 < entry["sd_achieved"] / entry["sd_after"] < 1.9
-    assert plan["check"]["failures"] == 0
     page = (out / "report.html").read_text("utf-8")
     assert 'id="design"' in page
     assert "next_experiment.csv" in page
 
 
-def test_two_effects_of_a_loop_are_told_apart(folder: Path, short: Path, config: Path) -> None:
-    run = folder / "loop"
-    run.mkdir()
+@pytest.mark.long
+def test_two_effects_are_told_apart(folder: Path, short: Path, config: Path) -> None:
     pair = ["pivot_coulomb_friction", "body_quadratic_drag"]
-    story = {"loop": {"equivalent": [pair], "effects": [{"id": pair[0]}]}}
-    (run / "result.json").write_text(json.dumps(story))
     out = folder / "apart"
     result = design(
-        out, "--data", short, "--config", config, "--loop", run, "--duration", 8, "--rate", 25, "--repeats", 4,
-        "--workers", 1,
+        out, "--data", short, "--config", config, "--separate", *pair, "--duration", 8, "--rate", 25, "--workers", 1,
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     plan = json.loads((out / "result.json").read_text("utf-8"))["design"]
@@ -103,9 +98,6 @@ def test_two_effects_of_a_loop_are_told_apart(folder: Path, short: Path, config:
     assert plan["log_evidence"] == min(plan["first_true"], plan["second_true"])
     assert plan["log_evidence"] > 10.0
     assert np.allclose(np.diff(signal_of(out)[0]), 0.04)
-    # So little is known after one short pulse that the linear expectation is too high, but the two are told apart.
-    assert plan["check"]["achieved"] > 20.0
-    assert plan["check"]["told_apart"] == 1.0
     assert np.max(np.abs(signal_of(out)[1])) <= 24.0
     page = (out / "report.html").read_text("utf-8")
     assert all(name in page for name in pair)
@@ -115,8 +107,7 @@ def test_two_effects_of_a_loop_are_told_apart(folder: Path, short: Path, config:
     ("arguments", "words"),
     [
         (("--aim", "R_x"), ("R_x", "R_a")),
-        (("--aim", "R_a", "--loop", "nowhere"), ("exclude",)),
-        (("--loop", "nowhere"), ("nowhere", "close-loop")),
+        (("--aim", "R_a", "--separate", "pivot_coulomb_friction", "pitch_delay"), ("exclude",)),
         (("--separate", "pivot_friction", "pitch_delay"), ("pivot_friction", "pivot_coulomb_friction")),
         (("--separate", "pitch_delay", "pitch_delay"), ("different",)),
         (("--separate", "pitch_delay", "pitch_offset"), ("Modelica",)),
@@ -141,10 +132,3 @@ def test_travel_that_is_no_number(travel: str, tmp_path: Path, fmu: Path, short:
     result = design(tmp_path / "out", "--data", short, "--model", fmu, "--travel", travel)
     assert result.exit_code == 2
     assert "y=0.5" in result.stderr
-
-
-def test_a_loop_without_equivalent_effects(tmp_path: Path, fmu: Path, short: Path) -> None:
-    (tmp_path / "result.json").write_text(json.dumps({"loop": {"equivalent": [], "effects": []}}))
-    result = design(tmp_path / "out", "--data", short, "--model", fmu, "--loop", tmp_path)
-    assert result.exit_code == 2
-    assert "could not tell apart" in result.stderr

@@ -11,7 +11,9 @@ from click.testing import CliRunner
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
-from simulated_aero import Parameters, Truth, paper_step, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, simulate_recording
+from simulated_rigs.designs import paper_step
+from simulated_rigs.sensors import white
 
 HELD = ("c_m", "J_r", "k_d", "D_p", "K_sp", "L_a")
 CONFIG = """
@@ -31,6 +33,7 @@ absolute_tolerance = 1e-7
 """
 
 
+@pytest.mark.long
 def test_the_engines_fit_alike(tmp_path: Path) -> None:
     truth = Truth("one_dof", Parameters().scaled({"R_a": 1.05, "k_t": 0.95}), (), 0.0)
     rng = np.random.default_rng(8)

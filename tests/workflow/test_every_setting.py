@@ -119,14 +119,13 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "loop.leave_out": (["AddPair"], ["Validation"]),
     "loop.min_share": (0.75, 0.5),
     "loop.include_smaller": (False, True),
-    "loop.formulas": (False, True),
     "solver.engine": ("native", "fmpy"),
     "solver.relative_tolerance": (1e-6, 1e-7),
     "solver.absolute_tolerance": (1e-6, 1e-7),
     "solver.time_limit": (1.0, 2.0),
 }  # fmt: skip
 #: Keys that a loop refuses when they have their second value.
-REFUSED = {"fit.cost", "noise.process", "solver.engine"}
+REFUSED = {"fit.cost", "noise.process", "noise.initial_sd", "solver.engine"}
 READ_FIRST = ("model", "data", "parameters")
 
 RIG = """model {name}
@@ -289,7 +288,6 @@ def test_what_the_user_says_goes_before_what_is_known_of_the_aero(key, folder, a
         ("fit.method", "pso", "method"),
         ("fit.ripple", "describe", "ripple"),
         ("noise.process", {"y": 0.1}, "process"),
-        ("noise.process", {"c": "estimated"}, "no state 'c'"),
         ("solver.engine", "fmpy", "fmpy"),
         ("loop.exclude", ["ofset"], "did you mean 'offset'?"),
         ("loop.ports", ["q"], "port 'q'"),

@@ -83,6 +83,7 @@ def test_ctrl_c_ends_in_one_line(folder: Path):
     assert not (folder / "out" / "result.json").exists()
 
 
+@pytest.mark.long
 def test_what_a_batch_system_sends_keeps_the_checkpoint(folder: Path):
     status, lines = interrupted(folder, signal.SIGTERM, 0.0, "checkpoint.npz")
     assert (status, len(lines)) == (143, 1)

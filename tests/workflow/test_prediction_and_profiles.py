@@ -14,7 +14,9 @@ from written_effects import write_effects
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
 from aero_bayes.export import export_fmu
-from simulated_aero import Parameters, Truth, pulse, random_levels, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, simulate_recording
+from simulated_rigs.designs import pulse, random_levels
+from simulated_rigs.sensors import white
 
 QUICK = "[fit]\nmethod = 'local'\n"
 
@@ -47,6 +49,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
     return folder / "out", fit(folder / "out", QUICK, *files)
 
 
+@pytest.mark.long
 def test_recordings_of_one_rig_predict_each_other_to_the_noise(pair: tuple[Path, dict[str, Any]]) -> None:
     out, result = pair
     left_out = result["prediction"]["recordings"]

@@ -66,16 +66,3 @@ def test_diffusion_and_smoothed_states_reach_result_and_page(tmp_path: Path):
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Process noise of the states" in page
     assert "smoothed" in page
-
-
-def test_the_loop_tries_process_noise_of_the_states_that_are_named(tmp_path: Path):
-    recorded(tmp_path, CONFIG + '[loop]\nlaws = ["gain"]\n')
-    options = ["--config", tmp_path / "rig.toml", "--train", tmp_path / "run.csv", "--out", tmp_path / "out", "--quiet"]
-    done = CliRunner().invoke(main, ["close-loop", *map(str, options)])
-    assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "out" / "result.json").read_text())["loop"]["process_noise"]
-    assert (found["states"], found["explains"]) == (["h"], True)
-    size = found["parameters"]["process.h"]
-    assert abs(size["value"] - 0.3) < 4.0 * size["sd"]
-    assert "smoothed/run/h" in np.load(tmp_path / "out" / "series.npz")
-    assert "Parameters with process noise" in (tmp_path / "out" / "report.html").read_text()

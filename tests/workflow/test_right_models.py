@@ -100,6 +100,7 @@ def test_data_without_noise(case: Path):
     assert loop.result["loop"]["simulations"] < 5000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", ["33_sqrt_domain"], indirect=True)
 def test_runs_that_leave_the_domain_of_a_root(case: Path):
     run = Run(case, "fit", "--config", "hand.toml", "--data", "run.csv")

@@ -31,6 +31,7 @@ ports = ["output_T"]
 STEP, SLOW, HEAT, LOSS, SIGMA = 0.004, 20.0, 50.0, 0.1, 2e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("required", "radiated"), [((), 0.0), (("radiation@T",), SIGMA)])
 def test_a_lagging_sensor_and_radiation_are_found_and_written(
     required: tuple[str, ...], radiated: float, tmp_path: Path

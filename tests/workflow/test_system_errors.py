@@ -42,6 +42,7 @@ def run(folder: Path, arguments: str, largest_file: int) -> tuple[int, list[str]
     return done.returncode, [line for line in done.stderr.splitlines() if not line.endswith("...")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("command", "largest_file"), [(INIT, 0), (INIT, 200), (FMU, 0), (FMU, 3000), (FIT, 0), (FIT, 60_000)]
 )
@@ -55,6 +56,7 @@ def test_no_room_is_one_line(cart: Path, tmp_path: Path, command: str, largest_f
     assert written <= {path.name for path in cart.iterdir()}
 
 
+@pytest.mark.long
 def test_a_folder_that_cannot_be_made_is_one_line(cart: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(cart, tmp_path / "cart"))
     (folder / "taken").write_text("a file")

@@ -239,13 +239,6 @@ class Choice:
         return any(s in rivals and self._judge.material(s) for s in beside)
 
     @property
-    def rivals(self) -> tuple[Structure, ...]:
-        """The chosen structure, and each that the data do not tell from it by a term in place of another."""
-        swaps = [self.structure.minus(t).plus(o) for t in self.structure.terms for o in self.alike(t)[1:]]
-        terms = {s.terms for s in swaps}
-        return (self.structure, *(s for s in self._alternatives if s.terms in terms))
-
-    @property
     def wins(self) -> float:
         """Share of resampled blocks in which the chosen structure is the best of its size.
 

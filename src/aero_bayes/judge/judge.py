@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals, structured_residuals
-from aero_bayes.laws.formula import FUNCTION
 from aero_bayes.search.comparison import Comparison
 from aero_bayes.search.explored import SearchResult
 from aero_bayes.search.models import FittedModel
-from aero_bayes.search.structure import Structure, law_of
+from aero_bayes.search.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -46,9 +44,6 @@ class Judge:
 
         It lowers the left-out error by a quarter, or clearly and down to the noise."""
         asked = [t for t in structure.terms if t not in self.settings.require]
-        if set(structure.terms) & set(self.explored.formulas) and not self.only_noise(structure):
-            # one of thousands of formulas always lowers the error: it has to explain all that is left
-            return False
         rests = [*(self.rest(structure, t) for t in asked), *self.coarser(structure)]
         return bool(structure.terms) and all(self._matters(structure, rest, within_error) for rest in rests)
 
@@ -73,7 +68,7 @@ class Judge:
         """Structures that the best one does not clearly beat, the chosen one first.
 
         They are material; without any that is, they are those without a term beside the required ones. The chosen one
-        has the fewest terms, listed laws before formulas and these before curves, then the fewest parameters."""
+        has the fewest terms, listed laws before curves, then the fewest parameters."""
         required = set(self.settings.require)
         allowed = [s for s in self.comparison.squares if required <= set(s.terms)]
         among = [s for s in allowed if set(s.terms) > required and self.material(s)]
@@ -82,12 +77,8 @@ class Judge:
         near = [s for s in among if s == best or not self.comparison.clearly_better(best, s)]
         if not self.only_noise(best):
             near += [s for s in among if s not in near and self._names_a_curve_of(best, s)]
-        formulas, functions = self._formulas, self._functions
-        added = min((len(s) for s in near if formulas(s) and not functions(s)), default=math.inf)
-        near = [s for s in near if len(s) < added or not functions(s)]
-        listed = min((len(s) for s in near if self._unlisted(s) == 0), default=math.inf)
-        near = [s for s in near if len(s) < listed or not formulas(s)]
-        order = {s: (len(s), self._unlisted(s), len(self.explored.fits[s].optimum.free)) for s in near}
+        curves, fits = set(self.explored.curves), self.explored.fits
+        order = {s: (len(s), len(curves & set(s.terms)), len(fits[s].optimum.free)) for s in near}
         return sorted(near, key=lambda s: (*order[s], self.comparison.scores[s]))
 
     def _names_a_curve_of(self, one: Structure, other: Structure) -> bool:
@@ -103,19 +94,6 @@ class Judge:
             and bool(there)
             and not self.comparison.surely_much_better(one, other, self.settings.min_share)
         )
-
-    def _formulas(self, structure: Structure) -> set[str]:
-        """Terms of a structure that are formulas."""
-        return set(structure.terms) & set(self.explored.formulas)
-
-    def _functions(self, structure: Structure) -> set[str]:
-        """Formulas that make a function of a parameter."""
-        return {t for t in self._formulas(structure) if law_of(t).startswith(FUNCTION)}
-
-    def _unlisted(self, structure: Structure) -> int:
-        """Return how far a structure is from listed laws: one for each formula, two for each curve."""
-        curves, formulas = (set(structure.terms) & set(t) for t in (self.explored.curves, self.explored.formulas))
-        return len(formulas) + 2 * len(curves)
 
     def close_to(self, structure: Structure) -> list[Structure]:
         """Return other structures of its size than which it is not materially better, best first.
@@ -136,9 +114,7 @@ class Judge:
         larger = [
             s
             for s in self.comparison.squares
-            if s.contains(chosen)
-            and s != chosen
-            and not set(s.new_terms(chosen)) & {*self.explored.curves, *self.explored.formulas}
+            if s.contains(chosen) and s != chosen and not set(s.new_terms(chosen)) & set(self.explored.curves)
         ]
         found = [s for s in larger if helps(s)]
         return self.comparison.best(found).new_terms(chosen) if found else ()

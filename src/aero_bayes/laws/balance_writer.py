@@ -56,7 +56,7 @@ class BalanceWriter:
         if text is None or len(text) > MAX_FORMULA_LENGTH:
             self.target.declare(placed, given, {})
             text = f"{placed.instance}.{placed.law.interface.output}"
-        self._term(placed.port, text, placed.law.sign)
+        self._term(placed.port, text, 1)
         if placed.neighbour is not None:
             self._term(placed.neighbour, f"{placed.instance}.q_2" if placed.law.kind == "overflow" else text, -1)
 

@@ -120,7 +120,7 @@ def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatMo
         )
         flat = set_parameter(flat, f"{at}.{p.name}", Name(placed.names[p.name]))
     if port.balance is not None:
-        flat = _add_to_balance(flat, port, acts, placed.law.sign)
+        flat = _add_to_balance(flat, port, acts, 1.0)
     if placed.neighbour is not None:
         out = Name(f"{at}.q_2") if placed.law.kind == "overflow" else acts
         flat = _add_to_balance(flat, placed.neighbour, out, -1.0)

@@ -22,13 +22,13 @@ class ConnectionWriter:
     def write_at_node(self, placed: PlacedLaw) -> None:
         port, exchange = placed.port, placed.law.kind == "exchange"
         ends = {"port": port.connectors[0]}
-        acts = f"{'-' if placed.law.sign < 0 else ''}{placed.law.interface.output}"
+        acts = placed.law.interface.output
         flows = [f"port.{port.flow} = {acts};"]
         inside = self._inside(port)
         if placed.neighbour is not None:
             ends["neighbour"] = placed.neighbour.connectors[0]
             taken = "q_2" if placed.law.kind == "overflow" else placed.law.interface.output
-            flows.append(f"neighbour.{placed.neighbour.flow} = {'' if placed.law.sign < 0 else '-'}{taken};")
+            flows.append(f"neighbour.{placed.neighbour.flow} = -{taken};")
         if exchange:
             inside = {"h_1": f"port.{port.potential}", "h_2": f"neighbour.{port.potential}"}
         elif placed.neighbour is not None and port.kind == "motion":
@@ -62,7 +62,7 @@ class ConnectionWriter:
     def write_in_series(self, placed: PlacedLaw) -> None:
         port = placed.port
         left, right = port.connectors
-        acts = f"{'-' if placed.law.sign < 0 else ''}{placed.law.interface.output}"
+        acts = placed.law.interface.output
         equations = [f"p.{port.potential} - n.{port.potential} = {acts};", f"p.{port.flow} + n.{port.flow} = 0;"]
         given = {} if "i" in placed.law.interface.inputs else dict(port.signals)
         self.target.declare(placed, given, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)

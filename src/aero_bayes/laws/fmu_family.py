@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 from aero_bayes.estimate.calibration import Calibration
@@ -13,10 +12,9 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
 from aero_bayes.laws.fmu_coupling import couple, state_name
-from aero_bayes.laws.fmu_places import FmuPlaces, FmuSignals
+from aero_bayes.laws.fmu_places import FmuPlaces
 from aero_bayes.laws.fmu_ports import LawCoupling
 from aero_bayes.laws.fmu_wrapper import wrapper_text, write_ssp
-from aero_bayes.laws.formula_terms import FormulaTerms
 from aero_bayes.laws.model_family import OpenSimulator
 from aero_bayes.laws.modelica_family import ModelicaFamily, PortNominals
 from aero_bayes.laws.placed_law import PlacedLaw
@@ -45,14 +43,6 @@ class FmuFamily(ModelicaFamily):
         """The FMU."""
         return self.places.inner
 
-    @cached_property
-    def _signals(self) -> FmuSignals:
-        return FmuSignals(self.places)
-
-    @cached_property
-    def formulas(self) -> FormulaTerms:
-        return FormulaTerms(self.places, self.terms, self._signals, self.base_model)
-
     def base_model(self) -> Model:
         """Return the FMU itself."""
         return self.inner
@@ -70,8 +60,6 @@ class FmuFamily(ModelicaFamily):
         states = [s.name for s in inner.states]
         found = simulated_signals(calibration, sorted({*names, *states}), fit, open_simulator)
         seen = {name: signal_nominal(parts) or 1.0 for name, parts in found.items()}
-        self._signals.sizes.clear()
-        self._signals.sizes.update({name: seen[name] for name in states})
         given = {
             v.name: signal_nominal([s.values for s in recorded_inputs(calibration.data, v.name)]) or v.nominal or 1.0
             for v in inner.inputs
@@ -113,8 +101,7 @@ class FmuFamily(ModelicaFamily):
         return Model.load(out)
 
     def _coupling(self, placed_laws: Sequence[PlacedLaw]) -> LawCoupling:
-        models = {**self.places.law_models, **self.formulas.models}
-        return self.places.boundary.coupling(placed_laws, models)
+        return self.places.boundary.coupling(placed_laws, self.places.law_models)
 
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path

@@ -81,7 +81,7 @@ def _equations(
         for placed in placed_laws:
             if placed.port.balance is not None and placed.port.balance.equation == k:
                 read(placed)
-                terms += f" {'-' if placed.law.sign > 0 else '+'} {placed.instance}.{placed.law.interface.output}"
+                terms += f" - {placed.instance}.{placed.law.interface.output}"
         found.append(f"{PLANT}.{_reference(v.name)} = {signal}{terms}")
     for v in inner.outputs:
         if v.kind == "real":

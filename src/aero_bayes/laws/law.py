@@ -20,7 +20,7 @@ from aero_bayes.language.tokens import Token
 from aero_bayes.language.values import evaluate_expression
 
 LawKind = Literal[
-    "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable", "formula"
+    "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
 ]  # fmt: skip
 ParameterAttribute = Literal["default", "minimum", "maximum", "nominal"]
 
@@ -127,11 +127,6 @@ class Law:
     def needs_derivative(self) -> bool:
         """Whether it needs the time derivative of an input."""
         return bool(self.differentiated & set(self.interface.inputs))
-
-    @property
-    def sign(self) -> int:
-        """Of its output in a balance: a law opposes a change, a formula is added to what drives it."""
-        return -1 if self.kind == "formula" else 1
 
     @property
     def magnitude(self) -> LawParameter:

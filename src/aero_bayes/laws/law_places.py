@@ -23,7 +23,6 @@ from aero_bayes.laws.candidates import (
     with_applicable_laws,
 )
 from aero_bayes.laws.compose import LawModels, law_models
-from aero_bayes.laws.formula import FORMULA
 from aero_bayes.laws.law import Law, read_laws, shipped_laws
 from aero_bayes.laws.model_sources import read_sources, reserved_names
 from aero_bayes.laws.placed_law import (
@@ -120,11 +119,8 @@ class LawPlaces:
 
     def check(self) -> None:
         """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""
-        laws = (
-            {c.law.id: None for c in self.candidates}
-            | {law.id: None for law in self.laws if not self.declared.effects}
-            | {FORMULA: None}
-        )
+        laws = {c.law.id: None for c in self.candidates}
+        laws |= {law.id: None for law in self.laws if not self.declared.effects}
         ports = {self.port_name(c.port): None for c in self.candidates} | {p.id: None for p in self.ports}
         self.candidate_filter.check([c.id for c in self.candidates], list(laws), list(ports))
         self.allowed(self.candidates)

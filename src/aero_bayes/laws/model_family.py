@@ -12,8 +12,6 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
-from aero_bayes.laws.formula_places import FormulaPlace
-from aero_bayes.laws.formula_terms import FormulaTerms
 from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import DiffusionTarget, ParameterTarget, Problem, Simulator, StartTarget
 
@@ -57,15 +55,6 @@ class ExtendedModel:
     parameters: tuple[Parameter, ...]
     names: Mapping[str, tuple[tuple[str, str], ...]]
     widths: Mapping[str, Mapping[str, float]]
-
-
-@dataclass(frozen=True, eq=False)
-class DisturbedModel:
-    """The first model with an unknown signal at each place."""
-
-    calibration: Calibration
-    states: Mapping[str, str]
-    signals: Mapping[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,15 +108,6 @@ class ModelFamily(Protocol):
 
     def basis(self, id_: str) -> CurveBasis:
         """Return the basis functions of a learned curve."""
-        ...
-
-    @property
-    def formulas(self) -> FormulaTerms:
-        """Formulas as further candidates."""
-        ...
-
-    def with_unknown_signals(self, calibration: Calibration, places: Sequence[FormulaPlace]) -> DisturbedModel:
-        """Return the base model with an unknown signal at each place."""
         ...
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:

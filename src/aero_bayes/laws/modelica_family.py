@@ -26,14 +26,11 @@ from aero_bayes.laws.candidates import (
     ports_with_laws,
 )
 from aero_bayes.laws.compose import compose_laws
-from aero_bayes.laws.formula_places import FormulaPlace
-from aero_bayes.laws.formula_terms import FormulaTerms, ModelicaSignals, PlacedTerms
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.learned_curve import curve_basis, curve_variable, isolated_curve, with_curve_inputs
 from aero_bayes.laws.model_family import (
     CandidateTerm,
     CurveBasis,
-    DisturbedModel,
     ExtendedModel,
     ModelWithCandidates,
     OpenSimulator,
@@ -42,6 +39,7 @@ from aero_bayes.laws.model_family import (
 )
 from aero_bayes.laws.placed_law import (
     PlacedLaw,
+    PlacedTerms,
     at_same_ports,
     describe_law,
     place_law,
@@ -86,12 +84,6 @@ class ModelicaFamily:
         """Last part of the name."""
         return self.places.title
 
-    @cached_property
-    def formulas(self) -> FormulaTerms:
-        """Formulas as further candidates."""
-        signals = ModelicaSignals(self.places, self.base_model)
-        return FormulaTerms(self.places, self.terms, signals, self.base_model)
-
     def check(self) -> None:
         """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""
         self.places.check()
@@ -120,7 +112,6 @@ class ModelicaFamily:
         experiments = calibration.data.experiments
         highest = max((float(np.abs(s.values).max()) for e in experiments for s in e.inputs), default=1.0)
         self.terms.placed.clear()
-        self.formulas.clear()
         recorded = set.intersection(*({s.name for s in e.inputs} for e in experiments))
         for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self.places.taken_names(), nominals)):
             declared = self.places.declared.effects.get(placed.id)
@@ -182,7 +173,7 @@ class ModelicaFamily:
         if others:
             if inside:
                 others = at_same_ports(others, ports_with_laws(flat, self.places.laws))
-            flat = compose_laws(flat, others, {**self.places.law_models, **self.formulas.models})
+            flat = compose_laws(flat, others, self.places.law_models)
         return self._export(flat, "candidates")
 
     def _redeclared(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
@@ -267,13 +258,6 @@ class ModelicaFamily:
         written = write_laws(self.places.sources, self.base, self.places.flat, placed_laws, folder)
         flat = load_flat(written.name, (*self.places.sources, written.path), self.places.libraries)
         return written, self._export(flat, written.name)
-
-    def with_unknown_signals(self, calibration: Calibration, places: Sequence[FormulaPlace]) -> DisturbedModel:
-        """Return the base model with an unknown signal at each place."""
-        placed_laws, signals = self.formulas.unknown_signals(places)
-        model = self._with(placed_laws)
-        states = {**{s.name: s.name for s in self.base_model().states}, **self._states_there(calibration.model, model)}
-        return DisturbedModel(self.transfer(calibration, model), states, signals)
 
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """Return the calibration of the base model, for a member of the family. States get their names there."""

@@ -106,7 +106,6 @@ def _offer(context: LoopContext, base: BaseFit, choice: Choice) -> tuple[Conclus
         return _unexplained(base, choice, why, before, smaller), False
     if "Validation" not in settings.leave_out and not settings.structures.require:
         reason = rejection_reason(before, extended.after, context.recordings, extended.reports)
-        reason = reason or _far_off(context, base, choice, extended)
         if reason:
             why = f"{_explained(chosen)}, but {reason} {REFUSED_BY_UNSEEN}"
             return _unexplained(base, choice, why, before, smaller), False
@@ -118,20 +117,6 @@ def _offer(context: LoopContext, base: BaseFit, choice: Choice) -> tuple[Conclus
         extended.after, extended.written, extended.effects, extended.smaller or smaller, extended.calibration,
         extended.fit, extended.reports, extended.found,
     ), True  # fmt: skip
-
-
-def _far_off(context: LoopContext, base: BaseFit, choice: Choice, extended: ExtendedFit) -> str:
-    """Say that terms with which only noise is left predict unseen data far worse; empty where they do not.
-
-    It refuses terms only where formulas were tried: of so many forms a wrong one may fit as well over what was visited.
-    """
-    if not choice.explored.formulas:
-        return ""
-    far = large_unseen_errors(
-        context.unseen, extended.calibration, extended.fit, extended.reports, base.floors, extended.after,
-        context.settings.max_error_ratio,
-    )  # fmt: skip
-    return f"the error on unseen data is far larger: {_ratios_text(far.unexplained)}." if far.unexplained else ""
 
 
 def _without_needless_term(context: LoopContext, base: BaseFit, choice: Choice, extended: ExtendedFit) -> Choice | None:
@@ -270,9 +255,7 @@ def _effect_text(effect: FoundEffect, same: Sequence[str]) -> str:
     others = [other for other in same if other != effect.id]
     instead = " or ".join(others) if len(others) <= MAX_NAMED_ALTERNATIVES else f"one of {len(others)} others"
     if effect.kind == "catalogue":
-        seen = ", ".join(f"{name} from {low:.3g} to {high:.3g}" for name, (low, high) in effect.visited.items())
-        term = f"the term {effect.text} at {effect.port} ({effect.id}, seen for {seen})" if effect.text else effect.id
-        return term + (f" (or {instead}: the data cannot tell them apart)" if others else "")
+        return effect.id + (f" (or {instead}: the data cannot tell them apart)" if others else "")
     like = f", it looks like {effect.looks_like}" if effect.looks_like else ""
     return (
         f"an effect at {effect.port} that no law of the library describes (learned as a curve over {effect.over}{like}"

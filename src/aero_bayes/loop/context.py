@@ -20,7 +20,6 @@ from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.progress import Progress, Watched
-from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 
@@ -100,8 +99,7 @@ class LoopContext:
         own = self.settings.fitting
         values = {**own.fixed, **(fixed or {})}
         settings = replace(own.calibration, outputs=self.recordings.outputs)
-        noise = NoiseModel(initial_sd=own.noise.initial_sd)
-        return calibrate(self.recordings.fitted, model, shared, fixed=values, noise=noise, settings=settings)
+        return calibrate(self.recordings.fitted, model, shared, fixed=values, settings=settings)
 
     def open(self, problem: Problem) -> Simulator:
         """A simulator on the loop's workers."""

@@ -107,18 +107,7 @@ def _effect(
         choice.wins_of_smaller(id_) if small else choice.wins, context.family.describe(id_),
         dict(written.widths[id_]), over=over, looks_like=choice.looks_like(id_) if over else "",
         curve=_learned(context.family.basis(id_), columns, parameters, fit) if over else None,
-        text=context.family.formulas.text(id_, {old: named[new].value for old, new in written.names[id_]}),
-        visited=context.family.formulas.ranges(id_), alternatives=_other_formulas(context, choice, id_),
     )  # fmt: skip
-
-
-def _other_formulas(context: LoopContext, choice: Choice, id_: str) -> tuple[str, ...]:
-    """Formulas that do as well in the place of one, with their numbers, as the search fitted them."""
-    found, rest = [], choice.structure.minus(id_)
-    for other in choice.alike(id_)[1:] if id_ in choice.explored.formulas else ():
-        text = context.family.formulas.text(other, choice.explored.fits[rest.plus(other)].values)
-        found += [f"{text} at {choice.explored.ports[other]}"] if text else []
-    return tuple(found)
 
 
 def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewParameter]:

@@ -11,9 +11,7 @@ from aero_bayes.arrays import FloatArray
 
 @dataclass(frozen=True)
 class NewParameter:
-    """A parameter of the model that came out: value, standard deviation and central 90 % interval in SI units.
-
-    ``q50`` is the median where it is not the value."""
+    """A parameter of the model that came out: value, standard deviation and central 90 % interval in SI units."""
 
     name: str
     value: float
@@ -22,7 +20,6 @@ class NewParameter:
     q95: float
     unit: str
     description: str
-    q50: float | None = None
 
     def __float__(self) -> float:
         return self.value
@@ -32,7 +29,7 @@ class NewParameter:
             "value": self.value,
             "sd": self.sd,
             "q05": self.q05,
-            "q50": self.value if self.q50 is None else self.q50,
+            "q50": self.value,
             "q95": self.q95,
             "unit": self.unit,
         }
@@ -74,9 +71,6 @@ class FoundEffect:
     over: str = ""
     looks_like: str = ""
     curve: LearnedCurve | None = None
-    text: str = ""
-    visited: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    alternatives: tuple[str, ...] = ()
 
     def to_dict(self, modelica: str) -> dict[str, object]:
         found: dict[str, object] = {
@@ -96,10 +90,6 @@ class FoundEffect:
         if self.over:
             found["over"] = self.over
             found["looks_like"] = self.looks_like
-        if self.text:
-            found["text"] = self.text
-            found["visited"] = {name: list(ends) for name, ends in self.visited.items()}
-            found["alternatives"] = list(self.alternatives)
         if self.curve is not None:
             found["curve"] = self.curve.to_dict()
         return found

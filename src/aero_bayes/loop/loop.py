@@ -28,14 +28,9 @@ from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.loop.base_fit import BaseFit, fit_base_model
 from aero_bayes.loop.conclude import conclude, diagnosed, other_cause
 from aero_bayes.loop.context import LoopContext, LoopStatistics
-from aero_bayes.loop.fixed_values import find_alternatives
-from aero_bayes.loop.forecast import announce_duration
-from aero_bayes.loop.formula_names import with_plain_names
-from aero_bayes.loop.formulas import propose_formulas, wants_formulas
 from aero_bayes.loop.from_fit import recordings_of, settings_of
 from aero_bayes.loop.long_recordings import on_beginnings
 from aero_bayes.loop.make_result import result_of
-from aero_bayes.loop.process_noise import find_process_noise, states_of
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.progress import Progress, watching
@@ -138,18 +133,14 @@ def close_loop(
 
 
 def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
-    """Fit the first model from some values, search over structures, conclude, and look for process noise."""
+    """Fit the first model from some values, search over structures, and conclude."""
     settings = context.settings
-    states = states_of(context.family.base_model(), settings)
     base = fit_base_model(context, begin)
     cache, choice = search_structures(*on_beginnings(context, base, begin))
     conclusion = diagnosed(conclude(context, base, choice), base, settings)
     context.statistics.keep_only(conclusion.written.path if conclusion.written is not None else None)
-    alternatives = find_alternatives(cache, choice.explored, choice.fitted, settings) if conclusion.effects else ()
-    searched = other_cause(base, settings) is None
-    process_noise = find_process_noise(context, conclusion, states) if searched else None
     cache.close(context.statistics.add_simulations)
-    return with_plain_names(result_of(context, conclusion, alternatives, process_noise))
+    return result_of(context, conclusion)
 
 
 def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, Choice]:
@@ -169,7 +160,6 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
     )
     context.progress("trying each candidate", 0.15)
     root = _first_model(cache, groups[0], base, fit)
-    announce_duration(context, root, len(library.terms))
     context.statistics.end_stage("models")
     context.statistics.set_time_limit(60.0 * settings.max_minutes)
     parts, structures = settings.search_parts, replace(settings.structures, min_share=settings.min_share)
@@ -186,9 +176,6 @@ def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, 
         seen.close(context.statistics.add_simulations)
     else:
         explored = searching.run(root)
-    if searched and settings.formulas and wants_formulas(explored):
-        proposed = propose_formulas(context, plain, base, explored.first_model.values)
-        explored = searching.offer(family.formulas.add(proposed)) if proposed else explored
     chooser = Chooser(
         settings.choice, fit, searching.complete, searching.alone, context.map,
         lambda share: context.progress("leaving out blocks of readings", 0.7 + 0.05 * share),

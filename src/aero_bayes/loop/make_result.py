@@ -20,12 +20,9 @@ from aero_bayes.judge.prediction import shifts
 from aero_bayes.loop.conclude import Conclusion
 from aero_bayes.loop.context import LoopContext
 from aero_bayes.loop.extend import fitted_parameters
-from aero_bayes.loop.fixed_values import FixedValueAlternative
 from aero_bayes.loop.found_effect import NewParameter
-from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
-from aero_bayes.loop.structure_average import structure_average
 from aero_bayes.search.models import FittedModel
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import DelayTarget, ParameterTarget
@@ -35,24 +32,15 @@ from aero_bayes.simulation.model import ModelicaSource
 EXPERIMENT_SEARCH = SearchSettings(start=3, rounds=0, among=tuple(f for f in FAMILIES if f.jumps))
 
 
-def result_of(
-    context: LoopContext,
-    conclusion: Conclusion,
-    alternatives: Sequence[FixedValueAlternative],
-    process_noise: FoundProcessNoise | None = None,
-) -> LoopResult:
+def result_of(context: LoopContext, conclusion: Conclusion) -> LoopResult:
     """Return all that the loop found, as plain values."""
     base, written, effects = conclusion.base, conclusion.written, conclusion.effects
     same = _equivalent(conclusion)
     parameters = base.plain.parameters
     fitted = fitted_parameters(conclusion.calibration.parameters, conclusion.refit)
-    averaged = structure_average(
-        conclusion.choice, conclusion.calibration.parameters, conclusion.refit
-    ) if effects else None  # fmt: skip
-    fitted = averaged.averaged(fitted) if averaged is not None else fitted
     moved = shifts(parameters, base.fit, conclusion.calibration.parameters, conclusion.refit) if effects else ()
     rivals = {r.id for step in conclusion.steps for r in step.candidates}
-    sentence = _sentence(context, conclusion, alternatives, process_noise)
+    sentence = conclusion.sentence + _early_end_sentence(context, conclusion.choice.explored.ended)
     return LoopResult(
         outcome=conclusion.outcome,
         sentence=sentence,
@@ -77,7 +65,7 @@ def result_of(
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "",
         separate=_separating_experiments(context, conclusion, same),
-        story=(*_restrictions(context.settings), *_story(context, conclusion, process_noise, sentence)),
+        story=(*_restrictions(context.settings), *_story(context, conclusion, sentence)),
         simulations=context.statistics.simulations,
         failures=context.statistics.failures,
         seconds=dict(context.statistics.seconds),
@@ -88,24 +76,7 @@ def result_of(
         recordings=context.recordings,
         plain=context.family.base_model(),
         calibrated=_calibrated(context.family.base_model().source, conclusion, fitted),
-        averaged=averaged,
-        process_noise=process_noise,
         blocks=conclusion.choice.comparison.blocks,
-    )
-
-
-def _sentence(
-    context: LoopContext,
-    conclusion: Conclusion,
-    alternatives: Sequence[FixedValueAlternative],
-    process_noise: FoundProcessNoise | None,
-) -> str:
-    """Return the conclusion with what else explains as much, and where the search ended early."""
-    return (
-        conclusion.sentence
-        + _alternative_sentence(alternatives)
-        + (f" {process_noise.sentence}" if process_noise is not None and process_noise.explains else "")
-        + _early_end_sentence(context, conclusion.choice.explored.ended)
     )
 
 
@@ -139,18 +110,6 @@ def _equivalent(conclusion: Conclusion) -> tuple[tuple[str, ...], ...]:
     return tuple(ids for ids in (*classes, choice.undecided) if len(ids) > 1)
 
 
-def _alternative_sentence(alternatives: Sequence[FixedValueAlternative]) -> str:
-    """The likeliest fixed parameter, if any, that explains as much as a named effect."""
-    if not alternatives:
-        return ""
-    d = min(alternatives, key=lambda one: one.evidence_loss)
-    value = with_unit(f"{d.value:.3g}", d.unit)
-    return (
-        f" Alternatively, {d.parameter} is {value} instead of its fixed {d.fixed:.3g}: this explains as much as "
-        f"{d.effect}."
-    )
-
-
 def _early_end_sentence(context: LoopContext, where: str) -> str:
     """Where the time limit or an interrupt ended the search; empty where the search was completed."""
     if not where:
@@ -169,9 +128,7 @@ def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _story(
-    context: LoopContext, conclusion: Conclusion, process_noise: FoundProcessNoise | None, sentence: str
-) -> tuple[str, ...]:
+def _story(context: LoopContext, conclusion: Conclusion, sentence: str) -> tuple[str, ...]:
     explored, base = conclusion.choice.explored, conclusion.base
     worst = max(base.reports, key=lambda r: r.ratio)
     lines = [
@@ -187,8 +144,6 @@ def _story(
     for effect in conclusion.effects:
         values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
         lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
-    if process_noise is not None and not process_noise.explains:
-        lines.append(process_noise.sentence)
     return (*lines, sentence)
 
 
@@ -259,6 +214,6 @@ def _separating_experiments(
         else:
             lines.append(
                 f"An experiment to tell {pair}: {apart.in_words} (expected difference in log-evidence "
-                f"{apart.log_evidence:.0f}); `aero-bayes design --loop` writes the signal."
+                f"{apart.log_evidence:.0f}); `aero-bayes design --separate {first} {other}` writes the signal."
             )
     return tuple(lines)

@@ -22,9 +22,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.found_effect import FoundEffect, NewParameter
-from aero_bayes.loop.found_process_noise import FoundProcessNoise
 from aero_bayes.loop.ranking import Step
-from aero_bayes.loop.structure_average import StructureAverage
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.sensors.noise import OutputNoise
@@ -71,8 +69,7 @@ class LoopResult:
     shifts : tuple of Shift
         How far parameters moved when the effects came in.
     parameters : mapping of str to NewParameter
-        Of the model that came out; ``added`` are the new ones as they were searched. Where the data leave several
-        structures, intervals are those of the mixture of them.
+        Of the model that came out; ``added`` are the new ones as they were searched.
     identifiability : Identifiability
         What the data say of each of them.
     noise : mapping of str to OutputNoise
@@ -97,10 +94,6 @@ class LoopResult:
         The model as it stood.
     calibrated : CalibratedModel, optional
         The model that came out with all its values, as Modelica; none where the model came as an FMU.
-    averaged : StructureAverage, optional
-        The structures that the data do not tell apart, with how often each is the best; none where there is one.
-    process_noise : FoundProcessNoise, optional
-        Process noise of what the laws leave; none where they leave only noise, or it gains nothing.
     blocks : int
         Blocks of readings that were left out in turn.
     scratch : ScratchFolder, optional
@@ -164,8 +157,6 @@ class LoopResult:
     recordings: Recordings | None = None
     plain: Model | None = None
     calibrated: CalibratedModel | None = None
-    averaged: StructureAverage | None = None
-    process_noise: FoundProcessNoise | None = None
     smaller: tuple[FoundEffect, ...] = ()
     blocks: int = 0
     scratch: ScratchFolder | None = field(default=None, repr=False)
@@ -297,8 +288,6 @@ class LoopResult:
                 "before": reports_by_recording(self.residual_before),
                 "after": reports_by_recording(self.residual_after),
             },
-            "averaged": self.averaged.to_dict() if self.averaged is not None else None,
-            "process_noise": self.process_noise.to_dict() if self.process_noise is not None else None,
             "blocks": self.blocks,
             "separate": list(self.separate),
             "story": list(self.story),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from aero_bayes.arguments import names_of
 from aero_bayes.display import SettingsDisplay
+from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.parameters import ChosenParameters
@@ -27,7 +28,7 @@ class LoopSettings(SettingsDisplay):
     ----------
     fit : FitSettings, optional
         How the first model and the extended one are fitted; by default as the fit was that is given, else by a local
-        search. States of its process noise are the only ones that process noise may drive, if there are any.
+        search. It has no process noise.
     parameters : sequence of str, mapping or ParameterSet, optional
         What is fitted of the first model, as for :func:`aero_bayes.fit`; by default what the given fit found free, else
         what the model's package declares to be searched. One with ``free_if_identified`` is fixed until an effect is
@@ -54,20 +55,18 @@ class LoopSettings(SettingsDisplay):
         A term is material if with it the error on left-out readings of an output is at most this share of that without.
     include_smaller : bool
         Whether terms that help and are not material are written into the model, too.
-    formulas : bool
-        Whether terms that no library lists are sought as products of functions of a place's signals.
     max_error_ratio : float
         Largest ratio of the error on unseen data to that of the fit for a model to count as adequate.
     leave_out : tuple of str
-        Parts of the search that are left out, by their names in ``aero_bayes.search.PARTS`` (ablation).
+        Parts of the search that are left out, by their names in ``aero_bayes.search.PARTS``.
     parts : Parts, optional
         Edits, start rules and restarts of the search in place of the standard ones.
 
     Examples
     --------
     >>> settings = aero_bayes.LoopSettings(parameters=("k", "d"), exclude=("F",))
-    >>> [type(edit).__name__ for edit in settings.search_parts.last_edits]
-    ['AddProcessNoise']
+    >>> [type(restart).__name__ for restart, _ in settings.search_parts.restarts]
+    ['GrowingHorizon', 'DeclaredValues']
     >>> settings.choice.min_share
     0.75
     >>> settings.fitting.calibration.most_readings, settings.global_search.swarm is None
@@ -91,7 +90,6 @@ class LoopSettings(SettingsDisplay):
     max_minutes: float = 20.0
     min_share: float = 0.75
     include_smaller: bool = False
-    formulas: bool = False
     max_error_ratio: float = 3.0
     leave_out: tuple[str, ...] = ()
     parts: Parts | None = None
@@ -101,6 +99,10 @@ class LoopSettings(SettingsDisplay):
         for name in ("effects", "exclude", "ports", "laws", "leave_out"):
             given = getattr(self, name)
             object.__setattr__(self, name, given if given is None else names_of(given, name))
+        if self.fit is not None and self.fit.noise.process:
+            raise InputError(
+                "the loop fits without process noise: leave out [noise.process], which fit and posterior take"
+            )
 
     @property
     def fitting(self) -> FitSettings:

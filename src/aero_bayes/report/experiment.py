@@ -1,4 +1,4 @@
-"""The proposed experiment: its signal, the expected gain, and its check by simulation."""
+"""The proposed experiment: its signal and the expected gain."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from aero_bayes.report.svg import INK, SERIES
 from aero_bayes.report.tables import Column, bar, html_table, parameter_quantity
 from aero_bayes.report.text import (
     NO_VALUE,
-    count,
     duration,
     minus,
     named_effect,
@@ -30,6 +29,8 @@ from aero_bayes.report.text import (
 from aero_bayes.schema import DesignJson, QuantilesJson
 
 _TIME = "plan/time"
+#: Difference in log-evidence above which two models count as separated (odds of 20 to 1).
+DECISIVE = 3.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class ExperimentSection:
     signal: Plate | None
     gains: Markup | None
     models: Markup | None
-    check: Markup
+    expectation: Markup | None
     families: Markup | None
     limits: Markup | None
 
@@ -54,7 +55,7 @@ def experiment(run: RunDirectory) -> ExperimentSection | None:
     separate = plan.kind == "separate"
     return ExperimentSection(
         _lead(plan, words), plan.file, _signal(run, plan), None if separate else _gains(plan),
-        _models(plan, words) if separate else None, _separation_check(plan, words) if separate else _gain_check(plan),
+        _models(plan, words) if separate else None, _separation(plan, words) if separate else None,
         _families(plan), _limits(run, plan),
     )  # fmt: skip
 
@@ -66,9 +67,6 @@ def _lead(plan: DesignJson, words: dict[str, str]) -> Markup:
         lead = Markup("This input would best tell {} from {}: {}.").format(
             named_effect(first, words), named_effect(second, words), length
         )
-        if plan.common:
-            both = Markup(", ").join(named_effect(id_, words) for id_ in plan.common)
-            lead += Markup(" Both models also have {}.").format(both)
         return lead
     aimed = [name for name, entry in plan.parameters.items() if entry.target]
     names = Markup(", ").join(symbol(name) for name in aimed)
@@ -125,7 +123,7 @@ def _gains(plan: DesignJson) -> Markup | None:
         if value is None or now is None:
             continue
         shown, _ = parameter_quantity(QuantilesJson(value=value, q05=value - now, q95=value + now, unit=entry.unit))
-        spreads = (now, entry.sd_after, entry.sd_achieved, entry.sd_repeated)
+        spreads = (now, entry.sd_after, entry.sd_repeated)
         if entry.target:
             marked.append(len(rows))
         rows.append((
@@ -134,7 +132,7 @@ def _gains(plan: DesignJson) -> Markup | None:
         ))  # fmt: skip
     columns = (
         "parameter", Column("value", "right"), "unit", Column("now", "right"), Column("expected after", "right"),
-        Column("in simulation", "right"), Column("old input again", "right"), "", Column("times narrower", "right"),
+        Column("old input again", "right"), "", Column("times narrower", "right"),
     )  # fmt: skip
     caption = "Standard deviations in per cent of the value (marked: the parameters that the signal is for)"
     return html_table(columns, rows, caption, marked) if rows else None
@@ -160,28 +158,12 @@ def _models(plan: DesignJson, words: dict[str, str]) -> Markup | None:
     return html_table(columns, rows, "The two effects, fitted to the present recordings") if rows else None
 
 
-def _gain_check(plan: DesignJson) -> Markup:
-    repeats, failures = plan.check.repeats, plan.check.failures
-    verdict = (
-        "The simulation confirms the expected gain."
-        if plan.check.agrees
-        else "The simulation does not fully confirm the expected gain."
-    )
-    return Markup(
-        "{} It ran {} repetitions. Each draws true values from the present estimate, simulates a recording with noise "
-        "and fits it. The column <em>in simulation</em> has the errors of these fits, each uncertain by about {} %{}."
-    ).format(
-        verdict, count(repeats - failures), f"{100 / (2 * max(repeats - failures, 1)) ** 0.5:.0f}",
-        f"; {count(failures)} more failed" if failures else "",
-    )  # fmt: skip
-
-
 def _already(plan: DesignJson, words: dict[str, str]) -> Markup:
     """Say which of the two effects the present recordings favour."""
     first, second = [*plan.log_posterior_now, None, None][:2]
     if first is None or second is None:
         return Markup("")
-    if abs(first - second) < (plan.check.decisive or 0.0):
+    if abs(first - second) < DECISIVE:
         return Markup("The present recordings do not tell them apart (difference in log-posterior {}). ").format(
             significant(abs(first - second), 2)
         )
@@ -191,18 +173,11 @@ def _already(plan: DesignJson, words: dict[str, str]) -> Markup:
     )
 
 
-def _separation_check(plan: DesignJson, words: dict[str, str]) -> Markup:
-    check = plan.check
-    share = 100 * (check.told_apart or 0.0)
+def _separation(plan: DesignJson, words: dict[str, str]) -> Markup:
     return _already(plan, words) + Markup(
-        "Expected difference in log-evidence: {} if the first effect is true, {} if the second is. In {} simulated "
-        "repetitions, half of them with each effect, it was {} and {} on average. In {} % of them the true effect was "
-        "ahead by more than {} (odds of 20 to 1){}. The expectation uses a linearised model; the repetitions do not."
-    ).format(
-        significant(plan.first_true), significant(plan.second_true), count(check.repeats - check.failures),
-        significant(check.first_true), significant(check.second_true), f"{share:.0f}", tidy(check.decisive),
-        f"; {count(check.failures)} more failed" if check.failures else "",
-    )  # fmt: skip
+        "Expected difference in log-evidence, by a linearised model: {} if the first effect is true, {} if the "
+        "second is ({} are odds of 20 to 1)."
+    ).format(significant(plan.first_true), significant(plan.second_true), tidy(DECISIVE))
 
 
 def _families(plan: DesignJson) -> Markup | None:

@@ -20,7 +20,6 @@ from aero_bayes.report import (
     experiment,
     findings,
     listed_values,
-    loop_evidence,
     loop_figures,
     loop_story,
     overview,
@@ -200,9 +199,6 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "errors": loop_story.before_after_table(run, loop), "shift": loop_story.shift_table(run, loop),
         "equivalents": loop.equivalent, "separate": loop.separate,
         "smaller": loop_story.smaller_table(loop),
-        "structures": loop_evidence.structures_words(loop), "averaged": loop_evidence.averaged_table(run, loop),
-        "process_noise": loop_evidence.process_noise_table(run, loop),
-        "process_noise_words": loop_evidence.process_noise_words(loop),
         "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
     }  # fmt: skip
 

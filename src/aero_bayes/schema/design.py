@@ -8,14 +8,13 @@ from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson
 
 
 class DesignedParameterJson(JsonTable):
-    """A parameter's standard deviation now, expected after the experiment, and in simulated repetitions."""
+    """A parameter's standard deviation now, and expected after the experiment."""
 
     value: JsonNumber
     unit: str = ""
     sd_before: JsonNumber
     sd_after: JsonNumber = None
     sd_repeated: JsonNumber = None
-    sd_achieved: JsonNumber = None
     gain: JsonNumber = None
     target: bool = False
 
@@ -25,21 +24,6 @@ class DesignLimitsJson(JsonTable):
 
     amplifier: JsonNumber = None
     travel: dict[str, JsonNumber] = {}
-
-
-class DesignCheckJson(JsonTable):
-    """Simulated repetitions of the proposal."""
-
-    repeats: int = 0
-    failures: int = 0
-    agrees: bool | None = None
-    expected: dict[str, JsonNumber] = {}
-    realised: dict[str, JsonNumber] = {}
-    first_true: JsonNumber = None
-    second_true: JsonNumber = None
-    achieved: JsonNumber = None
-    told_apart: JsonNumber = None
-    decisive: JsonNumber = None
 
 
 class RivalJson(JsonTable):
@@ -67,9 +51,7 @@ class DesignJson(JsonTable):
     table: dict[str, list[JsonNumber]] = {}
     seed: int | None = None
     file: str = ""
-    check: DesignCheckJson = DesignCheckJson()
     effects: list[str] = []
-    common: list[str] = []
     log_posterior_now: list[JsonNumber] = []
     models: list[RivalJson] = []
     log_evidence: JsonNumber = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson, QuantilesJson
+from aero_bayes.schema.base import JsonNumber, JsonTable, ParameterJson
 from aero_bayes.schema.estimate import ResidualJson
 
 
@@ -39,9 +39,6 @@ class EffectJson(JsonTable):
     over: str = ""
     looks_like: str = ""
     curve: CurveJson | None = None
-    text: str = ""
-    visited: dict[str, list[float]] = {}
-    alternatives: list[str] = []
 
 
 class CandidateJson(JsonTable):
@@ -75,42 +72,6 @@ class ShiftJson(JsonTable):
     in_sd: JsonNumber
 
 
-class StructureWinsJson(JsonTable):
-    """One of the structures that the data do not tell apart: its terms, and how often it is the best of them."""
-
-    terms: list[str]
-    wins: JsonNumber
-
-
-class AveragedParameterJson(JsonTable):
-    """A parameter of the first model under the chosen structure, and under the mixture of all."""
-
-    chosen: QuantilesJson
-    mixture: QuantilesJson
-
-
-class AveragedStructuresJson(JsonTable):
-    """The structures that the data do not tell apart, the chosen one first; parameters that all of them have."""
-
-    structures: list[StructureWinsJson]
-    parameters: dict[str, AveragedParameterJson] = {}
-
-
-class LoopProcessNoiseJson(JsonTable):
-    """Process noise of what the laws leave: the states that it drives, and the parameters of the model with it.
-
-    ``explains`` is whether the filter's innovations are white; ``equivalent`` are other states that gain as much."""
-
-    states: list[str]
-    explains: bool
-    sentence: str = ""
-    log_evidence_gain: JsonNumber = None
-    needed: JsonNumber = None
-    equivalent: list[list[str]] = []
-    parameters: dict[str, ParameterJson] = {}
-    innovations: dict[str, dict[str, ResidualJson]] = {}
-
-
 RmsByRole = dict[str, dict[str, JsonNumber]]
 
 
@@ -134,8 +95,6 @@ class LoopJson(JsonTable):
     steps: list[StepJson] = []
     shifts: dict[str, ShiftJson] = {}
     whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
-    averaged: AveragedStructuresJson | None = None
-    process_noise: LoopProcessNoiseJson | None = None
     blocks: int = 0
     separate: list[str] = []
     story: list[str] = []

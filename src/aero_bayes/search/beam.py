@@ -49,7 +49,6 @@ class StructureSearch:
         self._expanded: set[Structure] = set()
         self._restarted: set[tuple[str, Structure]] = set()
         self._level_count = 0
-        self._proposed_values: Mapping[str, Mapping[str, float]] = {}
         self._ended = ""
         self._completed: set[Structure] = set()
 
@@ -94,23 +93,6 @@ class StructureSearch:
             self._fit_required(root.structure)
         if noise is None:
             self._known.update_noise()
-
-    def offer(self, starts: Mapping[str, Mapping[str, float]]) -> SearchResult:
-        """Try further terms, built into one model, beside the first model and the best structure of listed laws.
-
-        Each comes with SI values by name from which a fit begins, its own and those of the first model."""
-        group, self._proposed_values = tuple(starts), starts
-        self.library = replace(self.library, groups=(*self.library.groups, group), proposed=group)
-        best = next(
-            (f for f in self._result().ranked if not set(f.terms) & set(self.library.curves)), self._known.best()
-        )
-        targets = {s.plus(id_): s for s in dict.fromkeys((self._known.required, best.structure)) for id_ in group}
-        tried = self._fit_larger({s: o for s, o in targets.items() if len(s) <= self.settings.max_effects}, "formulas")
-        self._known.update_noise()
-        self._restart(tried, "formulas")
-        if not self._known.noise.adequate:
-            self._expand_all()
-        return self._result()
 
     def complete(self, fitted: FittedModel) -> SearchResult:
         """Fit what the choice of a structure has to be compared with, as far as that was not done.
@@ -169,7 +151,7 @@ class StructureSearch:
         return SearchResult(
             dict(self._known.fits), self._known.best(), self._known.order(), self._known.noise, self.floors,
             self.cache.ports, self.library.refines, self.library.curves, tuple(self._candidates.skipped),
-            self._ended, self.library.proposed,
+            self._ended,
         )  # fmt: skip
 
     # which structures to expand
@@ -229,7 +211,6 @@ class StructureSearch:
         found = {s: self._candidates.base_of(s, origin, self.library) for s, origin in targets.items()}
         bases = {s: base for s, base in found.items() if base is not None}
         rules = (*self.parts.start_rules, *([KnownTerms(self._known.best_values())] if self.parts.known_terms else []))
-        rules = (*rules, KnownTerms(self._proposed_values))
         for base in bases.values():
             base.prepare()
         searches = [Task(partial(starting_points, rules, f, s), f.model.objective.outcomes) for s, f in bases.items()]

@@ -52,8 +52,6 @@ class EditContext:
         Whether it is the best structure so far.
     near : tuple of Structure
         The best structures of the size of the best one.
-    states : tuple of str
-        States of the first model that process noise may drive.
     """
 
     fitted: FittedModel
@@ -67,7 +65,6 @@ class EditContext:
     interpolation_is_free: bool
     best: bool
     near: tuple[Structure, ...] = ()
-    states: tuple[str, ...] = ()
 
     @property
     def structure(self) -> Structure:
@@ -181,22 +178,10 @@ class InputInterpolation:
                 yield replace(structure, other_interpolation=not structure.other_interpolation)
 
 
-class AddProcessNoise:
-    """Process noise of each state, if no law and no curve explains the residual."""
-
-    def neighbours(self, context: EditContext) -> Iterable[Structure]:
-        if not context.adequate:
-            for state in context.states:
-                if state not in context.structure.process_noise:
-                    yield replace(context.structure, process_noise=(*context.structure.process_noise, state))
-
-
 #: The edits of a search, in the order in which they are asked.
 EDITS: tuple[Edit, ...] = (
     DropTerm(), InputInterpolation(), FreeParameter(), AddTerm(), AddCurve(), AddPair(), RefineTerm(), ReplaceTerm(),
 )  # fmt: skip
-#: The edits of the structure that was chosen. A random force explains whatever a missing law would: it is tried last.
-LAST_EDITS: tuple[Edit, ...] = (AddProcessNoise(),)
 
 
 def port_of(id_: str) -> str:

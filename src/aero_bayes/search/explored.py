@@ -37,7 +37,6 @@ class Library:
     groups: Sequence[Sequence[str]]
     refines: Mapping[str, str]
     curves: tuple[str, ...]
-    proposed: tuple[str, ...] = ()
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -76,15 +75,14 @@ class SearchResult:
     curves: tuple[str, ...] = ()
     skipped: tuple[str, ...] = ()
     ended: str = ""
-    formulas: tuple[str, ...] = ()
 
     def laws_in_place_of(self, term: str, rest: Structure, among: Iterable[Structure]) -> list[Structure]:
         """Structures that have, beside the terms of another, one listed law at the port of a term."""
-        unlisted, port = {*self.curves, *self.formulas}, self.ports.get(term)
+        port = self.ports.get(term)
 
         def is_law_there(structure: Structure) -> bool:
             new = structure.new_terms(rest) if structure.contains(rest) else ()
-            return len(new) == 1 and new[0] not in unlisted and self.ports.get(new[0]) == port
+            return len(new) == 1 and new[0] not in self.curves and self.ports.get(new[0]) == port
 
         return [s for s in among if is_law_there(s)]
 

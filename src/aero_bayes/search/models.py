@@ -229,11 +229,6 @@ class ModelCache:
         """The port of each term that was built in."""
         return {id_: c.port for model in self._built.values() for id_, c in model.candidates.items()}
 
-    def beside(self, held: ParameterSet) -> ModelCache:
-        """Models with further parameters, which stay fixed."""
-        plain = replace(self.source.plain, parameters=self.source.plain.parameters.extended(tuple(held)))
-        return ModelCache(replace(self.source, plain=plain))
-
     def on_beginning(self, share: float) -> ModelCache:
         """Return the same models on the first ``share`` of each recording."""
         plain = self.source.plain

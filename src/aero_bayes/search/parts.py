@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.search.edits import EDITS, LAST_EDITS, Edit
+from aero_bayes.search.edits import EDITS, Edit
 from aero_bayes.search.restarts import DeclaredValues, GrowingHorizon, Restart
 from aero_bayes.search.starts import START_RULES, StartRule
 
@@ -14,7 +14,7 @@ from aero_bayes.search.starts import START_RULES, StartRule
 RESTARTS: tuple[tuple[Restart, int], ...] = ((GrowingHorizon(), 3), (DeclaredValues(), 1))
 #: Names of everything that can be left out.
 PARTS: tuple[str, ...] = (
-    *(type(e).__name__ for e in (*EDITS, *LAST_EDITS) if type(e).__name__ != "AddTerm"),
+    *(type(e).__name__ for e in EDITS if type(e).__name__ != "AddTerm"),
     *(type(r).__name__ for r in START_RULES if type(r).__name__ != "NominalValues"),
     "KnownTerms", "GrowingHorizon", "DeclaredValues", "Validation",
 )  # fmt: skip
@@ -25,14 +25,13 @@ class Parts:
     """Edits, start rules and restarts of a search.
 
     ``restarts`` come with how many of the best structures of a level each one serves; ``known_terms`` is whether terms
-    start as they were in other fits, too. ``last_edits`` are those of the structure that was chosen.
+    start as they were in other fits, too.
     """
 
     edits: tuple[Edit, ...] = EDITS
     start_rules: tuple[StartRule, ...] = START_RULES
     restarts: tuple[tuple[Restart, int], ...] = RESTARTS
     known_terms: bool = True
-    last_edits: tuple[Edit, ...] = LAST_EDITS
 
     @classmethod
     def of(cls, leave_out: Sequence[str] = ()) -> Parts:
@@ -51,7 +50,6 @@ class Parts:
             tuple(r for r in START_RULES if type(r).__name__ not in leave_out),
             tuple(one for one in RESTARTS if type(one[0]).__name__ not in leave_out),
             "KnownTerms" not in leave_out,
-            tuple(e for e in LAST_EDITS if type(e).__name__ not in leave_out),
         )
 
     def with_restart(self, restart: Restart, top: int = 1) -> Parts:

@@ -1,4 +1,4 @@
-"""The structure of a model: its terms beside the first model, free parameters, reading of inputs, process noise."""
+"""The structure of a model: its terms beside the first model, free parameters, reading of inputs."""
 
 from __future__ import annotations
 
@@ -18,19 +18,15 @@ class Structure:
         Parameters of the first model that are free beside those of the configuration, sorted.
     other_interpolation : bool
         Whether inputs have the other interpolation: linear in place of zero-order hold, or the reverse.
-    process_noise : tuple of str
-        States of the first model that a random force drives, sorted.
     """
 
     terms: tuple[str, ...] = ()
     freed: tuple[str, ...] = ()
     other_interpolation: bool = False
-    process_noise: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(sorted(set(self.terms))))
         object.__setattr__(self, "freed", tuple(sorted(set(self.freed))))
-        object.__setattr__(self, "process_noise", tuple(sorted(set(self.process_noise))))
 
     def __len__(self) -> int:
         return len(self.terms)

@@ -8,8 +8,8 @@ describes slow errors of the sensor or of the model. :mod:`aero_bayes.sensors.wh
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -94,10 +94,6 @@ class NoiseModel:
     sd: Mapping[str, float | Mapping[str, float]] = field(default_factory=dict)
     process: Mapping[str, float | Literal["estimated"]] = field(default_factory=dict)
     initial_sd: Mapping[str, float] = field(default_factory=dict)
-
-    def with_process(self, states: Iterable[str]) -> NoiseModel:
-        """Return the same with process noise of some states, whose diffusion is estimated."""
-        return replace(self, process={state: "estimated" for state in states})
 
     def kind(self, output: str) -> NoiseKind:
         """Return the correlation over time that an output's noise may have."""

@@ -56,15 +56,6 @@ def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:
     return SmoothedStates(mean, sd)
 
 
-def updated_means(filtered: FilteredStates, measured: FloatArray) -> FloatArray:
-    """Return a filter's states (n, s) once it has read each sample; ``measured`` (n, m) is NaN without a reading."""
-    found = filtered.mean.copy()
-    for k, mean in enumerate(found):
-        for _, gain, away, _ in reading_updates(filtered, measured, k):
-            mean += gain * away
-    return found
-
-
 def reading_updates(
     filtered: FilteredStates, measured: FloatArray, k: int
 ) -> list[tuple[FloatArray, FloatArray, float, float]]:

@@ -50,7 +50,6 @@ from aero_bayes.workflow.job import (
     which_model,
 )
 from aero_bayes.workflow.loop import (
-    averaged_part,
     extended_job,
     loop_part,
     loop_series,
@@ -139,7 +138,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         closing = _closing(result) if result["mcmc"]["converged"] is False else {"verdict": story["verdict"]}
         series = loop_series(job, loop) | measured_series(job.tests) | series
         story_keys = {key: story[key] for key in ("loop", "words")}
-        parts = [result, story_keys, averaged_part(loop, posterior), closing]
+        parts = [result, story_keys, closing]
         _finish(final, "all", began, parts, series, _calibrated(final, found))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,12 +19,9 @@ from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.progress import ProgressBar
 from aero_bayes.simulation import Model, ModelicaSource
 from aero_bayes.simulation.load_model import load_model
-from aero_bayes.workflow.curves import Series, state_series
+from aero_bayes.workflow.curves import Series
 from aero_bayes.workflow.job import Job, later_of
 from aero_bayes.workflow.settings import filled, fit_settings
-
-if TYPE_CHECKING:  # the sampler takes a second to import
-    from aero_bayes.sampling import Posterior
 
 Json = dict[str, Any]
 
@@ -103,9 +100,6 @@ def _check(job: Job) -> None:
         raise InputError(f"the loop needs the native engine, not {job.engine}")
     if fit_section.cost != "posterior":
         raise InputError(f'the loop fits by the posterior: [fit] cost is "{fit_section.cost}", expected "posterior"')
-    for state, diffusion in job.config.noise.process.items():
-        if diffusion != "estimated":
-            raise InputError(f'the loop estimates process noise: [noise.process] {state} is not "estimated"')
     if fit_section.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
     if fit_section.ripple == "describe":
@@ -194,18 +188,6 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
     return table
 
 
-def averaged_part(loop: LoopResult, posterior: Posterior) -> Json:
-    """Return keys of result.json where the data leave several structures, with the chosen one's posterior."""
-    given = loop.averaged.draws if loop.averaged is not None else {}
-    sampled = {name: posterior.samples(name) for name in given if name in posterior.names}
-    if loop.averaged is None or not sampled:
-        return {}
-    average = loop.averaged.with_draws(sampled)
-    stated = {name for name, e in posterior.parameters.items() if e.q05 is not None}
-    spreads = {name: average.mixture(name).to_dict() for name in average.draws if name in stated}
-    return {"parameters": spreads, "loop": {"averaged": average.to_dict()}}
-
-
 def _level(loop: LoopResult) -> str:
     """Good only if nothing is left, since an effect that was found may be half of what is missing, and if no held
     value decides what the parameters are."""
@@ -216,6 +198,4 @@ def _level(loop: LoopResult) -> str:
 def loop_series(job: Job, loop: LoopResult) -> Series:
     """Return the curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
     fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
-    found = loop.process_noise
-    states = state_series(found.state_names, found.smoothed) if found is not None and found.explains else {}
-    return fitted | loop.series() | states
+    return fitted | loop.series()
