@@ -143,7 +143,7 @@ def test_34_a_logger_that_lost_three_hours(tmp_path: Path) -> None:
     assert "23869" in result["diagnosis"][0]["what"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_18_the_loop_looks_for_no_effect_in_an_angle_modulo_a_turn(tmp_path: Path) -> None:
     folder = CASES / "18_wrapped_angle"
     arguments = ["--config", folder / "wrapped.toml", "--train", folder / "run.csv", "--out", tmp_path]
@@ -181,10 +181,10 @@ def test_37_a_current_that_is_counted_the_other_way_round(tmp_path: Path) -> Non
 
 def test_39_clean_readings_are_no_outliers_of_a_poor_fit(tmp_path: Path) -> None:
     result = fitted("39_known_per_run", "rig.toml", ["light.csv", "heavy.csv"], tmp_path)
-    assert "outliers" not in str(result["diagnosis"])
+    assert "data" not in causes(result)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("config", "data"), [("pump.toml", "run.csv"), ("silent.toml", "slow.csv"), ("latin1.toml", "odd.csv")]
 )
@@ -212,7 +212,7 @@ def test_56_recordings_of_different_outputs(data: list[str], tmp_path: Path) -> 
     assert causes(result) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_56_a_sensor_that_was_mounted_late_is_held_out_in_part(tmp_path: Path) -> None:
     folder = CASES / "56_own_outputs"
     arguments = ["--config", folder / "rig.toml", "--train", folder / "lateout.csv", "--out", tmp_path]

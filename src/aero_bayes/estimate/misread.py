@@ -7,7 +7,7 @@ more than the model's parameters do. Nothing is changed. A fit whose residual is
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -41,8 +41,10 @@ POOR_SHARE = 0.1
 #: Factor by which the right reading makes the residual of an output smaller at least. Parameters may take up most of a
 #: clock's error, and none of a sign.
 MIN_FACTOR, MIN_CLOCK_FACTOR = 3.0, 1.5
-#: Most readings that are tried by a fit, and samples of a recording that it is to.
-MAX_TRIED, SAMPLES = 4, 1000
+#: Factor from which no other reading is tried.
+SURE_FACTOR = 20.0
+#: Most readings of a kind that are tried by a fit, and samples of a recording that it is to.
+MAX_TRIED, SAMPLES = 3, 1000
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,9 @@ def with_misread_finding(
             calibration = replace(calibration, data=calibration.data.thinned(SAMPLES))
             tried.append((_nearest(calibration, fit, open_simulator), reading, calibration))
     best: tuple[float, _Reading, dict[str, tuple[float, float]]] | None = None
-    for _, reading, calibration in sorted(tried, key=lambda one: one[0])[:MAX_TRIED]:
+    for reading, calibration in _most_promising(tried):
+        if best is not None and best[0] > SURE_FACTOR:
+            break
         with suppress(CannotFinishError):
             again = fitted(calibration)
             change = _change(fit, again)
@@ -86,6 +90,18 @@ def with_misread_finding(
             if gain > reading.factor and worst > 1.0 / MIN_CLOCK_FACTOR and (best is None or gain > best[0]):
                 best = gain, reading, change
     return fit if best is None else _told(fit, best[1], best[2])
+
+
+def _most_promising(tried: list[tuple[float, _Reading, Calibration]]) -> Iterator[tuple[_Reading, Calibration]]:
+    """Yield the readings to fit, those first that leave least before: what parameters change differs by kind."""
+    kinds = dict.fromkeys(_kind_of(reading) for _, reading, _ in tried)
+    for kind in kinds:
+        own = sorted((one for one in tried if _kind_of(one[1]) == kind), key=lambda one: one[0])
+        yield from ((reading, calibration) for _, reading, calibration in own[:MAX_TRIED])
+
+
+def _kind_of(reading: _Reading) -> str:
+    return "time" if reading.channel == "time" else reading.kind
 
 
 def _told(fit: Fit, reading: _Reading, change: dict[str, tuple[float, float]]) -> Fit:
