@@ -97,8 +97,8 @@ KEYS: Mapping[str, str] = {
     "noise.NAME.kind": "of the output NAME: `relative` has the standard deviation a + b times the reading, `student` "
     "has heavy tails, `rounded` is white and at least as large as the rounding; left out: what predicts left-out "
     "readings best",
-    "noise.NAME.sd": "standard deviation of white noise of the output NAME, in its unit: a number, or one by recording as "
-    "`{a = 0.02, b = 0.4}`; it is then not estimated",
+    "noise.NAME.sd": "standard deviation of white noise of the output NAME, in its unit: a number, or one by recording "
+    "as `{a = 0.02, b = 0.4}`; it is then not estimated",
     "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard "
     "deviation)",
     "posterior.ensembles": "independent ensembles of walkers",

@@ -26,7 +26,7 @@ PARTS = 3
 
 @dataclass(frozen=True)
 class Misalignment:
-    """Outputs that were read at other times than their stamps: ``rate`` and ``ahead`` (s) of one output, or of all."""
+    """Outputs read at other times than their stamps: ``rate`` and ``ahead`` (s) of one of them, or of all (empty)."""
 
     output: str
     rate: float
@@ -37,9 +37,9 @@ class Misalignment:
     def what(self) -> str:
         """What is told of it, up to what the residual does."""
         if self.rate:
-            side = "slow" if self.rate > 0.0 else "fast"
+            side, whose = "slow" if self.rate > 0.0 else "fast", self.output or "the outputs"
             return (
-                f"The clock of the outputs looks {100.0 * abs(self.rate):.2g} % {side} beside that of the inputs: "
+                f"The clock of {whose} looks {100.0 * abs(self.rate):.2g} % {side} beside that of the inputs: "
                 "with one clock"
             )
         return f"{self.output} looks {self.ahead:.3g} s ({self.samples} samples) ahead of the inputs: moved back"
@@ -51,20 +51,22 @@ class Misalignment:
         return f"Shift its column, or let the fit do so by [fit] max_input_delay = -{1.5 * self.ahead:.2g}."
 
     def aligned(self, calibration: Calibration) -> Calibration:
-        """Return the calibration with inputs on the outputs' clock, or with the readings of one output moved back."""
+        """Return the calibration with inputs on the outputs' clock, or with an output's readings at their times."""
         experiments = []
         for e in calibration.data.experiments:
-            if self.rate or self.output == "":
-                begin = e.time[0]
-                moved = tuple(
-                    replace(s, time=begin + (s.time - begin - self.ahead) / (1.0 + self.rate)) for s in e.inputs
-                )
+            begin, rate = e.time[0], 1.0 + self.rate
+            if not self.output:
+                moved = tuple(replace(s, time=begin + (s.time - begin) / rate) for s in e.inputs)
                 experiments.append(replace(e, inputs=moved))
                 continue
             assert e.measured is not None
             measured, column = e.measured.copy(), e.outputs.index(self.output)
-            measured[self.samples :, column] = e.measured[: -self.samples, column]
-            measured[: self.samples, column] = np.nan
+            seen = np.isfinite(measured[:, column])
+            stamps = begin + (e.time[seen] - begin - self.ahead) / rate
+            if seen.any():
+                measured[seen, column] = np.interp(
+                    stamps, e.time[seen], measured[seen, column], left=np.nan, right=np.nan
+                )
             experiments.append(replace(e, measured=measured))
         return replace(calibration, data=calibration.data.with_experiments(experiments))
 
@@ -76,18 +78,19 @@ def misalignments(fit: Fit) -> list[Misalignment]:
         return []
     interval = min(data.intervals)
     found: list[tuple[float, Misalignment]] = []
-    for output in data.outputs:
-        own = {k for k, s in enumerate(fit.series) if s.output == output}
+    own_clocks = {o: {k for k, s in enumerate(fit.series) if s.output == o} for o in data.outputs}
+    for output, own in own_clocks.items():
         ahead = [(_left(fit, 0.0, n * interval, own), n) for n in range(1, MAX_AHEAD + 1)]
         left, n = min(ahead)
         found.append((left, Misalignment(output, 0.0, n * interval, n)))
     if _inputs_keep_changing(fit):
-        every = set(range(len(fit.series)))
-        rates = [(_left(fit, sign * rate, 0.0, every), sign * rate) for rate in RATES for sign in (-1.0, 1.0)]
-        left, rate = min(rates)
-        finer = [(_left(fit, r, 0.0, every), r) for r in (rate * np.linspace(0.8, 1.25, 19)).tolist()]
-        left, rate = min(finer)
-        found.append((left, Misalignment("", rate, 0.0)))
+        every = {"": set(range(len(fit.series)))}
+        for output, moved in (every | own_clocks if len(own_clocks) > 1 else every).items():
+            rates = [(_left(fit, sign * rate, 0.0, moved), sign * rate) for rate in RATES for sign in (-1.0, 1.0)]
+            _, rate = min(rates)
+            finer = [(_left(fit, r, 0.0, moved), r) for r in (rate * np.linspace(0.8, 1.25, 19)).tolist()]
+            left, rate = min(finer)
+            found.append((left, Misalignment(output, rate, 0.0)))
     return [one for left, one in sorted(found, key=lambda pair: pair[0]) if left < 1.0 - MIN_GONE]
 
 
