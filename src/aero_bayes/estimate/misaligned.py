@@ -18,8 +18,9 @@ from aero_bayes.estimate.result import Fit
 
 #: Samples by which an output may be ahead, and shares by which a clock may be off.
 MAX_AHEAD, RATES = 4, tuple(np.geomspace(5e-5, 0.05, 31).tolist())
-#: Readings of a series that are looked at, and share of the squares that has to go before a refit tries it.
-MOST_READINGS, MIN_GONE = 2000, 0.5
+#: Readings of a series that are looked at, share of the squares that has to go before a refit tries it (the parameters
+#: have taken up much of it, and come back by more than one step), and most that are tried.
+MOST_READINGS, MIN_GONE, MAX_TRIED = 2000, 0.1, 6
 #: Parts of a recording in each of which an input has to change before its clock is compared with the outputs'.
 PARTS = 3
 
@@ -72,7 +73,7 @@ class Misalignment:
 
 
 def misalignments(fit: Fit) -> list[Misalignment]:
-    """List outputs that are ahead, and a clock that is off, where the squares of an output fall by half at once."""
+    """List outputs that are ahead, and clocks that are off, where the squares of an output fall: the best first."""
     data = fit.calibration.data
     if not any(e.inputs for e in data.experiments):
         return []
@@ -80,9 +81,8 @@ def misalignments(fit: Fit) -> list[Misalignment]:
     found: list[tuple[float, Misalignment]] = []
     own_clocks = {o: {k for k, s in enumerate(fit.series) if s.output == o} for o in data.outputs}
     for output, own in own_clocks.items():
-        ahead = [(_left(fit, 0.0, n * interval, own), n) for n in range(1, MAX_AHEAD + 1)]
-        left, n = min(ahead)
-        found.append((left, Misalignment(output, 0.0, n * interval, n)))
+        for n in range(1, MAX_AHEAD + 1):
+            found.append((_left(fit, 0.0, n * interval, own), Misalignment(output, 0.0, n * interval, n)))
     if _inputs_keep_changing(fit):
         every = {"": set(range(len(fit.series)))}
         for output, moved in (every | own_clocks if len(own_clocks) > 1 else every).items():
@@ -91,7 +91,13 @@ def misalignments(fit: Fit) -> list[Misalignment]:
             finer = [(_left(fit, r, 0.0, moved), r) for r in (rate * np.linspace(0.8, 1.25, 19)).tolist()]
             left, rate = min(finer)
             found.append((left, Misalignment(output, rate, 0.0)))
-    return [one for left, one in sorted(found, key=lambda pair: pair[0]) if left < 1.0 - MIN_GONE]
+    found.sort(key=lambda pair: pair[0])
+    likely = [one for left, one in found if left < 1.0 - MIN_GONE]
+    early = {one.output for one in likely if not one.rate}
+    first = next((one.output for one in likely if one.output in early), None)
+    # All shifts of an output: the step from a fit that has taken up much of a shift tells little of how large it is.
+    shifts = [one for _, one in found if not one.rate and one.output == first]
+    return [*shifts, *(one for one in likely if one.rate)][:MAX_TRIED]
 
 
 def _inputs_keep_changing(fit: Fit) -> bool:

@@ -38,9 +38,9 @@ UNITS = (
 CLOCKS = {"ms": 1e-3, "us": 1e-6}
 #: Residual, as a share of what an output moves, from which a fit is so poor that a channel may be another one.
 POOR_SHARE = 0.1
-#: Factor by which the right reading makes the residual of an output smaller at least. Parameters may take up most of a
-#: clock's error, and none of a sign.
-MIN_FACTOR, MIN_CLOCK_FACTOR = 3.0, 1.5
+#: Factor by which the right reading makes a residual smaller at least, and where only noise is left then;
+#: no output gets worse. Parameters take up much of a clock's error.
+MIN_FACTOR, MIN_CLEAN_FACTOR, MIN_WORST = 3.0, 1.5, 0.9
 #: Factor from which no other reading is tried.
 SURE_FACTOR = 20.0
 #: Most readings of a kind that are tried by a fit, and samples of a recording that it is to.
@@ -57,7 +57,6 @@ class _Reading:
     done: str
     recorded: Callable[[Recording], Recording] = lambda recording: recording
     calibrated: Callable[[Calibration], Calibration] = lambda calibration: calibration
-    factor: float = MIN_FACTOR
 
 
 def with_misread_finding(
@@ -73,7 +72,8 @@ def with_misread_finding(
         return fit
     tried: list[tuple[float, _Reading, Calibration]] = []
     poor = max(_shares(data, fit.fitted).values(), default=0.0) > POOR_SHARE
-    for reading in (*(_readings(fit) if poor else ()), *map(_clock, misalignments(fit))):
+    readings = [r for r in _readings(fit) if poor or r.kind == "swap"]  # two channels may be nearly alike
+    for reading in (*readings, *map(_clock, misalignments(fit))):
         with suppress(InputError, CannotFinishError):
             calibration = reading.calibrated(calibrated([reading.recorded(r) for r in data.recordings]))
             calibration = replace(calibration, data=calibration.data.thinned(SAMPLES))
@@ -87,7 +87,9 @@ def with_misread_finding(
             change = _change(fit, again)
             gain = max((before / after for before, after in change.values()), default=0.0)
             worst = min((before / after for before, after in change.values()), default=0.0)
-            if gain > reading.factor and worst > 1.0 / MIN_CLOCK_FACTOR and (best is None or gain > best[0]):
+            structured = any(n.model_error for n in again.noise.values())
+            enough = MIN_FACTOR if structured else MIN_CLEAN_FACTOR
+            if gain > max(enough, best[0] if best else 0.0) and worst > MIN_WORST:
                 best = gain, reading, change
     return fit if best is None else _told(fit, best[1], best[2])
 
@@ -97,7 +99,8 @@ def _most_promising(tried: list[tuple[float, _Reading, Calibration]]) -> Iterato
     kinds = dict.fromkeys(_kind_of(reading) for _, reading, _ in tried)
     for kind in kinds:
         own = sorted((one for one in tried if _kind_of(one[1]) == kind), key=lambda one: one[0])
-        yield from ((reading, calibration) for _, reading, calibration in own[:MAX_TRIED])
+        # Those of clocks were chosen by what is left of the squares.
+        yield from ((reading, calibration) for _, reading, calibration in own[: None if kind == "clock" else MAX_TRIED])
 
 
 def _kind_of(reading: _Reading) -> str:
@@ -165,7 +168,7 @@ def _timed(factor: float, recording: Recording) -> Recording:
 
 def _clock(found: Misalignment) -> _Reading:
     """Return the reading with outputs on the inputs' clock."""
-    return _Reading("clock", found.output, found.what, found.done, calibrated=found.aligned, factor=MIN_CLOCK_FACTOR)
+    return _Reading("clock", found.output, found.what, found.done, calibrated=found.aligned)
 
 
 def _change(fit: Fit, again: Fit) -> dict[str, tuple[float, float]]:
