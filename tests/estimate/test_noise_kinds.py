@@ -88,6 +88,6 @@ def test_a_known_noise_is_not_estimated(room: aero_bayes.Model) -> None:
     assert [name for name in found.laplace.names if name.startswith("noise")] == []
     estimated = fit(two_sensors(), room)
     assert found["G"].sd == pytest.approx(2.0 * estimated["G"].sd, rel=0.1)
+    settings = aero_bayes.FitSettings(noise=NoiseModel(sd={"T": {"run": 0.1}}))
     with pytest.raises(InputError, match="poor"):
-        settings = aero_bayes.FitSettings(noise=NoiseModel(sd={"T": {"run": 0.1}}))
         aero_bayes.fit(two_sensors(), room, parameters=["C", "G"], settings=settings, workers=0)
