@@ -41,7 +41,7 @@ POOR_SHARE = 0.1
 #: Factor by which the right reading makes a residual smaller at least, and where only noise is left then;
 #: no output gets worse. Parameters take up much of a clock's error.
 MIN_FACTOR, MIN_CLEAN_FACTOR, MIN_WORST = 3.0, 1.5, 0.9
-#: Factor from which no other reading is tried.
+#: Factor from which no other reading is tried, where only noise is left.
 SURE_FACTOR = 20.0
 #: Most readings of a kind that are tried by a fit, and samples of a recording that it is to.
 MAX_TRIED, SAMPLES = 3, 1000
@@ -79,8 +79,9 @@ def with_misread_finding(
             calibration = replace(calibration, data=calibration.data.thinned(SAMPLES))
             tried.append((_nearest(calibration, fit, open_simulator), reading, calibration))
     best: tuple[float, _Reading, dict[str, tuple[float, float]]] | None = None
+    sure = False
     for reading, calibration in _most_promising(tried):
-        if best is not None and best[0] > SURE_FACTOR:
+        if sure:
             break
         with suppress(CannotFinishError):
             again = fitted(calibration)
@@ -89,6 +90,7 @@ def with_misread_finding(
             worst = min((before / after for before, after in change.values()), default=0.0)
             structured = any(n.model_error for n in again.noise.values())
             enough = MIN_FACTOR if structured else MIN_CLEAN_FACTOR
+            sure = sure or (gain > SURE_FACTOR and worst > MIN_WORST and not structured)
             if gain > max(enough, best[0] if best else 0.0) and worst > MIN_WORST:
                 best = gain, reading, change
     return fit if best is None else _told(fit, best[1], best[2])
