@@ -152,8 +152,8 @@ def _interrupts_later() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
-    for number in came:
-        signal.raise_signal(number)
+    for interrupt in came:
+        signal.raise_signal(interrupt)
 
 
 def _may_fork() -> bool:

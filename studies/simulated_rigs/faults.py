@@ -126,11 +126,17 @@ def _other_channels(recording: Recording, fault: str, rng: Generator) -> Recordi
         pairs = [(a, b) for a in columns for b in columns if a < b and recording.units[a] == recording.units[b]]
         if fault == "sign" and names:
             name = str(rng.choice(names))
-            return replace(recording, **{side: {**columns, name: -columns[name]}}, sha256="")
+            return _with_columns(recording, side, {name: -columns[name]})
         if fault == "swapped" and pairs:
             a, b = pairs[int(rng.integers(len(pairs)))]
-            return replace(recording, **{side: {**columns, a: columns[b], b: columns[a]}}, sha256="")
+            return _with_columns(recording, side, {a: columns[b], b: columns[a]})
     return None
+
+
+def _with_columns(recording: Recording, side: str, new: Mapping[str, FloatArray]) -> Recording:
+    if side == "inputs":
+        return replace(recording, inputs={**recording.inputs, **new}, sha256="")
+    return replace(recording, outputs={**recording.outputs, **new}, sha256="")
 
 
 def _with_noise(fault: str, clean: FloatArray, sd: float, rng: Generator) -> FloatArray | None:

@@ -86,13 +86,15 @@ def with_misread_finding(
         with suppress(CannotFinishError):
             again = fitted(calibration)
             change = _change(fit, again)
-            gain = max((before / after for before, after in change.values()), default=0.0)
-            worst = min((before / after for before, after in change.values()), default=0.0)
+            gains = [before / after for before, after in change.values()] or [0.0]
+            if max(gains) < MIN_CLEAN_FACTOR or min(gains) < MIN_WORST:
+                continue
             structured = any(n.model_error for n in again.noise.values())
-            enough = MIN_FACTOR if structured else MIN_CLEAN_FACTOR
-            sure = sure or (gain > SURE_FACTOR and worst > MIN_WORST and not structured)
-            if gain > max(enough, best[0] if best else 0.0) and worst > MIN_WORST:
-                best = gain, reading, change
+            sure = sure or (max(gains) > SURE_FACTOR and not structured)
+            # All outputs count: one alone may be moved to where it fits best.
+            total = math.prod(gains)
+            if (max(gains) > MIN_FACTOR or not structured) and (best is None or total > best[0]):
+                best = total, reading, change
     return fit if best is None else _told(fit, best[1], best[2])
 
 
