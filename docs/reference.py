@@ -82,8 +82,8 @@ KEYS: Mapping[str, str] = {
     "fit.staged": "fit in the direction of causality first: few outputs, then what depends on them",
     "fit.initial_states": "where states start: held at the first reading, estimated, or whichever suits the model",
     "fit.max_input_delay": "largest delay of the inputs that is searched, in s: one number for all of them together, "
-    "anew in each recording, or `{heater = 1200}` for a dead time of single ones; left out: what the package declares "
-    "(the AERO: 0.02), else none",
+    "anew in each recording, or `{heater = 1200}` for a dead time of single ones; below zero: by how much they may act "
+    "before they are logged; left out: what the package declares (the AERO: 0.02), else none",
     "fit.ripple": "what becomes of ripple locked to a rotor",
     "priors_from": "`posterior.nc` of an earlier experiment, whose draws are the prior of this one",
     "fit.stages[].parameters": "parameters of this stage",
@@ -100,6 +100,8 @@ KEYS: Mapping[str, str] = {
     "noise.NAME.kind": "of the output NAME: `relative` has the standard deviation a + b times the reading, `student` "
     "has heavy tails, `rounded` is white and at least as large as the rounding; left out: what predicts left-out "
     "readings best",
+    "noise.NAME.sd": "standard deviation of white noise of the output NAME, in its unit: a number, or one by recording "
+    "as `{a = 0.02, b = 0.4}`; it is then not estimated",
     "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard "
     "deviation)",
     "posterior.ensembles": "independent ensembles of walkers",

@@ -7,6 +7,7 @@ import signal
 import sqlite3
 import sys
 import threading
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import wraps
@@ -50,7 +51,9 @@ class OneLineErrors(click.Group):
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, terminate)
         try:
-            return super().invoke(ctx)
+            with warnings.catch_warnings():
+                warnings.showwarning = _OneLineWarnings()
+                return super().invoke(ctx)
         except InputError as error:
             click.echo(f"error: {error}", err=True)
             ctx.exit(BAD_INPUT)
@@ -76,6 +79,19 @@ class OneLineErrors(click.Group):
         Click cuts it to a line, and at the point of an abbreviation."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, " ".join((c.help or "").split())) for name, c in self.commands.items()])
+
+
+class _OneLineWarnings:
+    """Shows what a user is warned of as a line, once; warnings of libraries about code are for developers."""
+
+    def __init__(self) -> None:
+        self._shown: set[str] = set()
+
+    def __call__(self, message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        line = f"note: {message}"
+        if category is UserWarning and line not in self._shown:
+            self._shown.add(line)
+            click.echo(line, err=True)
 
 
 def _of_the_system(error: OSError | sqlite3.Error) -> str:

@@ -116,7 +116,7 @@ class FitSection(Section):
     method: Literal["pso+local", "pso", "local"] = "pso+local"
     staged: bool = True
     initial_states: Literal["auto", "reading", "estimated"] = "auto"
-    max_input_delay: Annotated[float, Field(ge=0)] | dict[str, Annotated[float, Field(ge=0)]] | None = None
+    max_input_delay: float | dict[str, float] | None = None
     ripple: Literal["subtract", "describe", "ignore"] = "subtract"
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()
@@ -124,9 +124,10 @@ class FitSection(Section):
 
 
 class OutputNoiseSection(Section):
-    """``[noise.T]``: the kind of noise that the output ``T`` has."""
+    """``[noise.T]``: the kind of noise that the output ``T`` has, or its standard deviation, also by recording."""
 
     kind: Literal["auto", "white", "relative", "student", "rounded"] = "auto"
+    sd: Positive | dict[str, Positive] | None = None
 
 
 class NoiseSection(Section):

@@ -10,7 +10,7 @@ import threading
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -87,7 +87,7 @@ class ParallelMap:
         process = multiprocessing.get_context("fork").Process(
             target=self._work, args=(tasks, ours, theirs), daemon=True
         )
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _interrupts_later():
             # A worker takes no lock that another thread may hold: it neither draws progress nor writes a file.
             warnings.simplefilter("ignore", DeprecationWarning)
             process.start()
@@ -137,6 +137,23 @@ class ParallelMap:
                         told(len(found) / len(tasks))
                     hand_out(connection)
         return begun
+
+
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Keep Ctrl-C and a request to end until here is over: Python drops what is raised while it forks."""
+    came: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+    for interrupt in came:
+        signal.raise_signal(interrupt)
 
 
 def _may_fork() -> bool:

@@ -16,7 +16,8 @@ from simulated_rigs.trial import RigTrial
 #: Each kind of fault, with the cause that a diagnosis has to name.
 FAULTS: Mapping[str, str] = {
     "impossible": "data", "outliers": "data", "stuck": "data", "clipped": "data", "gap": "data", "wrapped": "data",
-    "rounded": "noise", "relative": "noise", "heavy_tails": "noise", "solver": "solver",
+    "sign": "data", "swapped": "data", "ahead": "data", "clock": "data", "rounded": "noise", "relative": "noise",
+    "heavy_tails": "noise", "unlike": "noise", "solver": "solver",
 }  # fmt: skip
 #: Share of the readings that are outliers, and their sizes in standard deviations of the noise.
 OUTLIER_SHARE, OUTLIER_SIZES = 0.03, (15.0, 40.0)
@@ -28,17 +29,23 @@ CLIPPED_SHARE = (0.03, 0.1)
 COUNTS = (4.0, 12.0)
 #: Least ratio of the largest to the smallest readings (quantiles) of an output whose relative noise can be seen.
 MIN_READING_RATIO = 3.0
+#: Samples by which an output is ahead, share by which its clock is off, and what either moves readings by at least, in
+#: standard deviations of the noise.
+AHEAD, RATE, MIN_MOVED = (1, 4), (2e-3, 2e-2), 3.0
+#: Standard deviation of the noise in a second recording over that in the first.
+UNLIKE = (4.0, 20.0)
 #: Relative and absolute tolerances of a solver that is too coarse.
 TOLERANCES = (1e-2, 0.3)
 
 
 @dataclass(frozen=True)
 class Faulty:
-    """What the program is given: a recording, and the tolerance of the solver; ``output`` has the fault, if one has."""
+    """What the program is given: recordings, and the tolerance of the solver; ``output`` has the fault, if one has."""
 
     recording: Recording
     output: str = ""
     tolerance: float | None = None
+    second: Recording | None = None
 
 
 def without_fault(trial: RigTrial) -> Faulty:
@@ -57,7 +64,16 @@ def with_fault(trial: RigTrial, fault: str, rng: Generator) -> Faulty | None:
     if fault == "gap":
         cut = _with_gap(trial.train, rng)
         return replace(right, recording=cut) if cut is not None else None
+    if fault in ("sign", "swapped"):
+        channels = _other_channels(trial.train, fault, rng)
+        return replace(right, recording=channels) if channels is not None else None
     names = list(trial.train.outputs)
+    if fault == "unlike":
+        factor = exp(rng.uniform(*np.log(UNLIKE)))
+        return Faulty(
+            replace(trial.train, outputs=_white(trial, rng), sha256=""), names[0],
+            second=replace(trial.test, outputs=_white(trial, rng, "test", factor), sha256=""),
+        )  # fmt: skip
     for name in [names[int(k)] for k in rng.permutation(len(names))]:
         readings = _readings(trial, fault, name, rng)
         if readings is not None:
@@ -89,9 +105,38 @@ def _readings(trial: RigTrial, fault: str, name: str, rng: Generator) -> FloatAr
         if trial.train.units[name] != "rad" or seen.min() >= 0.0:
             return None
         seen %= 2.0 * pi
+    elif fault in ("ahead", "clock"):
+        row = np.arange(seen.size, dtype=float)
+        rate = exp(rng.uniform(*np.log(RATE))) * rng.choice([-1.0, 1.0])
+        at = row + rng.integers(*AHEAD, endpoint=True) if fault == "ahead" else row * (1.0 + rate)
+        moved = np.interp(at, row, clean)
+        if float(np.sqrt(np.mean((moved - clean) ** 2))) < MIN_MOVED * sd:
+            return None
+        return np.asarray(moved + sd * rng.standard_normal(seen.size))
     else:
         return _with_noise(fault, clean, sd, rng)
     return seen
+
+
+def _other_channels(recording: Recording, fault: str, rng: Generator) -> Recording | None:
+    """Return the recording with the sign of a channel turned, or two of one unit exchanged; None where none can be."""
+    for side in ("inputs", "outputs") if rng.random() < 0.5 else ("outputs", "inputs"):
+        columns = dict(getattr(recording, side))
+        names = [n for n in columns if recording.units[n] != "K"]
+        pairs = [(a, b) for a in columns for b in columns if a < b and recording.units[a] == recording.units[b]]
+        if fault == "sign" and names:
+            name = str(rng.choice(names))
+            return _with_columns(recording, side, {name: -columns[name]})
+        if fault == "swapped" and pairs:
+            a, b = pairs[int(rng.integers(len(pairs)))]
+            return _with_columns(recording, side, {a: columns[b], b: columns[a]})
+    return None
+
+
+def _with_columns(recording: Recording, side: str, new: Mapping[str, FloatArray]) -> Recording:
+    if side == "inputs":
+        return replace(recording, inputs={**recording.inputs, **new}, sha256="")
+    return replace(recording, outputs={**recording.outputs, **new}, sha256="")
 
 
 def _with_noise(fault: str, clean: FloatArray, sd: float, rng: Generator) -> FloatArray | None:
@@ -109,10 +154,10 @@ def _with_noise(fault: str, clean: FloatArray, sd: float, rng: Generator) -> Flo
     return np.asarray(clean + sd * (0.2 + size) * normal)
 
 
-def _white(trial: RigTrial, rng: Generator) -> dict[str, FloatArray]:
+def _white(trial: RigTrial, rng: Generator, run: str = "train", factor: float = 1.0) -> dict[str, FloatArray]:
     return {
-        name: values + trial.truth.noise[name].white * rng.standard_normal(values.size)
-        for name, values in trial.noise_free["train"].outputs.items()
+        name: values + factor * trial.truth.noise[name].white * rng.standard_normal(values.size)
+        for name, values in trial.noise_free[run].outputs.items()
     }
 
 

@@ -74,7 +74,8 @@ class Rig:
         tolerance = given.tolerance or SolverSettings().relative_tolerance
         calibration = CalibrationSettings(initial_states="estimated", solver=SolverSettings(tolerance, tolerance))
         settings = aero_bayes.FitSettings(pso=SWARM, swarm_samples=SWARM_SAMPLES, calibration=calibration)
-        return aero_bayes.fit(given.recording, self.model, parameters=self.free, settings=settings, workers=0)
+        recordings = [r for r in (given.recording, given.second) if r is not None]
+        return aero_bayes.fit(recordings, self.model, parameters=self.free, settings=settings, workers=0)
 
 
 def draw(task: FaultTask, folder: Path) -> tuple[Rig, Faulty]:

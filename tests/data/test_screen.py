@@ -20,6 +20,10 @@ def only(recording: Recording) -> tuple[Recording, DataFinding]:
     return part, finding
 
 
+def kinds(recording: Recording) -> set[str]:
+    return {finding.kind for part in screen(recording) for finding in part.findings}
+
+
 def put(rows: slice | list[int], value: float) -> Recording:
     def change(readings: np.ndarray) -> np.ndarray:
         readings[rows] = value
@@ -158,3 +162,23 @@ def test_a_wrong_time_is_no_step_of_the_clock() -> None:
     frame.index = np.where(np.arange(600) == 250, 0.0, frame.index)
     with pytest.raises(InputError, match="251, column time: runs backwards"):
         Recording.from_frame(frame, inputs=["P", "T_amb"], outputs="T")
+
+
+def test_an_arm_that_friction_holds_is_not_stuck() -> None:
+    """It slows down, rests while the command moves on, and starts softly: nothing of that is a fault of the sensor."""
+    time = 0.01 * np.arange(300)
+    command = np.sin(2.0 * time)
+    speed = np.maximum(np.sin(4.0 * time) - 0.5, 0.0)
+    angle = 1.3 + np.cumsum(speed) * 0.01
+    assert np.count_nonzero(np.diff(angle) == 0.0) > 100
+    rested = np.concatenate([np.full(20, 1.3 + 1e-4), angle])
+    for readings, given in ((angle, command), (rested, np.concatenate([np.zeros(20), command]))):
+        clock = 0.01 * np.arange(readings.size)
+        assert not kinds(Recording("arm", clock, {"u": given}, {"phi": readings}, {"phi": "rad"}))
+
+
+def test_a_sensor_without_noise_that_jumps_to_what_it_missed_was_stuck() -> None:
+    time = 0.01 * np.arange(300)
+    angle = np.sin(2.0 * time)
+    angle[100:140] = angle[100]
+    assert kinds(Recording("arm", time, {"u": np.cos(time)}, {"phi": angle}, {"phi": "rad"})) == {"stuck"}

@@ -20,15 +20,19 @@ CASES = Path(os.environ.get("AERO_BAYES_CASES", Path(__file__).parents[2].parent
 pytestmark = [pytest.mark.skipif(not CASES.is_dir(), reason=f"no cases at {CASES}"), pytest.mark.fast]
 
 
-def fitted(folder: str, config: str, data: str, out: Path, text: str = "") -> dict[str, Any]:
-    """The result of ``fit``; ``text`` is put in place of the empty table of columns."""
+def fitted(folder: str, config: str, data: str | list[str], out: Path, text: str = "") -> dict[str, Any]:
+    """The result of ``fit`` to one or more files; ``text`` is put in place of the empty table of columns."""
     given = (CASES / folder / config).read_text()
     given = given.replace("[data.columns]", f"[data.columns]\n{text}", 1)
     for line in [line for line in given.splitlines() if line.startswith("sources")]:
         name = Path(json.loads(line.partition("=")[2])[0])
         given = given.replace(line, f'sources = ["{(CASES / folder / name).resolve()}"]')
+    for line in [line for line in given.splitlines() if line.startswith("fmu")]:
+        given = given.replace(line, f'fmu = "{(CASES / folder / json.loads(line.partition("=")[2])).resolve()}"')
     (out / "rig.toml").write_text(given)
-    arguments = ["--config", out / "rig.toml", "--data", CASES / folder / data, "--out", out / "out"]
+    arguments: list[object] = ["--config", out / "rig.toml", "--out", out / "out"]
+    for name in [data] if isinstance(data, str) else data:
+        arguments += ["--data", CASES / folder / name]
     done = CliRunner().invoke(main, ["fit", "--workers", "1", "--quiet", *map(str, arguments)])
     assert done.exit_code == 0, done.output
     assert "Checks:" in done.output
@@ -139,7 +143,7 @@ def test_34_a_logger_that_lost_three_hours(tmp_path: Path) -> None:
     assert "23869" in result["diagnosis"][0]["what"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_18_the_loop_looks_for_no_effect_in_an_angle_modulo_a_turn(tmp_path: Path) -> None:
     folder = CASES / "18_wrapped_angle"
     arguments = ["--config", folder / "wrapped.toml", "--train", folder / "run.csv", "--out", tmp_path]
@@ -149,3 +153,69 @@ def test_18_the_loop_looks_for_no_effect_in_an_angle_modulo_a_turn(tmp_path: Pat
     assert result["loop"]["outcome"] == "unexplained"
     assert result["loop"]["effects"] == []
     assert "whole turn" in result["verdict"]["text"]
+
+
+def assert_values(result: dict[str, Any], share: float, **truth: float) -> None:
+    for name, value in truth.items():
+        assert result["parameters"][name]["value"] == pytest.approx(value, rel=share), name
+
+
+def test_32_noise_that_grows_with_the_reading_over_four_decades(tmp_path: Path) -> None:
+    result = fitted("32_relative_noise", "rig.toml", "run.csv", tmp_path)
+    assert_values(result, 0.01, k=0.5)
+    assert result["noise"]["c"]["kind"] == "relative"
+    assert result["noise"]["c"]["per_unit"] == pytest.approx(0.05, rel=0.2)
+    assert abs(result["noise"]["c"]["base"]) < 1e-3
+    assert causes(result) == ["noise"]
+
+
+def test_37_a_current_that_is_counted_the_other_way_round(tmp_path: Path) -> None:
+    result = fitted("37_current_sign", "rig.toml", "run.csv", tmp_path)
+    assert result["diagnosis"][0]["what"].startswith("I looks counted the other way round")
+    assert "scale = -1" in result["diagnosis"][0]["done"]
+    assert "outliers" not in str(result["diagnosis"])
+    right = fitted("37_current_sign", "rig.toml", "run.csv", tmp_path, "I = {scale = -1.0}")
+    assert_values(right, 0.01, R0=0.032, R1=0.021, C1=1800.0, Q=2.0)
+    assert causes(right) == []
+
+
+def test_39_clean_readings_are_no_outliers_of_a_poor_fit(tmp_path: Path) -> None:
+    result = fitted("39_known_per_run", "rig.toml", ["light.csv", "heavy.csv"], tmp_path)
+    assert "data" not in causes(result)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("config", "data"), [("pump.toml", "run.csv"), ("silent.toml", "slow.csv"), ("latin1.toml", "odd.csv")]
+)
+def test_46_a_co_simulation_of_one_step_size(config: str, data: str, tmp_path: Path) -> None:
+    result = fitted("46_block_fmu", config, data, tmp_path)
+    assert_values(result, 2e-3, **{"plant/Gain.k(1)": 2.6, "plant/Time constant [s]": 1.4})
+    assert causes(result) == []
+
+
+def test_55_two_sensors_of_one_output(tmp_path: Path) -> None:
+    both = fitted("55_two_sensor_grades", "rig.toml", ["good.csv", "poor.csv"], tmp_path)
+    good = fitted("55_two_sensor_grades", "rig.toml", "good.csv", tmp_path)
+    for name, truth in (("m", 1150.0), ("d", 31.0)):
+        assert abs(both["parameters"][name]["value"] - truth) < 3.0 * both["parameters"][name]["sd"]
+        assert both["parameters"][name]["sd"] < 1.02 * good["parameters"][name]["sd"]
+    assert both["noise"]["v"]["by_recording"] == pytest.approx({"good": 0.02, "poor": 0.4}, rel=0.1)
+    assert causes(both) == ["noise"]
+    assert causes(good) == []
+
+
+@pytest.mark.parametrize("data", [["room.csv", "wall.csv"], ["room2.csv", "wall2.csv"], ["lateout.csv"]])
+def test_56_recordings_of_different_outputs(data: list[str], tmp_path: Path) -> None:
+    result = fitted("56_own_outputs", "rig.toml", data, tmp_path)
+    assert_values(result, 0.02, C=6e5, Cw=4e6, G=110.0, Gw=180.0)
+    assert causes(result) == []
+
+
+@pytest.mark.long
+def test_56_a_sensor_that_was_mounted_late_is_held_out_in_part(tmp_path: Path) -> None:
+    folder = CASES / "56_own_outputs"
+    arguments = ["--config", folder / "rig.toml", "--train", folder / "lateout.csv", "--out", tmp_path]
+    done = CliRunner().invoke(main, ["close-loop", "--workers", "1", "--quiet", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "result.json").read_text())["loop"]["effects"] == []

@@ -9,6 +9,7 @@ import pytest
 from heated_room import C, G, fit, model, recording, with_readings
 
 import aero_bayes
+from aero_bayes.errors import InputError
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import open_simulator
@@ -64,3 +65,29 @@ def test_engine_and_residuals_give_one_likelihood(room: aero_bayes.Model) -> Non
             assert reduced.log_likelihood[0] == pytest.approx(white.log_likelihood, rel=1e-9), name
             jacobian = objective.parameters.jacobian(found.values)[list(found.free)]
             assert -reduced.gradient[0] * jacobian == pytest.approx(white.score, rel=1e-6, abs=1e-6), name
+
+
+def two_sensors() -> list[aero_bayes.Recording]:
+    rng = np.random.default_rng(7)
+    poor = with_readings(recording(seed=6), lambda y: y + 1.0 * rng.normal(size=y.size))
+    return [recording(seed=5), replace(poor, name="poor")]
+
+
+def test_each_recording_has_the_noise_of_its_sensor(room: aero_bayes.Model) -> None:
+    both, alone = fit(two_sensors(), room), fit(recording(seed=5), room)
+    assert both.noise_table()["T"]["by_recording"] == pytest.approx({"run": 0.05, "poor": 1.0}, rel=0.1)
+    assert both["G"].sd < 1.02 * alone["G"].sd
+    assert not both.diagnosis["model"].found
+    assert "by_recording" not in fit([recording(seed=8), replace(recording(seed=9), name="b")], room).noise_table()["T"]
+
+
+def test_a_known_noise_is_not_estimated(room: aero_bayes.Model) -> None:
+    settings = aero_bayes.FitSettings(noise=NoiseModel(sd={"T": {"run": 0.1, "poor": 1.0}}))
+    found = aero_bayes.fit(two_sensors(), room, parameters=["C", "G"], settings=settings, workers=0)
+    assert found.noise_table()["T"]["by_recording"] == pytest.approx({"run": 0.1, "poor": 1.0})
+    assert [name for name in found.laplace.names if name.startswith("noise")] == []
+    estimated = fit(two_sensors(), room)
+    assert found["G"].sd == pytest.approx(2.0 * estimated["G"].sd, rel=0.1)
+    settings = aero_bayes.FitSettings(noise=NoiseModel(sd={"T": {"run": 0.1}}))
+    with pytest.raises(InputError, match="poor"):
+        aero_bayes.fit(two_sensors(), room, parameters=["C", "G"], settings=settings, workers=0)

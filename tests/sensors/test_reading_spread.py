@@ -41,7 +41,7 @@ def test_the_kind_that_was_drawn_is_chosen(draw: Draw, kind: str) -> None:
 
 def test_size_of_relative_noise() -> None:
     rng = np.random.default_rng(3)
-    found = [estimate_spread("relative", relative(rng), READINGS) for _ in range(20)]
+    found = [estimate_spread("relative", [relative(rng)], [READINGS]) for _ in range(20)]
     per_unit = np.array([model.per_unit for model in found])
     # The grid of the ratio is 1.25 from one to the next; the mean of 20 is within four standard errors.
     assert abs(per_unit.mean() - 0.02) < 4.0 * per_unit.std() / 20**0.5 + 0.001
@@ -49,7 +49,7 @@ def test_size_of_relative_noise() -> None:
 
 def test_scale_of_student_noise_against_scipy() -> None:
     residual = np.random.default_rng(4).standard_t(3.0, size=4000) * 0.2
-    found = estimate_spread("student", residual, np.zeros(4000))
+    found = estimate_spread("student", [residual], [np.zeros(4000)])
     freedom, _, scale = student_t.fit(residual, floc=0.0)
     assert found.base == pytest.approx(scale, rel=0.03)
     assert found.freedom == pytest.approx(freedom, rel=0.25)

@@ -24,7 +24,7 @@ from aero_bayes.simulation import (
     engine_of,
     open_simulator,
 )
-from aero_bayes.simulation.cosimulation_runs import communication_points
+from aero_bayes.simulation.cosimulation_runs import communication_points, equal_steps
 
 TIME = np.linspace(0.0, 2.0, 41)
 
@@ -96,9 +96,6 @@ def test_what_it_cannot_do_is_named(test_fmu):
     rigid = replace(problem, model=replace(problem.model, takes_any_step=False))
     with pytest.raises(InputError, match="delay"):
         open_simulator(replace(rigid, targets=((DelayTarget(), None),)))
-    uneven = replace(rigid.experiments[0], time=TIME**2)
-    with pytest.raises(InputError, match="not uniform"):
-        open_simulator(replace(rigid, experiments=(uneven,)))
 
 
 def test_communication_points():
@@ -110,7 +107,37 @@ def test_communication_points():
     points, times = communication_points(samples, (replace(signal, interpolation="linear"),), 1)
     np.testing.assert_allclose(points, [0, 0.25, 0.999, 1, 2.998, 3])
     np.testing.assert_allclose(times, [0.125, 0.6245, 1, 1.999, 3])
-    np.testing.assert_allclose(communication_points(samples, (signal,), 1, any_step=False)[0], samples)
+
+
+def test_equal_steps_go_over_the_samples_and_reach_the_last():
+    np.testing.assert_allclose(equal_steps(np.array([1.0, 1.4, 1.7]), 0.2), [1.0, 1.2, 1.4, 1.6, 1.8])
+    np.testing.assert_allclose(equal_steps(np.array([0.0, 0.3]), 1.0), [0.0, 1.0])
+    samples = 0.013 + 0.15 * np.arange(40)
+    assert np.all(np.isin(samples, equal_steps(samples, 0.05)))
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("named", [0.05, None])
+def test_steps_of_one_size_follow_the_fmu_and_not_the_readings_that_are_left(test_fmu, named):
+    model = replace(test_fmu("Dahlquist", defines=("STEPS", "ONE_SIZE")), step_size=named)
+    signals = (InputSignal("u", np.array([0.0, 0.7]), np.array([0.0, 2.0])),)
+    whole = Experiment(TIME, ("x", "y"), signals)
+    few = whole.at_samples(np.array([0, 3, 10, 11, 40]))
+    found = []
+    for experiment in (whole, few):
+        with open_simulator(Problem(model, (experiment,), ((ParameterTarget("k"),),)), workers=1) as simulator:
+            found.append(simulator.simulate(np.array([[1.3]])).outputs[0][0])
+    np.testing.assert_allclose(found[1], found[0][[0, 3, 10, 11, 40]], rtol=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_an_error_is_told_in_the_words_of_the_fmu(test_fmu):
+    model = test_fmu("Trouble", defines=("STEPS",))
+    problem = Problem(model, (Experiment(TIME, ("x",)),), ((ParameterTarget("mode"),),))
+    with open_simulator(problem, workers=1) as simulator:
+        assert simulator.words == ""
+        simulator.simulate(np.array([[float(FAIL)]]))
+        assert simulator.words != ""
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,7 @@ class LeftOutPrediction:
 
     ``rms`` is the error of the prediction by output, ``rms_fitted`` that of the fit to all recordings. ``elpd`` is the
     log-density of the recording under the posterior of the others, with its own delay and initial state integrated out.
+    Outputs that no other recording has are not predicted.
     """
 
     recording: str
@@ -78,16 +79,18 @@ def time_ordered_scores(
     progress: Progress | None = None,
 ) -> TimeOrderedScores:
     """Return WAIC, leave-one-out and leave-future-out of a fit over blocks of its recordings."""
-    densities = _densities(fit, fit.calibration, open_simulator, rng, blocks, draws)
+    whole = fit.calibration
+    # An output that the first fit has not seen has no noise, by which its readings could be judged.
+    whole = replace(whole, data=_with_outputs_of(whole.data, _until(whole.data, first / blocks)))
+    densities = _densities(fit, whole, open_simulator, rng, blocks, draws)
 
     def refit(known: int) -> FloatArray:
         if progress is not None:
             progress("refits", 1.0 - known / blocks, f"first {known} of {blocks} stretches")
-        whole = fit.calibration
         data, parameters = _until(whole.data, known / blocks), whole.parameters.with_start(fit.values)
         start = replace(whole, data=data, parameters=parameters)
         earlier = fit_calibration(start, open_simulator, _REFIT_SETTINGS, rng)
-        return np.asarray(np.sum(_densities(earlier, fit.calibration, open_simulator, rng, blocks, draws), axis=0))
+        return np.asarray(np.sum(_densities(earlier, whole, open_simulator, rng, blocks, draws), axis=0))
 
     pooled = np.concatenate(densities, axis=1)
     together = np.sum(densities, axis=0)
@@ -120,10 +123,13 @@ def leave_one_recording_out(
         if progress is not None:
             progress("recordings", index / len(calibration.data.names), name)
         others = _select(calibration, [e for e in range(len(calibration.data.names)) if e != index], fit.values)
+        alone = _select(calibration, [index], fit.values)
+        alone = replace(alone, data=_with_outputs_of(alone.data, others.data))
+        if not alone.data.count:
+            continue  # nothing that it measured was measured elsewhere
         rest = fit_calibration(others, open_simulator, _REFIT_SETTINGS, rng)
         with open_simulator(others.problem()) as simulator:
             sample = importance_posterior(rest, simulator, 8 * draws, rng).resample(draws, rng)
-        alone = _select(calibration, [index], fit.values)
         found.append(_predict(fit, rest, alone, index, sample, open_simulator))
     return tuple(found)
 
@@ -151,6 +157,14 @@ def _until(data: MeasuredData, share: float) -> MeasuredData:
         end = int(np.searchsorted(e.time, e.time[0] + share * (e.time[-1] - e.time[0]), side="left"))
         kept.append(e.at_samples(slice(end)))
     return data.with_experiments(kept)
+
+
+def _with_outputs_of(data: MeasuredData, known: MeasuredData) -> MeasuredData:
+    """Return the data without readings of outputs that other data have none of."""
+    blind = ~np.isfinite(np.concatenate(known.measured)).any(axis=0)
+    return data.with_experiments(
+        replace(e, measured=np.where(blind, np.nan, y)) for e, y in zip(data.experiments, data.measured, strict=True)
+    )
 
 
 def _select(calibration: Calibration, chosen: list[int], values: FloatArray) -> Calibration:
@@ -188,8 +202,9 @@ def _predict(
                 fitted = simulator.simulate(values[None]).outputs[0][0]
             densities.append(density)
     error = costs.rms_overall([alone.data.measured[0] - fitted], fit.outputs)
+    own_fit = costs.rms_overall([fit.residuals[index]], fit.outputs)
     elpd = float(logsumexp(densities[1:]) - math.log(len(densities) - 1))
-    return LeftOutPrediction(alone.data.names[0], error, costs.rms_overall([fit.residuals[index]], fit.outputs), elpd)
+    return LeftOutPrediction(alone.data.names[0], error, {o: own_fit[o] for o in error}, elpd)
 
 
 def _values(alone: Calibration, rest: Fit, coordinates: FloatArray) -> FloatArray:

@@ -177,6 +177,8 @@ def check_residuals(
         assert slopes is not None
         rows = np.vstack([residual[None], slopes[k]])
         floor, size = floors.get((calibration.data.names[own.experiment], own.output)), noise.sd
+        if own.sampling.spread is not None and np.ptp(own.sampling.spread) > 0.0:
+            floor = None  # it is that of noise that is equally large at each reading
         if fit.evaluation.sd is not None:  # a filter's innovations, whose size is not the sensor's alone
             sd = fit.evaluation.sd[k]
             rows, noise, floor, size = rows / sd, OutputNoise(1.0), None, float(np.sqrt(np.mean(sd**2)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 FindingKind = Literal[
-    "sentinel", "outliers", "stuck", "clipped", "gap", "clock", "wrapped", "rounded", "quality", "unit"
+    "sentinel", "outliers", "stuck", "clipped", "gap", "clock", "wrapped", "rounded", "quality", "unit", "sign", "swap"
 ]
 
 #: Times or rows of a finding that are told one by one.

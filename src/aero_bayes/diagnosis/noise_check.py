@@ -7,6 +7,7 @@ from typing import cast
 from aero_bayes.diagnosis.left_over import LeftOver
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.noise_report import noise_by_recording
 from aero_bayes.estimate.result import Fit
 
 #: Share of rounding in the variance of a residual from which it is told: below, the noise smooths the steps.
@@ -47,10 +48,15 @@ def _unequal_row(fit: Fit) -> DiagnosisRow:
     kinds, where = [], []
     for output, spread in fit.calibration.data.spreads.items():
         unit = units.get(output, "")
+        if spread.scales:
+            kinds.append(f"The noise of {output} differs by recording.")
+            own = noise_by_recording(fit.calibration.data, output, fit.noise[output].sd)
+            where.append(f"{output}: " + ", ".join(f"{with_unit(f'{sd:.2g}', unit)} in {r}" for r, sd in own.items()))
         if spread.kind == "relative":
             kinds.append(f"The noise of {output} grows with the reading.")
-            where.append(f"{output}: sd = {spread.base:.2g} {unit} + {spread.per_unit:.2g} |{output}|")
-        else:
+            base = f"{'-' if spread.base < 0.0 else '+'} {with_unit(f'{abs(spread.base):.2g}', unit)}"
+            where.append(f"{output}: sd = {spread.per_unit:.2g} |{output}| {base}")
+        elif spread.kind == "student":
             kinds.append(f"The noise of {output} has heavy tails.")
             where.append(
                 f"{output}: Student t of scale {spread.base:.2g} {unit}, {spread.freedom:.2g} degrees of freedom"

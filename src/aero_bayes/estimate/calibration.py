@@ -20,7 +20,7 @@ from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.process_noise import process_parameters, uncertain_start
 from aero_bayes.estimate.recording_parameters import for_recordings, with_started_states
 from aero_bayes.estimate.thinning import thin
-from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.sensors.noise import NoiseModel, OutputNoise
 from aero_bayes.sensors.quantisation import quantum, thin_constant_readings
 from aero_bayes.simulation.interface import (
     Experiment,
@@ -64,6 +64,14 @@ class Calibration:
         run = self.simulated
         data = replace(self.data, recordings=())
         return digest(run.model.sha256, data, run.fixed, run.solver, run.process, self.parameters, self.noise)
+
+    @property
+    def known_noise(self) -> dict[str, OutputNoise]:
+        """The noise of outputs whose standard deviation is declared: it is not estimated."""
+        data = self.data
+        return {
+            o: OutputNoise(data.spreads[o].base, white_identified=False) for o in data.outputs if o in self.noise.sd
+        }
 
     def problem(self) -> Problem:
         """Return what a simulator runs; the columns are ``parameters`` in order."""
@@ -133,6 +141,7 @@ def calibrate(
         tuple(recordings),
         floors,
     )
+    data = data.with_known_noise(noise) if noise.sd else data
     simulated = SimulatedModel(model, dict(fixed or {}), settings.solver)
     found = Calibration(data, simulated, parameters.extended(new), noise)
     return found.with_process_noise(noise) if noise.process else found

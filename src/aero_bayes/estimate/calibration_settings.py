@@ -25,8 +25,9 @@ class CalibrationSettings:
         parameter of the rig. ``auto`` frees it where the input changes and the samples are closer than five times
         ``max_input_delay``.
     max_input_delay : float or mapping of str to float, optional
-        Upper bound of the delay in s, or of the delays of single inputs by name. A delay moves the recorded signal, so
-        that it is exact however long. By default what the model's package declares, and where it declares none there
+        Upper bound of the delay in s, or of the delays of single inputs by name; one below zero is a lower bound, for
+        an input that acts before it is logged. A delay moves the recorded signal, so that it is exact however long. By
+        default what the model's package declares, and where it declares none there
         is no delay.
     initial_states : {"auto", "reading", "estimated"}
         Initial values of states, see :class:`StartPolicy`.

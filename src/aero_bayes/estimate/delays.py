@@ -121,7 +121,9 @@ def _starts(
     width = item.upper - item.lower
     interval = intervals[item.recording] if item.recording is not None else min(intervals)
     offsets = np.add.outer(interval * np.arange(width / interval), interval * np.array(START_SHARES)).ravel()
-    offsets = offsets[(offsets < width) & (np.abs(offsets - point[k] * width) <= 0.5 * MAX_INTERVALS * interval)]
+    offsets = offsets[
+        (offsets < width) & (np.abs(item.lower + offsets - point[k] * width) <= 0.5 * MAX_INTERVALS * interval)
+    ]
     if offsets.size < 2:
         return []
     trial = np.tile(point, (offsets.size, 1))

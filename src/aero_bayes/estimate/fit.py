@@ -28,8 +28,9 @@ from aero_bayes.estimate.global_search import (
 )
 from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.listed_values import ValueCombination, combinations, compiled, split_values
+from aero_bayes.estimate.misread import with_misread_finding
 from aero_bayes.estimate.modes import Mode, find_modes, likelihood_temperature
-from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
+from aero_bayes.estimate.noise_kinds import choose_spreads, is_correlated, refit_with_spread
 from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, chosen_parameters
 from aero_bayes.estimate.plausible import screened
@@ -38,7 +39,6 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.value_comparison import ValueTrial
-from aero_bayes.estimate.wrong_units import with_unit_finding
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.sensors.ripple import Ripple
@@ -168,7 +168,7 @@ class _Request:
         if watched.asked_to_end:
             return found
         local, problem = replace(settings, method="local"), found.calibration
-        return with_unit_finding(
+        return with_misread_finding(
             found,
             lambda given: self.calibration(given, problem.model, problem.simulated.fixed),
             lambda other: fit_calibration(other, opened, local, np.random.default_rng(self.seed)),
@@ -208,16 +208,25 @@ def _likeliest(candidates: Sequence[ValueCombination], fitted: Callable[[ValueCo
 def _without_outliers(
     found: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None, cache: Checkpoint | None
 ) -> Fit:
-    """Fit again without readings that are outliers of the fit, as long as there are any."""
-    for _ in range(MAX_OUTLIER_ROUNDS):
-        data, findings = without_outliers(found.calibration.data, found.fitted)
-        if not findings:
-            break
-        cleaned = replace(found.calibration, data=data)
-        with opened(cleaned.problem()) as simulator:
-            objective = objective_of(cleaned, simulator, result_cache=cache)
-            found = _refit_from(found, GlobalSearch(objective, settings.global_search, progress), settings)
-    return found
+    """Fit again without readings that are outliers of the fit, as long as there are any.
+
+    An outlier is what a good fit leaves alone: of an output whose residual stays structured, all readings are kept."""
+    first, poor = found, frozenset[str]()
+    while True:
+        removed: set[str] = set()
+        for _ in range(MAX_OUTLIER_ROUNDS):
+            data, findings = without_outliers(found.calibration.data, found.fitted, poor)
+            if not findings:
+                break
+            removed |= {finding.signal for finding in findings}
+            cleaned = replace(found.calibration, data=data)
+            with opened(cleaned.problem()) as simulator:
+                objective = objective_of(cleaned, simulator, result_cache=cache)
+                found = _refit_from(found, GlobalSearch(objective, settings.global_search, progress), settings)
+        structured = {o for o in removed if found.noise[o].model_error or is_correlated(found.series, found.optimum, o)}
+        if not structured:
+            return found
+        found, poor = first, poor | structured
 
 
 def _with_sensors(

@@ -299,7 +299,7 @@ class GlobalSearch:
         if not found:
             raise CannotFinishError(
                 f"model {objective.calibration.model.name} could not be simulated at any starting point: "
-                f"{self.objective.commonest_failure}"
+                f"{objective.commonest_failure}"
             )
         levels = [o.log_likelihood + o.log_prior for o in found]
         self.start_levels = tuple(levels)

@@ -10,6 +10,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, output_noise_floor
+from aero_bayes.data.runs import noise_size
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.simulation import Model, Variable, open_simulator
@@ -22,6 +23,8 @@ StartPolicy = Literal["auto", "reading", "estimated"]
 #: Prior standard deviation of an initial value about its reading: this many of the largest plausible standard
 #: deviations of the noise, limited to shares of the output's range.
 NOISE_DEVIATIONS, MIN_SPREAD_SHARE, MAX_SPREAD_SHARE = 5.0, 0.002, 0.1
+#: Readings at the beginning whose noise counts, too.
+FIRST_READINGS = 20
 #: Bounds of an initial value about its expectation, in prior standard deviations.
 MAX_DEVIATION = 8.0
 
@@ -67,7 +70,9 @@ def start_parameters(
 def _reading_spread(recording: Recording, name: str, values: FloatArray) -> float:
     """Return how far a first reading may be off: some deviations of the noise, between two shares of the range."""
     moved = _range(values)
-    noise = NOISE_DEVIATIONS * output_noise_floor(recording, name).at_most
+    # Noise that grows with the reading may be larger at the first ones than on the whole.
+    first = noise_size(values[np.isfinite(values)][:FIRST_READINGS])
+    noise = NOISE_DEVIATIONS * max(output_noise_floor(recording, name).at_most, first)
     return max(min(max(noise, MIN_SPREAD_SHARE * moved), MAX_SPREAD_SHARE * moved), 1e-9)
 
 

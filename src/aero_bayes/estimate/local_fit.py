@@ -149,7 +149,11 @@ def fit_noise(
 ) -> dict[str, OutputNoise]:
     """Estimate the noise of each output by maximum likelihood, pooled over its recordings."""
     noise = {}
+    known = objective.calibration.known_noise
     for output in objective.outputs:
+        if output in known:
+            noise[output] = known[output]
+            continue
         own = [k for k, series in enumerate(objective.series) if series.output == output]
         scale = float(objective.calibration.data.scale[objective.calibration.data.outputs.index(output)])
         floor = max(settings.floors.get(output, 0.0), ROUNDING * scale)

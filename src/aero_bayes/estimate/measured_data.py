@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,6 +13,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.thinning import rows_of_first_readings, thin
+from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.sensors.reading_spread import SpreadModel
 from aero_bayes.simulation.interface import Experiment, Interpolation
 
@@ -63,7 +65,7 @@ class MeasuredData:
     def scale(self) -> FloatArray:
         """Range of each output over all recordings, shape (m,): what its errors are compared with before any fit."""
         stacked = np.concatenate(self.measured)
-        spread = np.nanmax(stacked, axis=0) - np.nanmin(stacked, axis=0)
+        spread = np.fmax.reduce(stacked, axis=0) - np.fmin.reduce(stacked, axis=0)
         return np.where(spread > 0.0, spread, 1.0)
 
     @property
@@ -84,6 +86,25 @@ class MeasuredData:
     def with_experiments(self, experiments: Iterable[Experiment]) -> MeasuredData:
         """Return the same data with its experiments changed, as many as there are."""
         return replace(self, experiments=tuple(experiments))
+
+    def with_known_noise(self, noise: NoiseModel) -> MeasuredData:
+        """Return the data with the relative noise of each recording, where outputs have a declared one in each."""
+        names = [(r.part_of or r.name) for r in self.recordings]
+        found = self
+        for k, output in enumerate(self.outputs):
+            sds = noise.sd_by_recording(output, names)
+            if sds is None:
+                continue
+            base = math.sqrt(sum(sd * sd for sd in sds) / len(sds))
+            scales = tuple(sd / base for sd in sds)
+            spreads = [np.ones(y.shape) if e.spread is None else e.spread.copy()
+                       for e, y in zip(found.experiments, found.measured, strict=True)]  # fmt: skip
+            for spread, scale in zip(spreads, scales, strict=True):
+                spread[:, k] = scale
+            experiments = tuple(replace(e, spread=s) for e, s in zip(found.experiments, spreads, strict=True))
+            models = {**found.spreads, output: SpreadModel("constant", base, scales=scales)}
+            found = replace(found, experiments=experiments, spreads=models)
+        return found
 
     def beginning(self, share: float) -> MeasuredData:
         """Keep the first ``share`` of each recording's samples, at least twenty readings an output."""

@@ -42,9 +42,9 @@ def estimate_output_noise(
     objective: Objective, here: Optimum, white_outputs: Collection[str] = ()
 ) -> dict[str, OutputNoise]:
     """Estimate noise by its exact likelihood; for ``white_outputs``, weighted by their residual, by its RMS."""
-    calibration, found = objective.calibration, {}
+    calibration, found = objective.calibration, dict(objective.calibration.known_noise)
     scale = dict(zip(calibration.data.outputs, calibration.data.scale.tolist(), strict=True))
-    for output in objective.outputs:
+    for output in (o for o in objective.outputs if o not in calibration.known_noise):
         own = [k for k, s in enumerate(objective.series) if s.output == output]
         white = output in white_outputs
         n = estimate_noise(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE, correlation_p_value
 
 #: Fits in turn with the spread of the readings, and relative change of a spread at which they have converged.
 MAX_REFITS, MIN_CHANGE = 10, 0.02
+#: Fits after which a residual that is still correlated is the model's, whatever the spread.
+HOPELESS_REFITS = 3
 
 
 def choose_spreads(noise: NoiseModel, series: Sequence[Series], here: Optimum) -> dict[str, SpreadModel]:
@@ -30,11 +33,8 @@ def choose_spreads(noise: NoiseModel, series: Sequence[Series], here: Optimum) -
         residuals, predictions = _of_output(output, series, here)
         if not residuals:
             continue
-        if declared == "auto":
-            model = choose_spread(residuals, predictions)
-        else:
-            model = estimate_spread(declared, np.concatenate(residuals), np.concatenate(predictions))
-        if model.kind != "constant":
+        model = (choose_spread if declared == "auto" else partial(estimate_spread, declared))(residuals, predictions)
+        if not model.equal:
             found[output] = model
     return found
 
@@ -44,10 +44,10 @@ def _with_spread(
 ) -> MeasuredData:
     """Return the data with the spread of each reading, from the predictions and residuals of a fit."""
     spreads = [np.ones(measured.shape) for measured in data.measured]
-    for k, s in enumerate(series):
-        if s.output in models:
-            own = models[s.output].spread(here.evaluation.residual[k], here.evaluation.predicted[k])
-            spreads[s.experiment][s.sampling.index, s.column] = own
+    for output, model in models.items():
+        own = [s for s in series if s.output == output]
+        for s, spread in zip(own, model.spreads(*_of_output(output, series, here)), strict=True):
+            spreads[s.experiment][s.sampling.index, s.column] = spread
     experiments = tuple(replace(e, spread=spread) for e, spread in zip(data.experiments, spreads, strict=True))
     return replace(data, experiments=experiments, spreads=dict(models))
 
@@ -57,19 +57,21 @@ def refit_with_spread(
 ) -> tuple[GlobalSearch, Optimum] | None:
     """Renew fit and spread in turn until they agree."""
     first, simulator, last = search.objective.calibration, search.objective.simulator, search
-    for _ in range(MAX_REFITS):
+    asked = [o for o in models if first.noise.spread_kind(o) == "auto"]
+    for k in range(MAX_REFITS):
         data = _with_spread(first.data, models, last.objective.series, here)
         old = [s.sampling.spread for s in last.objective.series]
         last = GlobalSearch(search.objective.with_calibration(replace(first, data=data), simulator), search.settings)
         if all(_alike(a, s.sampling.spread) for a, s in zip(old, last.objective.series, strict=True)):
             break
         here = last.refit(here.coordinates, here.free, here.noise)
+        if k == HOPELESS_REFITS and any(is_correlated(last.objective.series, here, o) for o in asked):
+            return None
         models = {
-            o: estimate_spread(m.kind, *(np.concatenate(part) for part in _of_output(o, last.objective.series, here)))
+            o: estimate_spread(m.kind, *_of_output(o, last.objective.series, here), bool(m.scales))
             for o, m in models.items()
         }
-    asked = [o for o in models if first.noise.spread_kind(o) == "auto"]
-    return None if any(_correlated(o, last, here) for o in asked) else (last, here)
+    return None if any(is_correlated(last.objective.series, here, o) for o in asked) else (last, here)
 
 
 def _of_output(output: str, series: Sequence[Series], here: Optimum) -> tuple[list[FloatArray], list[FloatArray]]:
@@ -84,11 +86,8 @@ def _alike(old: FloatArray | None, new: FloatArray | None) -> bool:
     return bool(np.max(np.abs(np.log(new / old)), initial=0.0) < MIN_CHANGE)
 
 
-def _correlated(output: str, search: GlobalSearch, here: Optimum) -> bool:
-    """Return whether an output's innovations are correlated over time."""
-    by_series = np.split(
-        search.objective.whiten(replace(here.evaluation, slopes=None), here.noise).residual,
-        np.cumsum([s.sampling.size for s in search.objective.series])[:-1],
-    )
-    own = [white for s, white in zip(search.objective.series, by_series, strict=True) if s.output == output]
+def is_correlated(series: Sequence[Series], here: Optimum, output: str) -> bool:
+    """Return whether an output's innovations are correlated over time in a recording."""
+    by_series = np.split(here.whitened.residual, np.cumsum([s.sampling.size for s in series])[:-1])
+    own = [white for s, white in zip(series, by_series, strict=True) if s.output == output]
     return any(correlation_p_value(white, white) < FALSE_ALARM_RATE / len(own) for white in own)

@@ -24,8 +24,21 @@ def noise_table(data: MeasuredData, noise: Mapping[str, OutputNoise]) -> dict[st
     table = noise_at_interval(noise, float(np.median(np.concatenate([np.diff(e.time) for e in data.experiments]))))
     for name, spread in data.spreads.items():
         table[name] |= {"kind": spread.kind, "base": spread.base}
-        table[name] |= {"freedom": spread.freedom} if spread.kind == "student" else {"per_unit": spread.per_unit}
+        if spread.kind != "constant":
+            table[name] |= {"freedom": spread.freedom} if spread.kind == "student" else {"per_unit": spread.per_unit}
+        if spread.scales:
+            table[name]["by_recording"] = noise_by_recording(data, name, noise[name].sd)
     return table
+
+
+def noise_by_recording(data: MeasuredData, output: str, sd: float) -> dict[str, float]:
+    """Return the standard deviation of an output's noise in each recording that has it, from that over all readings."""
+    column, found = data.outputs.index(output), {}
+    for name, experiment, measured in zip(data.names, data.experiments, data.measured, strict=True):
+        seen = np.isfinite(measured[:, column])
+        if seen.any() and experiment.spread is not None:
+            found[name] = sd * float(np.sqrt(np.mean(experiment.spread[seen, column] ** 2)))
+    return found
 
 
 def noise_at_interval(noise: Mapping[str, OutputNoise], interval: float) -> dict[str, dict[str, object]]:

@@ -51,15 +51,20 @@ def nuisance_parameters(
 
 def _delay(limit: float, index: int, suffix: str) -> Parameter:
     return Parameter(
-        f"input_delay{suffix}", "s", 0.3 * limit, 0.0, limit, Uniform(0.0, limit), "linear", "delay of the input",
-        DelayTarget(), index,
+        f"input_delay{suffix}", "s", 0.3 * limit, *_range(limit), Uniform(*_range(limit)), "linear",
+        "delay of the input", DelayTarget(), index,
     )  # fmt: skip
+
+
+def _range(limit: float) -> tuple[float, float]:
+    """Return the range of a delay: below zero, the input acts before it is logged."""
+    return min(limit, 0.0), max(limit, 0.0)
 
 
 def input_delay(name: str, limit: float) -> Parameter:
     """Return the delay of one input by up to ``limit`` s, the same in every recording: a dead time of the rig."""
-    prior, about = Uniform(0.0, limit), f"delay of {name}"
-    return Parameter(f"{name}_delay", "s", 0.3 * limit, 0.0, limit, prior, "linear", about, DelayTarget(name))
+    prior, about = Uniform(*_range(limit)), f"delay of {name}"
+    return Parameter(f"{name}_delay", "s", 0.3 * limit, *_range(limit), prior, "linear", about, DelayTarget(name))
 
 
 def _delays(experiments: Sequence[Experiment], limits: Mapping[str, float], policy: DelayPolicy) -> list[Parameter]:
@@ -88,7 +93,7 @@ def _delay_wanted(
         return policy == "free"
     return any(
         len(e.time) > 1
-        and np.median(np.diff(e.time)) <= 5.0 * limit
+        and np.median(np.diff(e.time)) <= 5.0 * abs(limit)
         and any(np.any(np.diff(signal.values)) for signal in e.inputs if name in (None, signal.name))
         for e in experiments
     )

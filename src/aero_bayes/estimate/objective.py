@@ -167,7 +167,10 @@ class Objective:
     def commonest_failure(self) -> str:
         """The most frequent reason why simulations failed, in words."""
         failed = {outcome: count for outcome, count in self.outcomes.items() if outcome is not Outcome.OK and count}
-        return max(failed, key=lambda outcome: failed[outcome]).text if failed else "no reason given"
+        if not failed:
+            return "no reason given"
+        words = getattr(self.simulator, "words", "")
+        return max(failed, key=lambda outcome: failed[outcome]).text + (f" ({words})" if words else "")
 
     # by residuals
 

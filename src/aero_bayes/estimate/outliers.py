@@ -7,7 +7,7 @@ what a model lacks, which lasts longer than a reading or follows a change of an 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,8 +38,12 @@ BESIDE, MIN_TIMES_MOVED = 5, 2.0
 MIN_OUTLIER_READINGS = 30
 
 
-def without_outliers(data: MeasuredData, fitted: Sequence[FloatArray]) -> tuple[MeasuredData, tuple[DataFinding, ...]]:
-    """Return the data without the readings that are outliers of a fit, and what is told of them."""
+def without_outliers(
+    data: MeasuredData, fitted: Sequence[FloatArray], kept_whole: Collection[str] = ()
+) -> tuple[MeasuredData, tuple[DataFinding, ...]]:
+    """Return the data without the readings that are outliers of a fit, and what is told of them.
+
+    Outputs that are ``kept_whole`` are not looked at."""
     experiments, recordings = list(data.experiments), list(data.recordings)
     if not recordings:
         return data, ()
@@ -49,6 +53,8 @@ def without_outliers(data: MeasuredData, fitted: Sequence[FloatArray]) -> tuple[
         inputs = {name: values[rows] for name, values in recording.inputs.items()}
         kept = measured.copy()
         for column, name in enumerate(experiment.outputs):
+            if name in kept_whole:
+                continue
             found = outlier_rows(measured[:, column], fitted[k][:, column], inputs)
             if not found.any():
                 continue

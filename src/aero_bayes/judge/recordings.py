@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 
@@ -40,7 +42,19 @@ class Recordings:
         unseen_from: dict[str, float] = {}
         parts = []
         for recording in train:
-            cut = float(recording.time[0] + (1.0 - held_out) * recording.duration)
+            cut = _cut(recording, outputs, held_out)
             unseen_from[recording.name] = cut
             parts.append(replace(recording.without(after=cut), name=recording.name))
         return cls(tuple(train), (), tuple(parts), unseen_from, outputs)
+
+
+def _cut(recording: Recording, outputs: Sequence[str], held_out: float) -> float:
+    """Return the time in s from which readings are held out, so that each output has readings before it.
+
+    A sensor that was mounted late has them in its last part only."""
+    ends = [
+        recording.time[np.isfinite(recording.outputs[o])][[0, -1]]
+        for o in outputs
+        if o in recording.outputs and np.isfinite(recording.outputs[o]).any()
+    ] or [recording.time[[0, -1]]]
+    return max(float(first + (1.0 - held_out) * (last - first)) for first, last in ends)

@@ -77,7 +77,7 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
     own = replace(
         own,
         calibration=replace(own.calibration, outputs=recordings.outputs),
-        noise=NoiseModel(initial_sd=own.noise.initial_sd),
+        noise=NoiseModel(sd=own.noise.sd, initial_sd=own.noise.initial_sd),
     )
 
     def fitted(method: str) -> Fit:

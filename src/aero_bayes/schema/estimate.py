@@ -98,7 +98,8 @@ class NoiseJson(JsonTable):
     """Noise of an output: white plus correlated over ``tau_s``.
 
     ``kind`` says how it differs from reading to reading: ``relative`` has the standard deviation
-    ``base + per_unit |y|``, ``student`` the scale ``base`` and ``freedom`` degrees of freedom."""
+    ``base + per_unit |y|``, ``student`` the scale ``base`` and ``freedom`` degrees of freedom. ``by_recording`` has the
+    standard deviation in each recording, where they differ."""
 
     sd: JsonNumber
     rho: JsonNumber
@@ -109,6 +110,7 @@ class NoiseJson(JsonTable):
     base: JsonNumber = None
     per_unit: JsonNumber = None
     freedom: JsonNumber = None
+    by_recording: dict[str, JsonNumber] = {}
 
 
 class ResidualJson(JsonTable):

@@ -8,7 +8,7 @@ describes slow errors of the sensor or of the model. :mod:`aero_bayes.sensors.wh
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.errors import InputError
 
 NoiseKind = Literal["white", "ou", "auto"]
 #: What a user may declare of an output's noise.
@@ -72,6 +73,9 @@ class NoiseModel:
         Of outputs that ``outputs`` does not name; ``auto`` lets the data choose. ``relative`` has the standard
         deviation ``a + b |y|``, ``student`` has heavy tails, ``rounded`` is white, at least as large as the rounding.
     outputs : tuple of (str, kind)
+    sd : mapping of str to float, or to a mapping of str to float
+        Standard deviation of white noise by output, in its unit, where it is known; one value, or one a recording by
+        its name.
     process : mapping of str to float or "estimated"
         Process noise by state: its diffusion in the state's unit over the square root of a second. Each of these states
         gains ``diffusion dW``, with W a Wiener process of its own; the noise of all readings is then white.
@@ -87,20 +91,33 @@ class NoiseModel:
 
     default: DeclaredNoise = "auto"
     outputs: tuple[tuple[str, DeclaredNoise], ...] = ()
+    sd: Mapping[str, float | Mapping[str, float]] = field(default_factory=dict)
     process: Mapping[str, float | Literal["estimated"]] = field(default_factory=dict)
     initial_sd: Mapping[str, float] = field(default_factory=dict)
 
     def kind(self, output: str) -> NoiseKind:
         """Return the correlation over time that an output's noise may have."""
         declared = self.declared(output)
-        return "white" if self.process or declared == "rounded" else declared if declared in ("white", "ou") else "auto"
+        if self.process or output in self.sd or declared == "rounded":
+            return "white"
+        return declared if declared in ("white", "ou") else "auto"
 
     def spread_kind(self, output: str) -> Literal["auto", "constant", "relative", "student"]:
         """Return how the noise of an output may differ from reading to reading."""
         declared = self.declared(output)
-        if self.process or declared in ("white", "ou", "rounded"):
+        if self.process or output in self.sd or declared in ("white", "ou", "rounded"):
             return "constant"
         return declared if declared in ("relative", "student") else "auto"
+
+    def sd_by_recording(self, output: str, recordings: Sequence[str]) -> list[float] | None:
+        """Return the known standard deviation of an output in each recording; None where it is not declared."""
+        known = self.sd.get(output)
+        if not isinstance(known, Mapping):
+            return None if known is None else [known] * len(recordings)
+        for name in recordings:
+            if name not in known:
+                raise InputError(f"[noise.{output}] sd: no value for recording {name}; there are {', '.join(known)}")
+        return [known[name] for name in recordings]
 
     def declared(self, output: str) -> DeclaredNoise:
         """Return what was declared of an output's noise."""

@@ -15,6 +15,8 @@ from aero_bayes.sensors.whittle import BinnedPeriodogram, maximise_whittle
 
 #: Longest correlation time of noise, as a share of the longest recording: a longer one means model error.
 MAX_CORRELATION_SHARE = 0.02
+#: What stands for the noise of an output without readings, which weighs nothing and is not estimated.
+UNSEEN = OutputNoise(1.0, white_identified=False)
 
 
 def is_model_error(noise: OutputNoise, longest: float) -> bool:
@@ -35,6 +37,8 @@ def update_output_noise(
     """Find the noise of one output over several recordings that maximises Whittle's likelihood.
 
     This is the quick estimate with which a search updates the noise between its steps."""
+    if not samplings:
+        return UNSEEN
     powers = [
         BinnedPeriodogram.of(s.equalised(r), s.time, s.interval, s.even)
         for r, s in zip(residuals, samplings, strict=True)
@@ -56,7 +60,7 @@ def estimate_noise(
     pairs = [(r[s.index], s) for r, s in zip(residuals, samplings, strict=True) if s.size]
     count = sum(r.size for r, _ in pairs)
     if count == 0:
-        return OutputNoise(1.0)
+        return UNSEEN
     rms = math.sqrt(sum(float(r @ r) for r, _ in pairs) / count)
     white = OutputNoise(max(rms, floor, 1e-300))
     longest = max(s.duration for _, s in pairs)

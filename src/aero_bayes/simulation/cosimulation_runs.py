@@ -24,6 +24,8 @@ from aero_bayes.simulation.model_description import ModelDescription
 from aero_bayes.simulation.worker_main import NOT_LOADED, SPENT
 
 LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
+STEP_SHARE = 1e-6  # of a step: samples that are so near to its end are there
+WORDS = "words"  # file in a worker's folder with what its FMU said last of trouble
 # The words of a job and of a slot, as native/batch.c reads them.
 _TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = 1, 3, 4, 8, 11, 14
 
@@ -54,6 +56,11 @@ class _Instance:
     fmu: Any = None
     opened: bool = False
     values: bytes = b""
+    words: str = ""
+
+    def hear(self, words: str) -> None:
+        """Keep what the FMU says of trouble."""
+        self.words = words or self.words
 
     def ready(self, new: bool) -> Any:
         """FMPy's object for the FMU, reset or instantiated anew."""
@@ -65,7 +72,7 @@ class _Instance:
             self.fmu.freeInstance()
             self.fmu = None
         try:
-            self.fmu = fmpy_fmu.open_fmu(self.model, self.folder)
+            self.fmu = fmpy_fmu.open_fmu(self.model, self.folder, self.hear)
         except LoadError:
             raise
         except Exception as error:  # FMPy's own errors have no common class
@@ -127,8 +134,10 @@ class CosimulationRuns:
             raise
         except _NotRepeatableError:
             return Outcome.NOT_REPEATABLE
-        except Exception:  # FMPy's own errors have no common class
+        except Exception as error:  # FMPy's own errors have no common class
             self.instance.fmu = None  # not freed: the error may have been fatal
+            with contextlib.suppress(OSError):
+                Path(WORDS).write_text(self.instance.words or str(error))
             return Outcome.MODEL_ERROR
         if not np.all(np.isfinite(found)):
             return Outcome.NOT_FINITE
@@ -183,14 +192,17 @@ class CosimulationRuns:
         fmu.exitInitializationMode()
         variables = [model.output(name) for name in experiment.outputs]
         get = {"real": fmu.getReal, "integer": fmu.getInteger, "boolean": fmu.getBoolean}
-        out = np.empty((samples.size, len(variables)))
-        points, times = communication_points(samples, signals, self.substeps, any_step=model.takes_any_step)
+        if model.takes_any_step:
+            points, times = communication_points(samples, signals, self.substeps)
+        else:
+            points = equal_steps(samples, model.step_size or experiment.interval)
+            times = 0.5 * (points[1:] + points[:-1])
+        read = np.isin(points, samples) if model.takes_any_step else np.ones(points.size, dtype=bool)
         slopes = () if model.takes_any_step or not model.interpolates_inputs else linear_signals(signals)
-        done = 0
+        out = np.empty((points.size, len(variables)))
         for k, t in enumerate(points):
-            if t == samples[done]:
-                out[done] = [float(get[v.kind]([v.value_reference])[0]) for v in variables]
-                done += 1
+            if read[k]:
+                out[k] = [float(get[v.kind]([v.value_reference])[0]) for v in variables]
             if k + 1 < points.size:
                 begin, step = float(t), float(points[k + 1] - t)
                 self._apply(fmu, signals, float(times[k]), begin)
@@ -200,7 +212,7 @@ class CosimulationRuns:
                     fmu.setReal(reference, [start])
                     fmu.setRealInputDerivatives(reference, [1], [(end - start) / step])
                 fmu.doStep(begin, step)
-        return out
+        return np.column_stack([np.interp(samples, points[read], y) for y in out[read].T])
 
     def _apply(self, fmu: Any, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
         for signal in signals:
@@ -234,19 +246,28 @@ class CosimulationEngine:
         return runs.load_error.encode()
 
 
-def communication_points(
-    samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int, *, any_step: bool = True
-) -> tuple[FloatArray, FloatArray]:
-    """Return where an FMU stops, and at what time its inputs are read for each step between two stops.
+def equal_steps(samples: FloatArray, step: float) -> FloatArray:
+    """Return where an FMU that takes steps of one size stops, up to the last sample or one step beyond it."""
+    count = int(np.ceil((samples[-1] - samples[0]) / step - STEP_SHARE))
+    points = samples[0] + step * np.arange(max(count, 1) + 1)
+    near = np.clip(np.rint((samples - samples[0]) / step).astype(int), 0, points.size - 1)
+    same = np.abs(points[near] - samples) <= STEP_SHARE * step
+    points[near[same]] = samples[same]  # so that a sample is read and not interpolated
+    return np.asarray(points)
 
-    It stops at the samples, so many times between two of them, and, if it takes any step, where an input breaks. An
-    input is constant over a step: at its value in the middle, so that states are right to second order."""
+
+def communication_points(
+    samples: FloatArray, signals: tuple[InputSignal, ...], substeps: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return where an FMU that takes any step stops, and at what time its inputs are read for each step.
+
+    It stops at the samples, so many times between two of them, and where an input breaks. An input is constant over a
+    step: at its value in the middle, so that states are right to second order."""
     steps = np.diff(samples)
     fractions = np.arange(substeps) / substeps
     between = [(samples[:-1, None] + steps[:, None] * fractions).ravel()]
-    short = any_step and bool(linear_signals(signals))
-    if any_step:
-        between += [s.time[(s.time > samples[0]) & (s.time < samples[-1])] for s in signals]
+    short = bool(linear_signals(signals))
+    between += [s.time[(s.time > samples[0]) & (s.time < samples[-1])] for s in signals]
     if short:
         between.append(samples[1:] - LAST_STEP * steps)
     points = np.unique(np.concatenate([samples, *between]))

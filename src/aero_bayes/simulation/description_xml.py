@@ -44,3 +44,10 @@ def checked_identifier(path: Path, interface: Element) -> str:
     if not identifier or "/" in identifier or "\\" in identifier:
         raise InputError(f"{path}: the model identifier {identifier!r} is not a file name")
     return identifier
+
+
+def step_size(root: Element, interface: Element) -> float | None:
+    """Return the communication step in s that an FMU names: its internal one, or that of its default experiment."""
+    experiment = root.find("DefaultExperiment")
+    named = interface.get("fixedInternalStepSize") or (experiment.get("stepSize") if experiment is not None else None)
+    return float(named) if named and float(named) > 0.0 else None

@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.description_xml import checked_identifier, is_true
+from aero_bayes.simulation.description_xml import checked_identifier, is_true, step_size
 from aero_bayes.simulation.model_description import OWN_EXPORTER, Kind, ModelDescription, Variable
 from aero_bayes.simulation.model_structure import (
     candidate_copies,
@@ -147,6 +147,7 @@ def _description(path: Path, root: Element, exchange: Element | None) -> ModelDe
         interface="co-simulation" if exchange is None else "model exchange",
         takes_any_step=exchange is not None or is_true(interface, "canHandleVariableCommunicationStepSize"),
         interpolates_inputs=exchange is None and is_true(interface, "canInterpolateInputs"),
+        step_size=step_size(root, interface),
     )
 
 

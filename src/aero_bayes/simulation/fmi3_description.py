@@ -7,7 +7,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.description_xml import checked_identifier, is_true
+from aero_bayes.simulation.description_xml import checked_identifier, is_true, step_size
 from aero_bayes.simulation.model_description import OWN_EXPORTER, Kind, ModelDescription, Variable
 from aero_bayes.simulation.model_structure import (
     candidate_copies,
@@ -93,6 +93,7 @@ def _description(path: Path, root: Element, interface: Element, found: Any, only
         fmi_version=3,
         interface="co-simulation" if only_steps else "model exchange",
         takes_any_step=not only_steps or is_true(interface, "canHandleVariableCommunicationStepSize"),
+        step_size=step_size(root, interface),
     )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,13 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 from fmpy.fmi3 import FMU3Model, FMU3Slave
+from fmpy.logging import addLoggerProxy
 
 from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.model_description import ModelDescription
 
-
-def _ignore(*_: Any) -> None:
-    """Take a log message and drop it."""
+#: Least status of a log message that tells of trouble: a warning.
+TROUBLE = 1
 
 
 class _Fmi2Names:
@@ -61,8 +63,13 @@ class _Slave3(_Fmi2Names, FMU3Slave):  # type: ignore[misc]
             raise RuntimeError("the FMU ended the step early")
 
 
-def open_fmu(model: ModelDescription, folder: Path) -> Any:
-    """Load and instantiate a model unpacked into a folder."""
+def open_fmu(model: ModelDescription, folder: Path, tell: Callable[[str], object] = str) -> Any:
+    """Load and instantiate a model unpacked into a folder; ``tell`` gets what it logs of trouble."""
+
+    def logged(status: int, message: bytes) -> None:
+        if status >= TROUBLE:
+            tell(" ".join(message.decode(errors="replace").split()))
+
     slave = model.interface == "co-simulation"
     kind = {(2, False): FMU2Model, (2, True): FMU2Slave, (3, False): _Model3, (3, True): _Slave3}
     path = str(model.binary_in(folder))
@@ -81,11 +88,13 @@ def open_fmu(model: ModelDescription, folder: Path) -> Any:
             raise
         raise LoadError(str(reason).removeprefix(f"{path}: ")) from error
     if model.fmi_version == 3:
-        fmu.instantiate(logMessage=_ignore)
+        fmu.instantiate(logMessage=lambda _environment, status, _category, message: logged(status, message))
         return fmu
     callbacks = fmi2CallbackFunctions()
-    callbacks.logger = fmi2CallbackLoggerTYPE(_ignore)
+    callbacks.logger = fmi2CallbackLoggerTYPE(lambda _fmu, _name, status, _category, message: logged(status, message))
     callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
     callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+    with contextlib.suppress(OSError):  # without the proxy, messages keep their format
+        addLoggerProxy(ctypes.byref(callbacks))
     fmu.instantiate(callbacks=callbacks)
     return fmu

@@ -84,11 +84,18 @@ class Experiment:
     spread: FloatArray | None = None
     most_steps: int = 0
     known: Mapping[str, float] = field(default_factory=dict)
+    recorded_interval: float = 0.0
+
+    @property
+    def interval(self) -> float:
+        """Median step in s between two samples, of all that were recorded."""
+        return self.recorded_interval or (float(np.median(np.diff(self.time))) if self.time.size > 1 else 1.0)
 
     def at_samples(self, chosen: slice | NDArray[np.int_]) -> Experiment:
         """Return the experiment at some of its sample times, with what was measured there."""
         measured, spread = (None if a is None else a[chosen] for a in (self.measured, self.spread))
-        return replace(self, time=np.ascontiguousarray(self.time[chosen]), measured=measured, spread=spread)
+        time = np.ascontiguousarray(self.time[chosen])
+        return replace(self, time=time, measured=measured, spread=spread, recorded_interval=self.interval)
 
 
 @dataclass(frozen=True)

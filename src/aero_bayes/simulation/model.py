@@ -65,6 +65,8 @@ class Model(ModelDescription):
         Whether a communication step of co-simulation may vary.
     interpolates_inputs : bool
         Whether co-simulation takes the slope of an input over a step beside its value.
+    step_size : float, optional
+        Communication step in s that the FMU proposes (``stepSize`` of its default experiment).
     declared : PackageDeclaration
         What the package that it is from declares of its rigs.
     source : ModelicaSource, optional

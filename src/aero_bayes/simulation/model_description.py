@@ -70,6 +70,7 @@ class ModelDescription:
     interface: Interface = "model exchange"
     takes_any_step: bool = True
     interpolates_inputs: bool = False
+    step_size: float | None = None
 
     @property
     def units(self) -> dict[str, str]:

@@ -54,7 +54,8 @@ def _noise(job: Job) -> NoiseModel:
             hint = known_names_hint(name, known)
             raise InputError(f"[noise.{name}]: model {job.model.name} has no output {name}{hint}")
     kinds = tuple((name, own.kind) for name, own in section.outputs.items())
-    return filled(NoiseModel(outputs=kinds), section)
+    known_sd = {name: own.sd for name, own in section.outputs.items() if own.sd is not None}
+    return filled(NoiseModel(outputs=kinds, sd=known_sd), section)
 
 
 def sample_settings(job: Job) -> SampleSettings:
