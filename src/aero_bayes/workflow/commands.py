@@ -99,7 +99,7 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
     """Run ``aero-bayes close-loop``: find the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
-    job = open_job(train, options, tests=test)
+    job = open_job(train, options, tests=test, loop=True)
     with resumable(job, "close-loop"):
         values: Json = {}
         with ProgressBar(options.quiet) as progress:
@@ -255,13 +255,12 @@ def _finish(
         click.echo(diagnosis_line(result["diagnosis"]))
     click.echo(f"wrote {out / 'result.json'} and {page}")
     if calibrated is not None:
-        written = calibrated.write(out)
         try:
-            made = f"{written} and {calibrated.export_fmu(written.with_suffix('.fmu'))}"
+            made = calibrated.export_fmu(out / f"{calibrated.name}.fmu")
         except InputError as error:
-            click.echo(f"note: {written} cannot be compiled here: {error}", err=True)
-            made = f"{written}"
-        click.echo(f"wrote {made}: the model with all fitted values")
+            click.echo(f"note: no model with the fitted values is written: {error}", err=True)
+        else:
+            click.echo(f"wrote {calibrated.write(out)} and {made}: the model with all fitted values")
 
 
 def _page(job: Job, result: Json, series: Series) -> Path:
