@@ -30,7 +30,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench trial trial-quick rig-trial fault-trial real-rigs real-trial ablation odebench coverage coverage-wrong docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench rig-trial fault-trial real-rigs real-trial coverage coverage-wrong results docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -108,46 +108,38 @@ lint: size $(VENV)/.tested ## size, ruff, mypy, and the import contract where im
 	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'import-linter>=2' 2>/dev/null
 	if [ -x $(BIN)/lint-imports ]; then $(BIN)/lint-imports --no-cache; else echo "import-linter is not here: layers were not checked"; fi
 
-bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json and bench.svg
+bench: $(VENV)/.tested ## speed, as ratios in one run, and seconds of loops -> reports/bench.json
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[bench]' \
 	  || echo "PINTS or CasADi could not be installed: their rows stay empty"
 	$(BIN)/python benchmarks/bench.py --out reports
 
-trial: setup ## the blind trial -> reports/trial.json (resumable)
-	$(BIN)/python studies/trial.py --out reports
+STUDY = $(BIN)/python studies/run.py $(subst -,_,$@) --out reports --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS))
 
-trial-quick: setup ## a small part of the blind trial
-	$(BIN)/python studies/trial.py --quick --out reports
+rig-trial: setup ## simulated rigs whose model lacks a law -> reports/rig_trial.json (resumable, as all studies)
+	$(STUDY)
 
-rig-trial: setup ## the blind trial over many kinds of rigs -> reports/rig_trial.json (resumable)
-	$(BIN)/python studies/rig_trial.py --out reports
+fault-trial: setup ## complete models, one fault of data, solver or noise -> reports/fault_trial.json (15 minutes a run)
+	$(STUDY)
 
-fault-trial: setup ## complete models, one fault of data, solver or noise -> reports/fault_trial.json (resumable, 15 minutes a run)
-	$(BIN)/python studies/fault_trial.py --out reports
+real-rigs: setup ## the loop on recordings of real rigs in ../shared, each alone, too -> reports/real_rigs.json
+	$(STUDY) --alone
 
-real-rigs: setup ## the loop on measured recordings of real rigs in ../shared -> reports/real_rigs (resumable)
-	$(BIN)/python studies/real_rigs.py --out reports --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS))
+real-trial: setup ## terms deleted from complete models of real rigs -> reports/real_trial.json (15 minutes a run)
+	$(STUDY)
 
-real-trial: setup ## terms deleted from complete models of real rigs -> reports/real_trial.json (resumable, 15 minutes a part)
-	$(BIN)/python studies/real_trial.py --out reports --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS))
+coverage: setup ## intervals where the model is right -> reports/coverage.json (18 minutes a run)
+	$(STUDY)
 
-odebench: setup ## published systems with one term deleted -> reports/odebench.json (resumable, 15 minutes a run)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[odebench]'
-	$(BIN)/python studies/odebench.py --out reports --seed $(SEED)
+coverage-wrong: setup ## intervals where the model is wrong -> reports/coverage_wrong.json (14 minutes a run)
+	$(STUDY)
 
-ablation: setup ## the development trials with each part of the search left out -> reports/ablation.json (resumable)
-	$(BIN)/python studies/ablation.py --out reports
+results: setup ## docs/results.md and the table of README.md from the JSON of studies and bench in reports
+	$(BIN)/python studies/results.py --reports reports
 
 fleet: setup ## a small simulated fleet on a local Dask cluster -> reports/fleet (resumable)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[fleet]'
 	test -e reports/fleet/simulated/fleet.toml || $(BIN)/python studies/simulate_fleet.py --rigs 12 --out reports/fleet/simulated --seed $(SEED)
 	$(RUN) fleet --config $(or $(CONFIG),reports/fleet/simulated/fleet.toml) --out $(or $(OUT),reports/fleet) --dask local --seed $(SEED)
-
-coverage: setup ## calibration study -> reports/coverage.json
-	$(BIN)/python studies/coverage_study.py --out reports
-
-coverage-wrong: setup ## intervals where the model is wrong -> reports/coverage_wrong.json (resumable)
-	$(BIN)/python studies/coverage_wrong.py --out reports
 
 docs: setup ## documentation -> build/docs/index.html
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[docs]'

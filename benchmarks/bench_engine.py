@@ -1,23 +1,26 @@
-"""The engine beside what else can run the same FMU, in one run: ``python benchmarks/bench_engine.py``.
+"""The engine beside what else can run the same FMU, and beside a plain loop in C.
 
 The paper's experiment (24 V for 20 s, 0 V for 20 s, 2,001 samples of three outputs) at one tolerance for all routes;
-each route's error is measured against FMPy's CVode at a tolerance of 1e-10. Writes the contract's keys and its rows to
-``reports/bench.json``.
+errors are measured against FMPy's CVode at a tolerance of 1e-10. Another comparison is another :class:`Pair` in
+:func:`pairs`.
 """
 
 from __future__ import annotations
 
-import argparse
+import ctypes
+import subprocess
 import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
-from bench_growth import memory, states
-from harness import Route, TimingRow, ratio, time_routes, update
+from harness import Pair, Row, time_pair, update
 
 from aero_bayes.export import export_fmu
+from aero_bayes.export.build import c_compiler
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,
@@ -32,21 +35,21 @@ from aero_bayes.simulation import (
 
 OUTPUTS = ("i_m", "omega_m", "theta")
 PARAMETERS = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp", "L_a")
-GROUPS = ("one run", "cores", "sensitivities", "noise", "growth", "states")
 TOLERANCE = 1e-6
+WHITE = np.array([1.0, 0.0, 0.0])
+Route = Callable[[], np.ndarray]
 
 
-def paper_experiment(samples: int = 2001, seconds: float = 40.0) -> Experiment:
-    """Make the paper's experiment: 24 V, then 0 V from half time on."""
-    time = np.linspace(0.0, seconds, samples)
-    signal = InputSignal("V_m", np.array([0.0, seconds / 2]), np.array([24.0, 0.0]))
-    return Experiment(time, OUTPUTS, (signal,), measured=np.zeros((samples, 3)))
-
-
-def paper_problem(model: Model, what: Experiment, tolerance: float = TOLERANCE) -> Problem:
-    """Pose the problem with eight parameters free."""
+def paper_problem(model: Model, moving: bool = False) -> Problem:
+    """Pose the paper's experiment, or one whose voltage moves at each sample, with eight parameters free."""
+    time = np.linspace(0.0, 40.0, 2001)
+    signal = InputSignal("V_m", np.array([0.0, 20.0]), np.array([24.0, 0.0]))
+    if moving:
+        noise = np.random.default_rng(3).standard_normal(time.size)
+        signal = InputSignal("V_m", time, 12.0 + 6.0 * np.sin(0.6 * time) + 3.0 * np.sin(4.4 * time + 1.0) + noise)
+    what = Experiment(time, OUTPUTS, (signal,), measured=np.zeros((time.size, 3)))
     targets = tuple(ParameterTarget(name) for name in PARAMETERS)
-    return Problem(model, (what,), (targets,), settings=SolverSettings(tolerance, tolerance))
+    return Problem(model, (what,), (targets,), settings=SolverSettings(TOLERANCE, TOLERANCE))
 
 
 def nominal(model: Model, n: int = 1) -> np.ndarray:
@@ -55,51 +58,40 @@ def nominal(model: Model, n: int = 1) -> np.ndarray:
     return values * np.exp(0.02 * np.random.default_rng(0).standard_normal((n, len(PARAMETERS))) * (n > 1))
 
 
-def fmpy_route(model: Model, kind: str, folder: Path) -> Any:
-    """Time FMPy as a user would write it, unpacked, described and loaded once."""
+def fmpy_route(model: Model, folder: Path) -> Route:
+    """Return Model Exchange with CVode by FMPy as a user would write it, unpacked, described and loaded once."""
     from fmpy import extract, read_model_description, simulate_fmu
 
-    unpacked = extract(str(model.path), str(folder / kind))
+    unpacked = extract(str(model.path), str(folder / "fmpy"))
     described = read_model_description(unpacked)
     signal = np.array([(0.0, 24.0), (20.0, 24.0), (20.0, 0.0), (40.0, 0.0)], dtype=[("time", "f8"), ("V_m", "f8")])
 
     def call() -> np.ndarray:
         out = simulate_fmu(
-            unpacked,
-            model_description=described,
-            fmi_type=kind,
-            stop_time=40.0,
-            output_interval=0.02,
-            relative_tolerance=TOLERANCE,
-            solver="CVode",
-            input=signal,
-            output=list(OUTPUTS),
-            validate=False,
-        )
+            unpacked, model_description=described, fmi_type="ModelExchange", stop_time=40.0, output_interval=0.02,
+            relative_tolerance=TOLERANCE, solver="CVode", input=signal, output=list(OUTPUTS), validate=False,
+        )  # fmt: skip
         last = np.append(np.diff(out["time"]) > 0.0, True)  # at the jump there is a row before it and one after
         return np.stack([out[name][last] for name in OUTPUTS], axis=1)
 
     return call
 
 
-def casadi_route(model: Model, folder: Path) -> Any:
-    """Time CasADi, which imports the FMU: cvodes, one segment either side of the jump."""
+def casadi_route(model: Model, folder: Path) -> Route:
+    """Return CasADi, which imports the FMU: cvodes, one segment either side of the jump."""
     import casadi
     from fmpy import extract
 
-    unpacked = extract(str(model.path), str(folder / "casadi"))
-    dae = casadi.DaeBuilder("aero", str(unpacked))
+    dae = casadi.DaeBuilder("aero", str(extract(str(model.path), str(folder / "casadi"))))
     f = dae.create("f", ["x", "u"], ["ode"])
     x, u = casadi.MX.sym("x", f.numel_in(0)), casadi.MX.sym("u")
     time = np.linspace(0.0, 40.0, 2001)
-    parts = [time[:1001], time[1000:]]
     options = {"reltol": TOLERANCE, "abstol": TOLERANCE}
     integrators = [
         casadi.integrator(f"part{k}", "cvodes", {"x": x, "u": u, "ode": f(x, u)}, part[0], part, options)
-        for k, part in enumerate(parts)
+        for k, part in enumerate((time[:1001], time[1000:]))
     ]
-    names = list(dae.x())
-    rows = [names.index(name) for name in OUTPUTS]
+    rows = [list(dae.x()).index(name) for name in OUTPUTS]
 
     def call() -> np.ndarray:
         first = np.array(integrators[0](x0=0.0, u=24.0)["xf"])
@@ -109,164 +101,83 @@ def casadi_route(model: Model, folder: Path) -> Any:
     return call
 
 
-def one_run(model: Model, folder: Path, rounds: int) -> tuple[dict[str, TimingRow], float]:
-    """Time every route for the same run."""
-    what = paper_problem(model, paper_experiment())
-    tight = replace(what, settings=replace(what.settings, relative_tolerance=1e-10, absolute_tolerance=1e-10))
-    values, batch = nominal(model), nominal(model, 100)
-    with open_simulator(tight, "fmpy") as reference:
-        exact = reference.simulate(values).outputs[0][0]
-    span = np.ptp(exact, axis=0)
+def plain_loop(model: Model, problem: Problem, exact: np.ndarray, folder: Path) -> Route:
+    """Return the model by hand in C (``plain_loop.c``) with the fewest steps, a power of two, within 1e-6 of exact."""
+    source, library = Path(__file__).with_name("plain_loop.c"), folder / "plain_loop.so"
+    flags = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC", str(source), "-o", str(library)]
+    subprocess.run([*c_compiler(), *flags], check=True)
+    loop = ctypes.CDLL(str(library)).aero_loop
+    time, signal = problem.experiments[0].time, problem.experiments[0].inputs[0]
+    level = signal.values[np.searchsorted(signal.time, time + 1e-9, side="right") - 1]
+    names = ("R_a", "L_a", "c_m", "J_r", "k_d", "k_t", "J_p", "D_p", "K_sp", "D_t")
+    values = np.array([float(model.parameter(name).start) for name in names])
+    values[3] += float(model.parameter("J_s").start)
+    out = np.empty(exact.shape)
+    pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (time, level, values, out)]
 
-    def error(out: np.ndarray) -> float:
-        return float(np.max(np.abs(out - exact) / span))
+    def call() -> np.ndarray:
+        loop(ctypes.c_long(time.size), *pointers[:3], ctypes.c_long(parts), pointers[3])
+        return out
 
-    routes, engine_error = [], 0.0
-    candidates = {
-        "FMPy, Model Exchange, CVode": lambda: fmpy_route(model, "ModelExchange", folder),
-        "FMPy, Co-Simulation": lambda: fmpy_route(model, "CoSimulation", folder),
-        "CasADi importing the FMU, cvodes": lambda: casadi_route(model, folder),
-    }
-    for name, make in candidates.items():
+    for power in range(11):
+        parts = 2**power
+        if _error(call(), exact) <= 1e-6:
+            return call
+    raise RuntimeError("the plain loop does not meet the reference")
+
+
+def _error(out: np.ndarray, exact: np.ndarray) -> float:
+    """Return the largest error over the range, of all outputs."""
+    return float(np.max(np.abs(out - exact) / np.ptp(exact, axis=0)))
+
+
+def _exact(problem: Problem, engine: Literal["fmpy", "native"]) -> np.ndarray:
+    tight = SolverSettings(1e-10, 1e-10, max_steps=10_000_000, time_limit=100.0)
+    with open_simulator(replace(problem, settings=tight), engine, workers=0) as reference:
+        return np.array(reference.simulate(nominal(problem.model)).outputs[0][0])
+
+
+def pairs(model: Model, folder: Path, stack: ExitStack) -> Iterator[Pair | Row]:
+    """Pose all comparisons; what is not installed is a row without a figure."""
+    step, moving = paper_problem(model), paper_problem(model, moving=True)
+    exact, values, batch = _exact(step, "fmpy"), nominal(model), nominal(model, 100)
+    here, one, two = (stack.enter_context(WorkerPool(count)) for count in (0, 1, 2))
+    local, single, double = (NativeSimulator(step, pool=pool) for pool in (here, one, two))
+    error = _error(local.simulate(values).outputs[0][0], exact)
+    for key, name, make in (
+        ("engine_over_fmpy_me", "one run: FMPy, Model Exchange, CVode / engine, batch of 100, one core", fmpy_route),
+        ("engine_over_casadi", "one run: CasADi, cvodes / engine, batch of 100, one core", casadi_route),
+    ):
         try:
-            call = make()
-            routes.append(Route("one run", name, call, error=error(call())))
-        except Exception as problem_found:  # another tool's failure is a line in the table, not the end of it
-            print(f"{name}: not run ({str(problem_found).splitlines()[0]})")
-    reference_simulator = open_simulator(what, "fmpy")
-    routes.append(
-        Route("one run", "FMPy as the project's reference engine", lambda: reference_simulator.simulate(values))
-    )
-    with WorkerPool(0) as here, WorkerPool(1) as one, reference_simulator:
-        local, remote = NativeSimulator(what, pool=here), NativeSimulator(what, pool=one)
-        engine_error = error(local.simulate(values).outputs[0][0])
-        routes += [
-            Route("one run", "engine, one run a call, in process", lambda: local.simulate(values), error=engine_error),
-            Route("one run", "engine, one run a call, worker", lambda: remote.simulate(values), error=engine_error),
-            Route("one run", "engine, batch of 100, one core", lambda: remote.simulate(batch), 100, engine_error),
-        ]
-        rows = time_routes(routes, rounds)
-    return rows, engine_error
+            route = make(model, folder)
+            route()
+        except Exception as problem:  # another tool's failure is a line in the table, not the end of it
+            yield Row(key, name, note=(str(problem).splitlines() or ["?"])[0])
+        else:
+            yield Pair(key, name, route, lambda: single.simulate(batch), (1, 100), error)
+    fast, loop = NativeSimulator(moving, pool=here), plain_loop(model, moving, _exact(moving, "native"), folder)
+    many = np.repeat(values, 10, axis=0)
+    yield Pair(
+        "over_plain_c", "voltage that moves at each sample: engine, log-likelihood / plain loop in C",
+        lambda: fast.log_likelihood(many, WHITE), lambda: [loop() for _ in many], (10, 10),
+    )  # fmt: skip
+    large = nominal(model, 1000)
+    yield Pair(
+        "two_cores_over_one", "log-likelihood, batch of 1000: one core / two cores",
+        lambda: single.log_likelihood(large, WHITE), lambda: double.log_likelihood(large, WHITE),
+    )  # fmt: skip
+    few = nominal(model, 50)
+    yield Pair(
+        "sensitivities_over_plain", "trajectories with 8 sensitivities / without",
+        lambda: local.simulate(few, active=range(8)), lambda: local.simulate(few), error=error,
+    )  # fmt: skip
 
 
-def cores(model: Model, rounds: int) -> dict[str, TimingRow]:
-    """Time the same batch on one and on two workers."""
-    what = paper_problem(model, paper_experiment())
-    values, noise = nominal(model, 1000), np.array([1.0, 0.0, 0.0])
-    with WorkerPool(1) as one, WorkerPool(2) as two:
-        a, b = NativeSimulator(what, pool=one), NativeSimulator(what, pool=two)
-        routes = [
-            Route("cores", "log-likelihood, batch of 1000, one core", lambda: a.log_likelihood(values, noise), 1000),
-            Route("cores", "log-likelihood, batch of 1000, two cores", lambda: b.log_likelihood(values, noise), 1000),
-        ]
-        return time_routes(routes, rounds)
-
-
-def sensitivities(model: Model, rounds: int) -> dict[str, TimingRow]:
-    """Time runs without and with sensitivities, as trajectories and reduced."""
-    what = paper_problem(model, paper_experiment())
-    values, noise = nominal(model, 50), np.array([1.0, 0.0, 0.0])
-    with WorkerPool(0) as here:
-        s = NativeSimulator(what, pool=here)
-        routes = [Route("sensitivities", "trajectories", lambda: s.simulate(values), 50)]
-        for q in (1, 2, 4, 8):
-            active = range(q)
-            routes.append(
-                Route(
-                    "sensitivities",
-                    f"trajectories and {q} sensitivities",
-                    lambda active=active: s.simulate(values, active=active),
-                    50,
-                )
-            )
-        routes += [
-            Route("sensitivities", "log-likelihood", lambda: s.log_likelihood(values, noise), 50),
-            Route("sensitivities", "Gauss-Newton, 8", lambda: s.gauss_newton(values, noise, active=range(8)), 50),
-        ]
-        return time_routes(routes, rounds)
-
-
-def noise(model: Model, rounds: int) -> dict[str, TimingRow]:
-    """Time white against correlated noise at 30,000 samples."""
-    what = paper_problem(model, paper_experiment(30_001, 30.0))
-    values = nominal(model, 20)
-    with WorkerPool(0) as here:
-        s = NativeSimulator(what, pool=here)
-        routes = [
-            Route("noise", f"30,001 samples, {name}", lambda sd=sd: s.log_likelihood(values, np.array(sd)), 20)
-            for name, sd in (("white", (1.0, 0.0, 0.0)), ("white + Ornstein-Uhlenbeck", (1.0, 0.5, 0.1)))
-        ]
-        return time_routes(routes, rounds)
-
-
-def growth(model: Model, rounds: int) -> dict[str, TimingRow]:
-    """Time runs over samples, recordings, tolerance and batch."""
-    routes = []
-    white = np.array([1.0, 0.0, 0.0])
-    with WorkerPool(0) as here:
-        for samples in (2_001, 20_001, 200_001):
-            s = NativeSimulator(paper_problem(model, paper_experiment(samples)), pool=here)
-            v = nominal(model, 5)
-            routes.append(Route("growth", f"{samples:,} samples", lambda s=s, v=v: s.log_likelihood(v, white), 5))
-        for count in (1, 4, 16):
-            base = paper_problem(model, paper_experiment())
-            many = replace(base, experiments=base.experiments * count, targets=base.targets * count)
-            s = NativeSimulator(many, pool=here)
-            v = nominal(model, 5)
-            routes.append(Route("growth", f"{count} recordings", lambda s=s, v=v: s.log_likelihood(v, white), 5))
-        for tolerance in (1e-4, 1e-5, 1e-6, 1e-8):
-            s = NativeSimulator(paper_problem(model, paper_experiment(), tolerance), pool=here)
-            v = nominal(model, 20)
-            routes.append(Route("growth", f"tolerance {tolerance:g}", lambda s=s, v=v: s.log_likelihood(v, white), 20))
-        for n in (1, 10, 100, 1000):
-            s = NativeSimulator(paper_problem(model, paper_experiment()), pool=here)
-            v = nominal(model, n)
-            routes.append(Route("growth", f"batch of {n}", lambda s=s, v=v: s.log_likelihood(v, white), n))
-        return time_routes(routes, rounds)
-
-
-def run(out: Path, rounds: int = 15, fmu: Path | None = None) -> None:
-    """Run all groups and write them to `out`/bench.json."""
-    with tempfile.TemporaryDirectory() as name:
+def run(out: Path, rounds: int) -> None:
+    """Time all pairs and write them to ``out``/bench.json."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        model = Model.load(fmu or export_fmu("Aero.Systems.OneDof", folder / "OneDof.fmu"))
-        table, error = one_run(model, folder, rounds)
-        for group in (cores, sensitivities, noise, growth):
-            table |= group(model, rounds)
-        table |= states(folder, rounds)
-        grown = memory(folder)
-    ratios = {
-        "engine_over_fmpy_me": ("FMPy, Model Exchange, CVode", "engine, batch of 100, one core"),
-        "two_cores_over_one": (
-            "log-likelihood, batch of 1000, one core",
-            "log-likelihood, batch of 1000, two cores",
-        ),
-        "sensitivities_over_plain": ("trajectories and 8 sensitivities", "trajectories"),
-        "gauss_newton_over_likelihood": ("Gauss-Newton, 8", "log-likelihood"),
-        "ten_times_the_samples": ("200,001 samples", "20,001 samples"),
-        "sixteen_recordings": ("16 recordings", "1 recordings"),
-        "correlated_over_white": ("30,001 samples, white + Ornstein-Uhlenbeck", "30,001 samples, white"),
-    }
-    keys: dict[str, float | None] = {
-        key: ratio(table[a].seconds, table[b].seconds) if a in table and b in table else None
-        for key, (a, b) in ratios.items()
-    }
-    keys["time_over_linear_in_samples"] = keys.pop("ten_times_the_samples") / 10.0
-    keys["time_over_linear_in_recordings"] = keys.pop("sixteen_recordings") / 16.0
-    keys["memory_growth_mib"] = grown
-    keys["max_relative_error"] = error
-    update(out / "bench.json", keys, list(table.values()), GROUPS)
-
-
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--fmu", type=Path, help="an AERO FMU already built")
-    parser.add_argument("--out", type=Path, default=Path("reports"))
-    options = parser.parse_args()
-    run(options.out, options.rounds, options.fmu)
-
-
-if __name__ == "__main__":
-    main()
+        model = Model.load(export_fmu("Aero.Systems.OneDof", folder / "OneDof.fmu"))
+        for pair in pairs(model, folder, stack):
+            row = pair if isinstance(pair, Row) else time_pair(pair, rounds)
+            update(out / "bench.json", [row], {} if row.error is None else {"max_relative_error": row.error})

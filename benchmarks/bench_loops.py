@@ -1,11 +1,10 @@
-"""Whole loops by the command line, as a user runs them: seconds from start to end, and what they are spent on.
+"""Whole loops by the command line, as a user runs them: seconds from start to end, and computing time.
 
-``python benchmarks/bench_loops.py`` prints the rows. Loops on recordings that are not on this machine are left out.
+Loops on recordings that are not on this machine are left out.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -18,11 +17,10 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness import TimingRow, update
+from harness import update
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDINGS = tuple(ROOT.parent / "shared" / name for name in ("rigs", "data"))
-GROUP = "loops"
 #: Folder of model and configuration by loop; recordings of real rigs stand in the studies' list of cases.
 LOOPS = ("cart", "coil", "battery", "silverbox", "aero_step", "aero_pulse")
 #: A loop that takes longer, in s, is stopped and said to be not done: three times the longest goal, so that six loops
@@ -57,8 +55,8 @@ def cases() -> list[LoopCase]:
     return found
 
 
-def run_loop(case: LoopCase) -> tuple[TimingRow, float | None]:
-    """Run one loop with two workers and nothing kept from earlier runs; its row, and its computing time in s."""
+def run_loop(case: LoopCase) -> tuple[float | None, float | None, str]:
+    """Run one loop with two workers and nothing kept from earlier runs; seconds, computing time in s, and a note."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         shutil.copytree(case.folder, folder / "model", ignore=shutil.ignore_patterns("out*"))
@@ -71,41 +69,21 @@ def run_loop(case: LoopCase) -> tuple[TimingRow, float | None]:
             done = subprocess.run(
                 command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
             )
-        except subprocess.TimeoutExpired as stopped:
-            told = (stopped.stderr or b"").decode(errors="replace").splitlines()
-            last = next((line for line in reversed(told) if "loop: " in line), "nothing")
-            note = f"not done in {TIME_LIMIT:g} s; the last it told: {last}"
-            return TimingRow(GROUP, case.name, None, None, None, None, note), None
+        except subprocess.TimeoutExpired:
+            return None, None, f"not done in {TIME_LIMIT:g} s"
         seconds, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode:
-            why = (done.stderr.strip().splitlines() or ["?"])[-1]
-            return TimingRow(GROUP, case.name, None, None, None, None, why), None
-        result = json.loads((folder / "run" / "result.json").read_text(encoding="utf-8"))
+            return None, None, (done.stderr.strip().splitlines() or ["?"])[-1]
+        loop = json.loads((folder / "run" / "result.json").read_text(encoding="utf-8"))["loop"]
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    loop = result["loop"]
-    stages = ", ".join(f"{stage} {t:.1f} s" for stage, t in loop.get("seconds", {}).items())
-    note = f"{cpu:.1f} s of computing, {loop.get('simulations', '?')} simulations{'; ' if stages else ''}{stages}"
-    return TimingRow(GROUP, case.name, seconds, seconds, seconds, None, note), cpu
+    return seconds, cpu, f"{seconds:.1f} s, {cpu:.1f} s of computing, {loop.get('simulations', '?')} simulations"
 
 
 def run(out: Path, rounds: int = 1) -> None:
     """Run all loops once and write each to ``out``/bench.json as it ends; computing time counts on a busy machine."""
-    rows: list[TimingRow] = []
     seconds: dict[str, dict[str, float | None]] = {"loop_seconds": {}, "loop_computing_seconds": {}}
     for case in cases():
-        row, computing = run_loop(case)
-        rows.append(row)
-        seconds["loop_seconds"][row.name], seconds["loop_computing_seconds"][row.name] = row.seconds, computing
-        print(row.line(), flush=True)
-        update(out / "bench.json", seconds, rows, (GROUP,))
-
-
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("reports"))
-    run(parser.parse_args().out)
-
-
-if __name__ == "__main__":
-    main()
+        whole, computing, note = run_loop(case)
+        seconds["loop_seconds"][case.name], seconds["loop_computing_seconds"][case.name] = whole, computing
+        print(f"loop of {case.name}: {note}", flush=True)
+        update(out / "bench.json", [], seconds)

@@ -1,109 +1,91 @@
-"""A small frame for side-by-side timings: every route runs once a round, so that all see the same machine."""
+"""Timings in pairs: two calls run one after the other in every round, so that both see the same machine."""
 
 from __future__ import annotations
 
 import json
 import os
+import statistics
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 # Recordings are simulated by the studies' packages.
 sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
 
 
 @dataclass(frozen=True)
-class TimingRow:
-    """One line of the table: seconds a unit, median and quartiles over the rounds."""
+class Pair:
+    """A row of the report: how often the second call, which does ``units[1]`` units of work, goes into the first.
 
-    group: str
+    Parameters
+    ----------
+    key : str
+        Of the ratio in ``bench.json``.
+    name : str
+        What is compared.
+    first, second : callable
+    units : (int, int)
+        Units of work that each call does; the ratio is that of the times of one unit.
+    error : float, optional
+        Largest error of the second over the range.
+    """
+
+    key: str
     name: str
-    seconds: float | None
-    low: float | None
-    high: float | None
+    first: Callable[[], Any]
+    second: Callable[[], Any]
+    units: tuple[int, int] = (1, 1)
+    error: float | None = None
+
+
+@dataclass(frozen=True)
+class Row:
+    """A pair that was timed: seconds a unit (medians), and the ratio's median and quartiles over the rounds."""
+
+    key: str
+    name: str
+    first_s: float | None = None
+    second_s: float | None = None
+    ratio: float | None = None
+    low: float | None = None
+    high: float | None = None
     error: float | None = None
     note: str = ""
 
     def line(self) -> str:
         """Write the row for the terminal."""
-        if self.seconds is None:
-            return f"{self.group:<14} {self.name:<44} {self.note}"
-        error = "" if self.error is None else f"  max error/range {self.error:8.1e}"
-        return (
-            f"{self.group:<14} {self.name:<44} {1e3 * self.seconds:10.4f} ms  "
-            f"[{1e3 * self.low:.4f}, {1e3 * self.high:.4f}]{error}  {self.note}"
-        )
+        if self.ratio is None:
+            return f"{self.key:<34} {'not measured':>12}  {self.name}: {self.note}"
+        spread = "" if self.low is None else f"[{self.low:.4g}, {self.high:.4g}]"
+        return f"{self.key:<34} {self.ratio:>12.4g}  {spread:<20} {self.name}{': ' if self.note else ''}{self.note}"
 
 
-def missing(group: str, name: str, package: str) -> TimingRow:
-    """Make the row of what could not be run for want of an optional package."""
-    return TimingRow(group, name, None, None, None, None, f"{package} is not installed")
+def time_pair(pair: Pair, rounds: int) -> Row:
+    """Time both calls round by round after one call of each to warm up."""
+    seconds: tuple[list[float], list[float]] = ([], [])
+    for round_ in range(rounds + 1):
+        for call, units, found in zip((pair.first, pair.second), pair.units, seconds, strict=True):
+            began = time.perf_counter()
+            call()
+            if round_:
+                found.append((time.perf_counter() - began) / units)
+    ratios = [a / b for a, b in zip(*seconds, strict=True)]
+    low, middle, high = statistics.quantiles(ratios, n=4) if rounds > 1 else ratios * 3
+    first, second = (statistics.median(found) for found in seconds)
+    return Row(pair.key, pair.name, first, second, middle, low, high, pair.error)
 
 
-def ratio(slow: float | None, fast: float | None) -> float | None:
-    """Return how many times faster; None where either was not measured."""
-    return slow / fast if slow is not None and fast is not None else None
-
-
-@dataclass(frozen=True)
-class Goal:
-    """A figure of the report that has to reach a number."""
-
-    key: str
-    text: str
-    goal: float
-    at_most: bool = False
-
-    def line(self, report: Mapping[str, Any]) -> str:
-        """Write the goal for the terminal: figure, goal, met or not."""
-        value = report.get(self.key)
-        goal = f"{'<=' if self.at_most else '>='} {self.goal:g}"
-        if value is None:
-            return f"{self.text:<66} {goal:>10} {'':>12}  not measured"
-        met = value <= self.goal if self.at_most else value >= self.goal
-        return f"{self.text:<66} {goal:>10} {value:>12.4g}  {'met' if met else 'NOT MET'}"
-
-
-@dataclass(frozen=True)
-class Route:
-    """Something to time: ``call`` does ``units`` units of work."""
-
-    group: str
-    name: str
-    call: Callable[[], Any]
-    units: int = 1
-    error: float | None = None
-    note: str = ""
-
-
-def time_routes(routes: list[Route], rounds: int) -> dict[str, TimingRow]:
-    """Time the routes round by round after one call to warm up."""
-    for route in routes:
-        route.call()
-    seconds: dict[str, list[float]] = {route.name: [] for route in routes}
-    for _ in range(rounds):
-        for route in routes:
-            start = time.perf_counter()
-            route.call()
-            seconds[route.name].append((time.perf_counter() - start) / route.units)
-    rows = {}
-    for route in routes:
-        low, middle, high = np.quantile(seconds[route.name], [0.25, 0.5, 0.75])
-        rows[route.name] = TimingRow(route.group, route.name, middle, low, high, route.error, route.note)
-        print(rows[route.name].line(), flush=True)
-    return rows
-
-
-def update(path: Path, keys: Mapping[str, Any], rows: list[TimingRow], groups: tuple[str, ...]) -> None:
-    """Merge keys and rows into the JSON report; rows of `groups` replace earlier ones."""
+def update(path: Path, rows: Sequence[Row], keys: Mapping[str, Any] | None = None) -> None:
+    """Print rows and merge them, the ratio of each under its key, and other keys into the JSON report."""
+    for row in rows:
+        print(row.line(), flush=True)
     report: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    kept = [row for row in report.get("rows", []) if row.get("group") not in groups]
-    report.update(keys)
+    new = {row.key for row in rows}
+    kept = [row for row in report.get("rows", []) if row["key"] not in new]
+    report.update({row.key: row.ratio for row in rows} | dict(keys or {}))
     report["rows"] = kept + [asdict(row) for row in rows]
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(".part")

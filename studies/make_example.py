@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from aero_bayes.data import Recording, write_csv
-from simulated_aero import random_levels, random_multi_sine
 from simulated_rigs import LawPlace, LawTruth, simulate_rig
+from simulated_rigs.designs import random_levels, random_multi_sine
 from simulated_rigs.kinds import KINDS
 
 FOLDER = Path(__file__).parents[1] / "examples" / "cart"
@@ -20,7 +20,7 @@ NOISE, STEP, ROWS = 3e-4, 0.02, 2001
 
 def main() -> None:
     rng = np.random.default_rng(2)
-    kind = replace(KINDS["cart"], step=STEP, pieces=2)
+    kind = replace(KINDS["cart"], step=STEP)
     time = np.arange(ROWS) * STEP
     designs = {"train": random_levels(rng, 5.0, time[-1]), "test": random_multi_sine(rng, 5.0, 0.1, 2.0)}
     for name, design in designs.items():

@@ -1,8 +1,4 @@
-"""Replay the paper's Table 1 and Fig. 6 on a simulated recording, and draw a page of the run.
-
-OUT then holds ``result.json``, ``report.html`` and ``series.npz``, as after any command of ``aero-bayes``, and the
-FMUs of the three models.
-"""
+"""Replay the paper's Table 1 and Fig. 6 on a simulated recording, and draw a page of the run."""
 
 from __future__ import annotations
 
@@ -15,7 +11,6 @@ import argparse
 from pathlib import Path
 
 from aero_bayes.files import one_run_at_a_time
-from aero_bayes.workflow import ProgressBar
 from paper_replay import replay_paper, write_run
 
 
@@ -24,11 +19,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("reports/replay"))
     parser.add_argument("--seed", type=int, default=1, help="the same seed gives the same numbers")
     parser.add_argument("--workers", type=int, help="simulation processes; by default one a core")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
     options = parser.parse_args()
-    with one_run_at_a_time(options.out), ProgressBar(options.quiet) as progress:
-        replay = replay_paper(seed=options.seed, workers=options.workers, out=options.out, progress=progress)
-        page = write_run(replay, options.out)
+    with one_run_at_a_time(options.out):
+        page = write_run(replay_paper(seed=options.seed, workers=options.workers, out=options.out), options.out)
     print(f"wrote {page}")
 
 

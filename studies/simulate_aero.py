@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from simulated_aero import default_recordings
+from simulated_rigs.aero import default_recordings
 
 
 def main() -> None:

@@ -1,104 +1,152 @@
-"""The replay itself: record, export, run the five models of Table 1 in their variants, and report what happened."""
+"""The replay itself: record, export, run the five models of Table 1 in their variants, and write what happened."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.estimate import Fit, FitSettings, fit
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.parameters import Override, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
+from aero_bayes.report import write_run_page
+from aero_bayes.schema import SCHEMA, StudyColumnJson, StudyJson, StudyRowJson
 from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import Model, Outcome, WorkerPool, open_simulator
-from paper_replay import table
-from paper_replay.models import export_models, open_models, paper_recording
-from paper_replay.notes import write_notes
-from paper_replay.published import PAPER_STAGES, UNOPTIMISED
-from paper_replay.result import Details, Replay
-from paper_replay.search import coarse_stage, exact_stage, in_stages, swarm_recipe, swarm_stage
+from aero_bayes.workflow import versions, write_result, write_series
+from paper_replay.models import ModelEvaluator, export_models, open_models, paper_recording
+from paper_replay.published import FMINCON, PSO, PSO_DATASHEET, TABLE_1, TABLE_PARAMETERS, TRANSFER, UNOPTIMISED
+from paper_replay.search import StageEnd, coarse_stage, in_stages, scaled_stage, swarm_recipe
 
-Progress = Callable[[str, float, float], None]
-#: How often the swarm's speed stage is repeated to see where it can end.
-SEEDS = 12
-#: How far from the data sheet the thrust and drag of the linear law may be, as a factor; bounds are its square.
+PAPER, RERUN, SCALED, JOINT = "paper's values", "recipe rerun", "scaled axes", "joint fit"
+#: How far thrust and drag of the linear law may be from the data sheet, as a factor; bounds are its square.
 SPREAD = 10.0
+#: Key of the numbers in ``result.json``, and prefix of the curves in ``series.npz``.
+NAME = "replay"
+NOTES = (
+    "The recording here is simulated; the paper's is not public. Eq. 6 sums squares over samples, so only the order of "
+    "the models can be compared.",
+    "Table 1 gives `k_t` and `k_d` in the units of a linear law, so they are used with it; Eqs. 4 and 5 are quadratic.",
+)
 
 
-def replay_paper(
-    *, seed: int = 1, workers: int | None = None, out: Path, progress: Progress = lambda phase, share, fitness: None
-) -> Replay:
-    """Replay the paper's Table 1 and Fig. 6 on the simulated bench.
+@dataclass(frozen=True)
+class ReplayRow:
+    """A model on the paper's experiment; ``fitness`` is Eq. 6 of the pitch, None where it failed."""
 
-    Parameters
-    ----------
-    seed : int
-        Decides the recording's noise and every swarm; the same seed gives the same numbers.
-    workers : int, optional
-        Simulation processes; one a core by default.
-    out : Path
-        Folder for the three FMUs.
-    progress : callable
-        Told a phase, how far it is (0 to 1), and the best fitness known (NaN until there is one).
+    model: str
+    variant: str
+    parameters: Mapping[str, float]
+    fitness: float | None
+    note: str
+    rms: Mapping[str, float]
+    paper_fitness: float | None = None
 
-    Returns
-    -------
-    Replay
+    @property
+    def label(self) -> str:
+        """Model and variant."""
+        return f"{self.model}: {self.variant}"
 
-    Raises
-    ------
-    InputError
-        If an FMU cannot be built.
-    CannotFinishError
-        If not even the unoptimised model can be simulated.
-    """
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """The rows, Fig. 6's curves by their key in ``series.npz``, where each stage ended, and how simulations ended."""
+
+    rows: tuple[ReplayRow, ...]
+    series: Mapping[str, FloatArray]
+    ends: Mapping[str, tuple[StageEnd, ...]]
+    failures: Mapping[str, int]
+    seed: int
+    seconds: float
+
+    def row(self, model: str, variant: str) -> ReplayRow:
+        """Return a row by name."""
+        return next(row for row in self.rows if (row.model, row.variant) == (model, variant))
+
+
+def replay_paper(*, seed: int = 1, workers: int | None = None, out: Path) -> Replay:
+    """Replay the paper's Table 1 and Fig. 6 on the simulated bench; the FMUs are built into ``out``."""
     began = time.perf_counter()
-
-    def report(share: float, fitness: float = np.nan) -> None:
-        progress("replaying the paper", share, fitness)
-
-    report(0.0)
-    recording, rng = paper_recording(seed), np.random.default_rng([seed, 3])
-    models = export_models(out, lambda share: report(0.25 * share))
+    recording, streams = paper_recording(seed), np.random.default_rng([seed, 3]).spawn(2)
+    models = export_models(out)
     with WorkerPool(workers) as pool:
         linear, transfer = open_models(recording, models, lambda problem: open_simulator(problem, pool=pool))
         with linear.simulator, transfer.simulator:
-            axes = rng.spawn(2)
-            swarm, scaled = swarm_recipe(linear, "linear", axes[0]), swarm_recipe(linear, "log", axes[1])
-            report(0.35)
-            line = in_stages(partial(coarse_stage, method="line search"), linear)
-            interior = in_stages(partial(coarse_stage, method="interior point"), linear)
-            exact = in_stages(exact_stage, linear)
-            report(0.45)
-            again = (swarm_stage(linear, PAPER_STAGES[1], swarm[0].values, "linear", s) for s in rng.spawn(SEEDS))
-            endings = np.array([end.path.sum(axis=1) for end in again if end.path is not None])
-            report(0.6)
-            fits = [_fit_jointly(recording, models["OneDofLinear"], linear_law=True, seed=seed, workers=workers)]
-            report(0.8)
-            fits += [_fit_jointly(recording, models["OneDof"], linear_law=False, seed=seed, workers=workers)]
-            still = float(np.nansum(recording.outputs["theta"] ** 2))
-            details = Details(swarm, scaled, line, interior, exact, endings, still, *fits)
-            rows, pitch = table.build(linear, transfer, details)
-    outcomes = sum((Counter(one.outcomes) for one in fits), linear.outcomes + transfer.outcomes)
-    report(1.0, min(row.fitness for row in rows if row.fitness is not None))
-    return Replay(
-        rows, write_notes(rows, details, outcomes), recording.time, recording.outputs["theta"], pitch, details,
-        {outcome.key: outcomes[outcome] for outcome in Outcome}, seed, time.perf_counter() - began,
-    )  # fmt: skip
+            ends = {
+                "swarm": swarm_recipe(linear, "linear", streams[0]),
+                "swarm, scaled": swarm_recipe(linear, "log", streams[1]),
+                "search": in_stages(coarse_stage, linear),
+                "search, scaled": in_stages(scaled_stage, linear),
+            }
+            rows, curves = table_1(linear, transfer, {name: one[-1].values for name, one in ends.items()})
+    outcomes = linear.outcomes + transfer.outcomes
+    laws = (("Linear law", models["OneDofLinear"], True), ("Quadratic law", models["OneDof"], False))
+    for label, model, linear_law in laws:
+        found = fit_jointly(recording, model, linear_law=linear_law, seed=seed, workers=workers)
+        known = {n: one.value for n, one in found.parameters.items()}
+        errors = dict(zip(found.outputs, found.residuals[0].T, strict=True))
+        rows.append(row_of(label, JOINT, known, "all outputs at once", errors))
+        curves["Joint fit"] = found.fitted[0][:, found.outputs.index("theta")]
+        outcomes += Counter(found.outcomes)
+    curves |= {"time": recording.time, "measured": recording.outputs["theta"]}
+    failures = {outcome.key: outcomes[outcome] for outcome in Outcome}
+    series = {f"{NAME}/{label}": values for label, values in curves.items()}
+    return Replay(tuple(rows), series, ends, failures, seed, time.perf_counter() - began)
 
 
-def _fit_jointly(recording: Recording, model: Model, *, linear_law: bool, seed: int, workers: int | None) -> Fit:
-    """Fit all outputs at once: particle swarm, then bounded local search, each output weighed by its own residual.
+def table_1(
+    linear: ModelEvaluator, transfer: ModelEvaluator, found: Mapping[str, Mapping[str, float]]
+) -> tuple[list[ReplayRow], dict[str, FloatArray]]:
+    """Build the rows of the paper's five models, and the pitch of those that Fig. 6 shows."""
+    sheet = {name: UNOPTIMISED.parameters[name] for name in ("R_a", "L_a")}
+    entries = [(one, PAPER, linear, one.model_values, "") for one in (UNOPTIMISED, PSO, PSO_DATASHEET, FMINCON)]
+    entries += [
+        (TRANSFER, PAPER, transfer, transfer.start, "0.0011 N·m/V, no motor in it"),
+        (PSO, RERUN, linear, dict(found["swarm"]), "8 particles, linear axes"),
+        (PSO, SCALED, linear, dict(found["swarm, scaled"]), "8 particles, log axes"),
+        (PSO_DATASHEET, RERUN, linear, {**found["swarm"], **sheet}, "R_a and L_a put back"),
+        (PSO_DATASHEET, SCALED, linear, {**found["swarm, scaled"], **sheet}, "R_a and L_a put back"),
+        (FMINCON, RERUN, linear, dict(found["search"]), "steps of 0.1, line search"),
+        (FMINCON, SCALED, linear, dict(found["search, scaled"]), "fine steps, log axes"),
+    ]
+    rows, pitch = [], {}
+    for published, variant, evaluator, values, note in entries:
+        outputs = evaluator.simulate(evaluator.vector(values))[0]
+        row = row_of(
+            published.label,
+            variant,
+            values,
+            note,
+            dict(zip(evaluator.outputs, (evaluator.measured - outputs).T, strict=True)),
+        )
+        if variant == PAPER:
+            row = replace(row, paper_fitness=published.fitness)
+            pitch[published.label] = outputs[:, evaluator.outputs.index("theta")]
+        rows.append(row)
+    return rows, pitch
 
-    White residuals are assumed: the table compares sums of squares, and a fit that may call a misfit correlated noise
-    does not lower them. Free are the AERO's usual parameters, under the linear law about the paper's thrust and drag.
-    """
+
+def row_of(
+    label: str, variant: str, values: Mapping[str, float], note: str, errors: Mapping[str, FloatArray]
+) -> ReplayRow:
+    """Make a row from the errors of each output; a simulation that failed has no fitness and says so."""
+    shown = {name: float(values[name]) for name in TABLE_PARAMETERS if name in values}
+    if any(np.isnan(error).all() for error in errors.values()):
+        return ReplayRow(label, variant, shown, None, f"the simulation failed; {note}", {})
+    rms = {name: float(np.sqrt(np.nanmean(error**2))) for name, error in errors.items()}
+    return ReplayRow(label, variant, shown, float(np.nansum(errors["theta"] ** 2)), note, rms)
+
+
+def fit_jointly(recording: Recording, model: Model, *, linear_law: bool, seed: int, workers: int | None) -> Fit:
+    """Fit all outputs at once under white noise: the table compares sums of squares."""
     overrides = declared_overrides(model)
     for name in ("k_d", "k_t") if linear_law else ():
         centre = UNOPTIMISED.model_values[name]
@@ -107,3 +155,42 @@ def _fit_jointly(recording: Recording, model: Model, *, linear_law: bool, seed: 
     parameters = parameters_from_model(model, overrides=overrides)
     settings = FitSettings(noise=NoiseModel("white"))
     return fit([recording], model, parameters=parameters, settings=settings, seed=seed, workers=workers)
+
+
+def write_run(replay: Replay, folder: Path) -> Path:
+    """Write ``result.json``, ``series.npz`` and the page into a folder; return the page's path."""
+    write_series(folder, replay.series)
+    write_result(folder, run_result(replay))
+    return write_run_page(folder)
+
+
+def run_result(replay: Replay) -> dict[str, Any]:
+    """Return the content of ``result.json``: ``study`` is what the page shows, ``replay`` the rows with all errors."""
+    best = min((row for row in replay.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
+    columns = [
+        *(StudyColumnJson(title=f"`{name}`") for name in TABLE_PARAMETERS),
+        StudyColumnJson(title="fitness, here", digits=4), StudyColumnJson(title="fitness, paper", digits=6),
+    ]  # fmt: skip
+    rows = [
+        StudyRowJson(
+            label=row.label, note=row.note,
+            values=[*(row.parameters.get(name) for name in TABLE_PARAMETERS), row.fitness, row.paper_fitness],
+        )
+        for row in replay.rows
+    ]  # fmt: skip
+    order = "; ".join(one.label for one in sorted(TABLE_1, key=lambda one: one.fitness))
+    study = StudyJson(
+        name=NAME, title="The paper, replayed", output="the paper's output (SI units)",
+        figure_caption="The paper’s Fig. 6, redrawn from this run. A model that leaves the frame is cut off by it.",
+        table_caption="Table 1 of the paper, replayed (SI units; fitness by Eq. 6, smaller is better)",
+        columns=columns, rows=rows, smallest_in=len(TABLE_PARAMETERS),
+        notes=[*NOTES, f"Best first, the order of the {len(TABLE_1)} models in the paper is {order}."],
+    )  # fmt: skip
+    return {
+        "schema": SCHEMA, "command": NAME, "seed": replay.seed, "versions": versions(), "data": [], "simulated": True,
+        "study": study.model_dump(),
+        NAME: {"rows": [asdict(row) | {"model": row.label} for row in replay.rows]},
+        "failures": dict(replay.failures),
+        "seconds": replay.seconds,
+        "verdict": {"level": "good", "text": f"Best of Table 1's models here: {best.label}, {best.fitness:.3g} rad²."},
+    }  # fmt: skip

@@ -23,10 +23,7 @@ TRANSFER_GAIN = 0.0011
 
 @dataclass(frozen=True)
 class Published:
-    """One row of Table 1.
-
-    ``parameters`` are the table's own numbers; ``fitness`` is its Eq. 6, of data that is not public.
-    """
+    """One row of Table 1: its own numbers, and Eq. 6 of data that is not public."""
 
     label: str
     parameters: Mapping[str, float]
@@ -34,11 +31,7 @@ class Published:
 
     @property
     def model_values(self) -> dict[str, float]:
-        """Values as ``Aero.Systems.OneDofLinear`` takes them.
-
-        The table gives ``k_d`` the sign of a load on the rotor; the model's drag torque ``k_d w`` already opposes the
-        rotation, so its coefficient is positive.
-        """
+        """Values as ``Aero.Systems.OneDofLinear`` takes them, whose drag opposes the rotation by itself."""
         return {name: -value if name == "k_d" else value for name, value in self.parameters.items()}
 
 

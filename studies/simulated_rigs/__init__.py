@@ -1,16 +1,7 @@
 """Simulated rigs of many kinds with a law that their model lacks."""
 
 from simulated_rigs.fleet import FleetTruth, draw_fleet, draw_rig, write_fleet
-from simulated_rigs.trial import (
-    DEVELOPMENT,
-    MODELS,
-    REPORT,
-    RigTrial,
-    RigTruth,
-    draw_rig_trial,
-    rig_kinds,
-    write_trial,
-)
+from simulated_rigs.trial import DEVELOPMENT, MODELS, REPORT, RigTrial, RigTruth, draw_rig_trial, rig_kinds, write_trial
 from simulated_rigs.truth import LawPlace, LawTruth, law_places, simulate_rig
 
 __all__ = [

@@ -10,29 +10,23 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simulated_rigs.integrate import RigIntegrator
-from simulated_rigs.plant import HybridTerm, Plant, SmoothTerm, Values
+from simulated_rigs.integrate import RigIntegrator, SolverChoice
+from simulated_rigs.plant import HoldingLaw, Plant, Term
 from simulated_rigs.signals import PiecewiseSignal, held_command
 
 FloatArray = NDArray[np.float64]
 Family = Literal["motion", "storage", "electrical", "rate"]
 Actuator = Callable[[FloatArray, FloatArray], PiecewiseSignal]
+#: Longest step in samples, with laws that hold a state (a short visit to the other side is no event) and without.
+LONGEST_WITH_EVENTS, LONGEST = 1.0, 10.0
 
 
 @dataclass(frozen=True)
 class Balance:
-    """A state as laws see it.
+    """A state as laws see it: what is balanced (forces, flows, voltages; a rate only follows another state).
 
-    Parameters
-    ----------
-    family : {"motion", "storage", "electrical", "rate"}
-        What is balanced: forces, flows (of a liquid or heat), voltages; a rate only follows another state.
-    position : str, optional
-        The state whose derivative this one is.
-    reference : float
-        Level at which losses vanish: zero, or the temperature of the surroundings.
-    neighbour : str, optional
-        The storage that takes what spills, or exchanges with this one.
+    ``position`` is the state whose derivative this one is, ``reference`` the level at which losses vanish, and
+    ``neighbour`` the storage that takes what spills, or exchanges with this one.
     """
 
     family: Family
@@ -55,44 +49,32 @@ class Coupling:
 class Assembly:
     """Equations of one rig, to which laws add themselves.
 
-    Parameters
-    ----------
-    plant : Plant
-    inputs, states, outputs : tuple of str
-    balances : mapping of str to Balance
-        Per state.
-    parameters : mapping of str to float
-    couplings : mapping of str to Coupling
-        Per state that is a stretch.
-    terms, holds : list of HybridTerm
-        Laws that add to balances, and those that hold a state; these come after all others.
-    actuators : dict
-        What an input makes of its command; by default it holds it.
-    lags, delays : dict
-        Per output its time constant or delay in s.
-    readings : list of callable
-        What else sensors do to the outputs, in place: (time, outputs, all states).
-    extra : list of int or None
-        For each state that laws bring the state whose initial value it shares; None starts at zero.
-    longest : float
-        Longest integration step in s that the laws allow.
+    Laws that hold a state come after all terms. ``actuators`` make of a command what is applied, ``delays``
+    (s) are those of outputs, ``readings`` change the outputs in place (time, outputs, all states). ``extra`` has, for
+    each state that laws bring, the state whose initial value it shares, or None for zero. ``sizes`` are what the rig's
+    own states usually are, for the tolerances; ``method`` is SciPy's.
     """
 
     plant: Plant
     inputs: tuple[str, ...]
-    states: tuple[str, ...]
-    outputs: tuple[str, ...]
     balances: Mapping[str, Balance]
+    outputs: tuple[str, ...]
     parameters: Mapping[str, float]
+    sizes: tuple[float, ...]
     couplings: Mapping[str, Coupling] = field(default_factory=dict)
-    terms: list[HybridTerm] = field(default_factory=list)
-    holds: list[HybridTerm] = field(default_factory=list)
+    method: str = "DOP853"
+    terms: list[Term] = field(default_factory=list)
+    holds: list[HoldingLaw] = field(default_factory=list)
+    forces: list[tuple[int, FloatArray]] = field(default_factory=list)
     actuators: dict[str, Actuator] = field(default_factory=dict)
     readings: list[Callable[[FloatArray, FloatArray, FloatArray], object]] = field(default_factory=list)
-    lags: dict[str, float] = field(default_factory=dict)
     delays: dict[str, float] = field(default_factory=dict)
     extra: list[int | None] = field(default_factory=list)
-    longest: float = inf
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """The rig's own states."""
+        return tuple(self.balances)
 
     def state(self, name: str) -> int:
         """Return the index of a state."""
@@ -101,63 +83,61 @@ class Assembly:
     def add_state(self, like: int | None = None) -> int:
         """Add a state that starts at zero, or where the state ``like`` starts, and return its index."""
         self.extra.append(like)
-        return len(self.states) + len(self.extra) - 1
+        return len(self.balances) + len(self.extra) - 1
 
-    def term(self, add: Callable[[float, Values, Values, list[float]], None]) -> None:
-        """Add a smooth term."""
-        self.terms.append(SmoothTerm(add))
+    def push(self, name: str, values: FloatArray) -> None:
+        """Add a force to a balance, shape (n,), that holds each of its values to the next sample."""
+        self.forces.append((self.state(name), values))
 
     def run(
-        self, time: FloatArray, commands: FloatArray, start: Sequence[float], longest: float
+        self, time: FloatArray, commands: FloatArray, start: Sequence[float], relative: float = 1e-9
     ) -> tuple[FloatArray, FloatArray]:
-        """Simulate outputs, shape (n, outputs), and the rig's own states, shape (n, states), at ``time`` s.
+        """Simulate outputs, shape (n, outputs), and all states, shape (n, states), at ``time`` s.
 
-        ``commands`` has shape (n, inputs); each value holds to the next sample. No step is longer than ``longest`` s.
+        ``commands`` has shape (n, inputs); each value holds to the next sample. ``relative`` is the solver's tolerance.
         """
         signals = [self.actuators.get(name, held_command)(time, commands[:, k]) for k, name in enumerate(self.inputs)]
+        signals += [held_command(time, values) for _, values in self.forces]
         late = {name: np.maximum(time - delay, time[0]) for name, delay in self.delays.items()}
         grid = _union([time, *late.values(), *(signal.breaks for signal in signals)], time[0], time[-1])
         begin = [*start, *(0.0 if like is None else start[like] for like in self.extra)]
-        laws = [*self.terms, *self.holds]
-        integrator = RigIntegrator(self.plant, laws, len(self.extra), signals, min(longest, self.longest))
-        slopes = np.empty((grid.size - 1, 2, len(begin))) if self.lags else None
-        found = integrator.run(grid, begin, slopes)
+        integrator = RigIntegrator(
+            self.plant,
+            [*self.terms, *self._forced()],
+            self.holds,
+            len(self.extra),
+            signals,
+            self._solver(time, relative),
+        )
+        found = integrator.run(grid, begin)
         apart = 1e-9 * (time[1] - time[0])
         at = np.searchsorted(grid, time - apart)
         outputs = found[np.ix_(at, self.plant.shown)]
         for name, times in late.items():
             column = self.outputs.index(name)
             outputs[:, column] = found[np.searchsorted(grid, times - apart), self.plant.shown[column]]
-        for name, constant in self.lags.items():
-            assert slopes is not None
-            column = self.outputs.index(name)
-            of = self.plant.shown[column]
-            outputs[:, column] = _lagged(grid, found[:, of], slopes[:, :, of], constant)[at]
         for reading in self.readings:
             reading(time, outputs, found[at])
-        return outputs, found[at, : len(self.states)]
+        return outputs, found[at]
 
+    def _forced(self) -> list[Term]:
+        """Return the terms that add the forces, which follow the inputs in u."""
 
-def _lagged(grid: FloatArray, values: FloatArray, slopes: FloatArray, constant: float) -> FloatArray:
-    """Return a first-order lag of a signal with known slopes, shape (n,), settled at the first value.
+        def term(index: int, column: int) -> Term:
+            def add(t: float, x: Sequence[float], u: Sequence[float], e: list[float]) -> None:
+                e[index] += u[column]
 
-    Exact for the cubic p through values and slopes of an interval, to which the lag T answers by the polynomial
-    p - T Dp + T^2 DDp - T^3 DDDp and a decaying exponential.
-    """
-    h, jump = np.diff(grid), np.diff(values)
-    first, last = slopes[:, 0], slopes[:, 1]
-    # Of p(s) = v + first s + c2 s^2 + c3 s^3:
-    c3 = (first + last - 2.0 * jump / h) / h**2
-    c2 = (jump / h - first) / h - c3 * h
-    begin = values[:-1] - constant * (first - constant * (2.0 * c2 - constant * 6.0 * c3))
-    end = values[1:] - constant * (last - constant * (2.0 * c2 + 6.0 * c3 * h - constant * 6.0 * c3))
-    keep = np.exp(-h / constant)
-    shown = float(values[0])
-    out = [shown]
-    for a, b, factor in zip(begin.tolist(), end.tolist(), keep.tolist(), strict=True):
-        shown = b + (shown - a) * factor
-        out.append(shown)
-    return np.array(out)
+            return add
+
+        return [term(index, len(self.inputs) + k) for k, (index, _) in enumerate(self.forces)]
+
+    def _solver(self, time: FloatArray, relative: float) -> SolverChoice:
+        step = float(time[1] - time[0])
+        stiff = self.method != "DOP853"
+        longest = step * (LONGEST_WITH_EVENTS if self.holds else inf if stiff else LONGEST)
+        own = relative * np.array(self.sizes)
+        extra = [1e-3 * relative if like is None else own[like] for like in self.extra]
+        return SolverChoice(self.method, relative, np.array([*own, *extra]), None if stiff else step, longest)
 
 
 def _union(parts: Sequence[FloatArray], first: float, last: float) -> FloatArray:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from simulated_aero.sensors import SensorNoise
 from simulated_rigs.kinds import RigKind
+from simulated_rigs.sensors import SensorNoise
 from simulated_rigs.truth import LawTruth, simulate_rig
 
 FloatArray = NDArray[np.float64]
@@ -46,17 +46,7 @@ def arma_innovations(values: FloatArray, noise: SensorNoise, step: float) -> Flo
 class RigExperiment:
     """One experiment with a rig, and what changes of the base parameters and initial states do to it.
 
-    Parameters
-    ----------
-    kind : RigKind
-    parameters : mapping of str to float
-        True values.
-    start : tuple of float
-        True initial states.
-    time : ndarray, shape (n,)
-    commands : ndarray, shape (n, inputs)
-    noise : mapping of str to SensorNoise
-        Per output.
+    ``parameters`` and ``start`` are the true ones; ``time`` has shape (n,), ``commands`` (n, inputs).
     """
 
     kind: RigKind

@@ -47,21 +47,9 @@ def without_fault(trial: RigTrial) -> Faulty:
 
 
 def with_fault(trial: RigTrial, fault: str, rng: Generator) -> Faulty | None:
-    """Give a rig one fault.
+    """Give a rig whose model is complete one of :data:`FAULTS`; None where the fault makes no sense for this rig.
 
-    Parameters
-    ----------
-    trial : RigTrial
-        Of a rig whose model is complete.
-    fault : str
-        One of :data:`FAULTS`.
-    rng : Generator
-        Draws where and how large.
-
-    Returns
-    -------
-    Faulty or None
-        None where the fault makes no sense for this rig.
+    ``rng`` draws where and how large.
     """
     right = without_fault(trial)
     if fault == "solver":

@@ -15,9 +15,9 @@ from numpy.random import Generator
 
 from aero_bayes.data import write_csv
 from aero_bayes.errors import InputError
-from simulated_aero.sensors import SensorNoise
 from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.sensors import SensorNoise
 from simulated_rigs.trial import MODELS, CleanRun, RigTrial, law_at_distance, make_trial
 from simulated_rigs.truth import LawTruth, law_places
 
@@ -33,20 +33,8 @@ TYPICAL_DISTANCE, LEVEL_SPREAD = 40.0, 0.3
 class FleetTruth:
     """What only the judge of a fleet knows.
 
-    Parameters
-    ----------
-    kind : str
-    typical : mapping of str to float
-        Median of each free parameter.
-    spread : mapping of str to float
-        Standard deviation of its logarithm.
-    law : LawTruth
-        As in a typical rig.
-    share : float
-        Probability that a rig has it.
-    noise : mapping of str to SensorNoise
-        Per output, the same in all rigs.
-    seed : int
+    ``typical`` is the median of each free parameter, ``spread`` the standard deviation of its logarithm; ``law`` is as
+    in a typical rig, and ``share`` the probability that a rig has it. ``noise`` is the same in all rigs.
     """
 
     kind: str
@@ -59,22 +47,10 @@ class FleetTruth:
 
 
 def draw_fleet(kind: str, seed: int, *, share: float = 0.3, law: str | None = None) -> FleetTruth:
-    """Draw what the rigs of a fleet share.
+    """Draw what the rigs of a fleet of a kind share.
 
-    Parameters
-    ----------
-    kind : str
-        One of :func:`simulated_rigs.rig_kinds`.
-    seed : int
-    share : float
-        Probability that a rig has the law.
-    law : str, optional
-        What some rigs have more, such as ``coulomb_friction``; by default the first of the kind that has one size.
-
-    Raises
-    ------
-    InputError
-        For an unknown kind, or a law that the kind cannot have.
+    ``law`` is what a ``share`` of the rigs have more, by default dry friction or the first of the kind. Raises
+    InputError for an unknown kind, or a law that the kind cannot have.
     """
     if kind not in KINDS:
         raise InputError(f"bench: no rig {kind}, expected one of {', '.join(KINDS)}")
@@ -120,10 +96,7 @@ def draw_rig(truth: FleetTruth, number: int) -> RigTrial:
 def write_fleet(folder: Path | str, truth: FleetTruth, count: int, *, work: str = "loop") -> Path:
     """Write ``fleet.toml``, ``rigs.csv``, the model, each rig's recordings, and beside them all ``truth.json``.
 
-    Returns
-    -------
-    Path
-        The configuration.
+    Returns the path of the configuration.
     """
     if count < 1:
         raise InputError(f"bench: a fleet of {count} rigs; expected one at least")

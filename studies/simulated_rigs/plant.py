@@ -1,156 +1,88 @@
-"""What a rig is to the integrator: balances, and laws that add to them or constrain them.
+"""What a rig is to the integrator: balances, terms that add to them, and laws that hold a state.
 
 Every state x_i obeys c_i dx_i/dt = e_i: a mass and the sum of its forces, an area and the sum of its flows; c_i = 1
-and e_i a rate for a state that only follows others. A law adds to e_i, holds its state (friction that sticks, a tank
-that is full) or brings states of its own.
+and e_i a rate for a state that only follows others. A term adds to e; friction that sticks and a tank that is full hold
+their state, and change between two modes at events.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 Values = Sequence[float]
+#: (t, states, inputs, efforts): adds to the efforts in place.
+Term = Callable[[float, Values, Values, list[float]], None]
 
 
 @dataclass(frozen=True)
 class Plant:
-    """The equations of one rig with its parameters in them.
-
-    Parameters
-    ----------
-    capacity : tuple of float
-        c_i of every state.
-    efforts : callable
-        (states, inputs) -> e_i of every state.
-    shown : tuple of int
-        The states that are measured.
-    """
+    """The equations of one rig: c_i, (states, inputs) -> e_i, and the states that are measured."""
 
     capacity: tuple[float, ...]
     efforts: Callable[[Values, Values], list[float]]
     shown: tuple[int, ...]
 
 
-class HybridTerm:
-    """A term with a mode that changes at events; the formulas hold within one mode and are smooth there."""
+class HoldingLaw(Protocol):
+    """A law with modes. ``e()`` gives the efforts without this law."""
 
-    #: Whether the law has modes at all.
-    switches = False
-
-    def add(self, t: float, x: Values, u: Values, e: list[float]) -> None:
-        """Add the law's share to the efforts ``e``."""
-
-    def wrong(self, x: Values, e: Callable[[], Values]) -> bool:
-        """Return whether the present mode no longer holds; ``e()`` gives the efforts without this law."""
-        return False
-
-    def enter(self, x: list[float], e: Callable[[], Values]) -> None:
-        """Take the mode that holds at ``x``, and put ``x`` where that mode starts."""
-
-
-class SmoothTerm(HybridTerm):
-    """A smooth term: ``add(t, x, u, e)``."""
-
-    def __init__(self, add: Callable[[float, Values, Values, list[float]], None]) -> None:
-        self._add = add
+    def begin(self, x: Values) -> None:
+        """Take the mode of a state at which a run begins."""
 
     def add(self, t: float, x: Values, u: Values, e: list[float]) -> None:
-        self._add(t, x, u, e)
+        """Add the law's share in its present mode."""
+
+    def margin(self, x: Values, e: Callable[[], Values]) -> float:
+        """Return what is positive while the present mode holds and negative where it does not."""
+
+    def switch(self, x: list[float], e: Callable[[], Values]) -> None:
+        """Leave the present mode, and put ``x`` where the next one starts."""
 
 
-class PiecewiseTerm(HybridTerm):
-    """A term that is smooth in each of three regions: below, within and above a band of some quantity.
+class DryFriction:
+    """A level that opposes motion and holds what stands still until it is pushed harder than that.
 
-    Parameters
-    ----------
-    quantity : callable
-        State -> the quantity.
-    half_width : float
-        Half the band's width; 0 where the formula changes with the sign.
-    add : callable
-        (region, t, x, u, e), region being -1, 0 or 1.
-    slack : float
-        How far the quantity may stand on the wrong side before it is an event.
+    ``level`` is a function of direction and speed (not negative); at zero speed it is the push that breaks loose.
     """
 
-    switches = True
-
-    def __init__(
-        self,
-        quantity: Callable[[Values], float],
-        half_width: float,
-        add: Callable[[int, float, Values, Values, list[float]], None],
-        slack: float,
-    ) -> None:
-        self._quantity, self._half_width, self._add, self._slack = quantity, half_width, add, slack
-        self._region = 0
-
-    def add(self, t: float, x: Values, u: Values, e: list[float]) -> None:
-        self._add(self._region, t, x, u, e)
-
-    def wrong(self, x: Values, e: Callable[[], Values]) -> bool:
-        value = self._quantity(x)
-        if self._region:
-            return value * self._region < self._half_width - self._slack
-        return abs(value) > self._half_width + self._slack
-
-    def enter(self, x: list[float], e: Callable[[], Values]) -> None:
-        value = self._quantity(x)
-        self._region = 0 if abs(value) <= self._half_width else 1 if value > 0.0 else -1
-
-
-class DryFriction(HybridTerm):
-    """A level that opposes motion and holds what stands still until pushed harder than that.
-
-    Parameters
-    ----------
-    index : int
-        The state it acts on.
-    level : callable
-        (direction, speed) -> level, speed not negative; at zero speed the push that breaks it loose.
-    slack : float
-        How far the state may stand on the wrong side of zero before it is an event.
-    """
-
-    switches = True
-
-    def __init__(self, index: int, level: Callable[[int, float], float], slack: float) -> None:
-        self._index, self._level, self._slack = index, level, slack
+    def __init__(self, index: int, level: Callable[[int, float], float]) -> None:
+        self._index, self._level = index, level
         self._direction = 0
+
+    def begin(self, x: Values) -> None:
+        self._direction = (x[self._index] > 0.0) - (x[self._index] < 0.0)
 
     def add(self, t: float, x: Values, u: Values, e: list[float]) -> None:
         direction = self._direction
         if direction:
-            # Where rounding has left the wrong sign the speed counts as zero.
             e[self._index] -= direction * self._level(direction, max(direction * x[self._index], 0.0))
         else:
             e[self._index] = 0.0
 
-    def wrong(self, x: Values, e: Callable[[], Values]) -> bool:
+    def margin(self, x: Values, e: Callable[[], Values]) -> float:
         if self._direction:
-            return x[self._index] * self._direction < -self._slack
+            return x[self._index] * self._direction
         push = e()[self._index]
-        return abs(push) > self._level(1 if push > 0.0 else -1, 0.0)
+        return self._level(1 if push > 0.0 else -1, 0.0) - abs(push)
 
-    def enter(self, x: list[float], e: Callable[[], Values]) -> None:
-        speed = x[self._index]
-        if abs(speed) > 10.0 * self._slack and speed * self._direction >= 0.0:
-            self._direction = 1 if speed > 0.0 else -1
-            return
+    def switch(self, x: list[float], e: Callable[[], Values]) -> None:
         x[self._index] = 0.0
         push = e()[self._index]
-        direction = 1 if push > 0.0 else -1
-        self._direction = direction if abs(push) > self._level(direction, 0.0) else 0
+        side = 1 if push > 0.0 else -1
+        # What stuck is loose now, also where rounding leaves the push just below the level.
+        self._direction = side if not self._direction or abs(push) > self._level(side, 0.0) else 0
 
 
-class Overflow(HybridTerm):
+class Overflow:
     """A storage that cannot rise above a rim; a share of what spills goes to a neighbour (or none)."""
 
-    switches = True
+    def __init__(self, index: int, rim: float, neighbour: int | None, share: float) -> None:
+        self._index, self._rim, self._neighbour, self._share = index, rim, neighbour, share
+        self._full = False
 
-    def __init__(self, index: int, rim: float, neighbour: int | None, share: float, slack: float) -> None:
-        self._index, self._rim, self._neighbour, self._share, self._slack = index, rim, neighbour, share, slack
+    def begin(self, x: Values) -> None:
         self._full = False
 
     def add(self, t: float, x: Values, u: Values, e: list[float]) -> None:
@@ -159,14 +91,9 @@ class Overflow(HybridTerm):
             if self._neighbour is not None:
                 e[self._neighbour] += self._share * spilled
 
-    def wrong(self, x: Values, e: Callable[[], Values]) -> bool:
-        if self._full:
-            return e()[self._index] < 0.0
-        return x[self._index] > self._rim + self._slack
+    def margin(self, x: Values, e: Callable[[], Values]) -> float:
+        return e()[self._index] if self._full else self._rim - x[self._index]
 
-    def enter(self, x: list[float], e: Callable[[], Values]) -> None:
-        if x[self._index] >= self._rim - self._slack:
-            x[self._index] = self._rim
-            self._full = e()[self._index] >= 0.0
-        else:
-            self._full = False
+    def switch(self, x: list[float], e: Callable[[], Values]) -> None:
+        x[self._index] = self._rim
+        self._full = not self._full

@@ -6,7 +6,6 @@ A command holds from its sample to the next. Every law of an input turns it into
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp
 
@@ -34,14 +33,9 @@ class Pieces:
 
 @dataclass(frozen=True)
 class PiecewiseSignal:
-    """An input over time; before its first break it has the first piece's starting value.
+    """An input over time: where pieces begin (s), their coefficients, and the exponential's rate (1/s; 0 for none).
 
-    Parameters
-    ----------
-    breaks, base, slope, decay : ndarray, shape (n,)
-        Where pieces begin (s) and their coefficients.
-    rate : float
-        Rate of the exponential in 1/s; 0 for none.
+    Before its first break it has the first piece's starting value.
     """
 
     breaks: FloatArray
@@ -75,11 +69,6 @@ def held_command(time: FloatArray, values: FloatArray) -> PiecewiseSignal:
     return PiecewiseSignal(time[first], values[first], zero, zero)
 
 
-def mapped_command(law: Callable[[FloatArray], FloatArray]) -> Callable[[FloatArray, FloatArray], PiecewiseSignal]:
-    """Make a law that maps each value by itself."""
-    return lambda time, values: held_command(time, law(values))
-
-
 def delayed_command(time: FloatArray, values: FloatArray, delay: float) -> PiecewiseSignal:
     """Delay the command by ``delay`` s; before it arrives, its first value holds."""
     return held_command(time + delay, values)
@@ -87,14 +76,12 @@ def delayed_command(time: FloatArray, values: FloatArray, delay: float) -> Piece
 
 def lagged_command(time: FloatArray, values: FloatArray, constant: float) -> PiecewiseSignal:
     """Apply a first-order lag of time constant ``constant`` s, settled at the first value."""
-    away, out = 0.0, []
-    keep = np.exp(-np.diff(time) / constant).tolist()
-    value = values.tolist()
-    for k, factor in enumerate(keep):
-        out.append(away)
-        away = away * factor + value[k] - value[k + 1]
-    out.append(away)
-    return PiecewiseSignal(time, values, np.zeros(time.size), np.array(out), 1.0 / constant)
+    first = np.concatenate(([True], values[1:] != values[:-1]))
+    at, level = time[first], values[first]
+    out = [0.0]
+    for factor, fall in zip(np.exp(-np.diff(at) / constant).tolist(), (-np.diff(level)).tolist(), strict=True):
+        out.append(out[-1] * factor + fall)
+    return PiecewiseSignal(at, level, np.zeros(at.size), np.array(out), 1.0 / constant)
 
 
 def rate_limited_command(time: FloatArray, values: FloatArray, fastest: float) -> PiecewiseSignal:

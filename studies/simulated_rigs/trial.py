@@ -16,10 +16,10 @@ from numpy.random import Generator
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, write_csv
 from aero_bayes.errors import InputError
-from simulated_aero.inputs import Chirp, InputDesign, prbs, random_levels, random_multi_sine
-from simulated_aero.sensors import SensorNoise
+from simulated_rigs.designs import Chirp, InputDesign, prbs, random_levels, random_multi_sine
 from simulated_rigs.distance import RigExperiment
 from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.sensors import SensorNoise
 from simulated_rigs.truth import LawPlace, LawTruth, law_kind, law_places, outside_places, scale_at, simulate_rig
 
 CleanRun = tuple[FloatArray, FloatArray]
@@ -45,20 +45,9 @@ UNDRIVEN_SHARE = 0.01
 class RigTruth:
     """What only the judge of a trial knows.
 
-    Parameters
-    ----------
-    kind : str
-    what : {"law", "none", "pair", "outside"}
-    laws : tuple of LawTruth
-    parameters : mapping of str to float
-        Named as in the Modelica model.
-    starts : mapping of str to mapping of str to float
-        Initial states of the recordings ``train`` and ``test``.
-    noise : mapping of str to SensorNoise
-        Per output.
-    aliases : mapping of str to str
-        States that an output shows, and that output: a compiler may call the state by either name.
-    seed : tuple of int
+    ``parameters`` are named as in the Modelica model, ``starts`` are the initial states of ``train`` and ``test``,
+    ``noise`` is per output. ``aliases`` are states that an output shows, and that output: a compiler may call the state
+    by either name.
     """
 
     kind: str
@@ -77,19 +66,9 @@ class RigTruth:
 
 @dataclass(frozen=True)
 class RigTrial:
-    """A rig's recordings, the first model of it, and the truth.
+    """A rig's recordings with and without noise, under the names of its first model, and the truth.
 
-    Parameters
-    ----------
-    train, test : Recording
-        With noise, under the names of the Modelica model.
-    noise_free : mapping of str to Recording
-        Both without noise.
-    truth : RigTruth
-    model : Path
-        The Modelica file.
-    toml : Path
-        The configuration that goes with it.
+    ``model`` and ``toml`` are the Modelica file and the configuration that goes with it.
     """
 
     train: Recording
@@ -108,20 +87,9 @@ def rig_kinds() -> tuple[str, ...]:
 def draw_rig_trial(kind: str, number: int, base: int = DEVELOPMENT, what: What = "law") -> RigTrial:
     """Draw and simulate one trial; the same arguments always give the same numbers.
 
-    Parameters
-    ----------
-    kind : str
-        One of :func:`rig_kinds`.
-    number : int
-    base : int
-        First number of the seed: :data:`DEVELOPMENT` or :data:`REPORT`.
-    what : {"law", "none", "pair", "outside"}
-        One law of the library missing from the model, none, two at different places, or one outside the library.
-
-    Raises
-    ------
-    InputError
-        For an unknown kind or another ``what``.
+    ``base`` is the first number of the seed, :data:`DEVELOPMENT` or :data:`REPORT`. From the model one law of the
+    library is missing, none, two at different places, or one outside the library. Raises InputError for an unknown kind
+    or another ``what``.
     """
     if kind not in KINDS:
         raise InputError(f"bench: no rig {kind}, expected one of {', '.join(KINDS)}")
@@ -149,17 +117,8 @@ def make_trial(
 ) -> RigTrial:
     """Record a rig of known parameters and choose what its model lacks.
 
-    Parameters
-    ----------
-    rig : RigKind
-    rng : Generator
-        Draws the experiments, and the noise if it is not given.
-    parameters : mapping of str to float
-    choose : callable
-        What the model lacks, from a generator, the experiment and a run (outputs, states) without it.
-    what, seed : str, tuple of int
-        For the record.
-    noise : mapping of str to SensorNoise, optional
+    ``rng`` draws the experiments, and the noise if it is not given. ``choose`` says what the model lacks, from a
+    generator, the experiment and a run (outputs, states) without it. ``what`` and ``seed`` are for the record.
     """
     time: FloatArray = np.arange(rig.rows, dtype=np.float64) * rig.step
     commands = {run: _commands(rng, rig, time) for run in ("train", "test")}
@@ -224,7 +183,7 @@ def _commands(rng: Generator, kind: RigKind, time: FloatArray) -> FloatArray:
         height = drive.height * float(rng.uniform(0.7, 1.0))
         values = drive.centre + height * _design(rng, duration).volts(time / drive.clock)
         values[: max(2, round(UNDRIVEN_SHARE * time.size))] = drive.centre
-        columns.append(values)
+        columns.append(values[np.arange(time.size) // kind.hold * kind.hold])
     return np.column_stack(columns)
 
 

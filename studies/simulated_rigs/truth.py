@@ -9,6 +9,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
+from simulated_rigs.assembly import Assembly
 from simulated_rigs.kinds import RigKind
 from simulated_rigs.laws import LAWS, LawKind, Scale
 from simulated_rigs.linear import run_linear
@@ -17,16 +18,7 @@ from simulated_rigs.outside import OUTSIDE
 
 @dataclass(frozen=True)
 class LawPlace:
-    """Where a law acts.
-
-    Parameters
-    ----------
-    kind : str
-        ``input``, ``output``, ``balance`` (of a state: forces, flows, voltages) or ``coupling`` (in series with the
-        elastic element whose stretch is that state).
-    name : str
-        The input, output or state, as the Modelica model names it.
-    """
+    """Where a law acts: an ``input``, ``output``, ``balance`` of a state, or ``coupling`` (its stretch)."""
 
     kind: str
     name: str
@@ -34,17 +26,9 @@ class LawPlace:
 
 @dataclass(frozen=True)
 class LawTruth:
-    """A law at a place, its parameters in SI units, and how visible it is.
+    """A law at a place, its parameters in SI units, whether the library has it (``named``), and how visible it is.
 
-    Parameters
-    ----------
-    law : str
-    place : LawPlace
-    parameters : mapping of str to float
-    named : bool
-        Whether the library has this law.
-    d : float
-        Size of what no change of the base parameters can imitate, in units of the noise; NaN before it was measured.
+    ``d`` is the size of what no change of the base parameters can imitate, in units of the noise; NaN if not measured.
     """
 
     law: str
@@ -99,42 +83,25 @@ def simulate_rig(
     time: FloatArray,
     commands: FloatArray,
     start: Sequence[float],
-    fineness: int = 1,
+    relative: float = 1e-9,
 ) -> tuple[FloatArray, FloatArray]:
-    """Simulate outputs and states of a rig without noise.
+    """Simulate outputs, shape (n, outputs), and states, shape (n, states), of a rig without noise.
 
-    Parameters
-    ----------
-    kind : RigKind
-    parameters : mapping of str to float
-    laws : sequence of LawTruth
-    time : ndarray, shape (n,)
-        Even sample times in s.
-    commands : ndarray, shape (n, inputs)
-        Each value holds from its sample to the next.
-    start : sequence of float
-        States at ``time[0]``.
-    fineness : int
-        Integration steps are so many times shorter than usual.
-
-    Returns
-    -------
-    outputs : ndarray, shape (n, outputs)
-    states : ndarray, shape (n, states)
-
-    Raises
-    ------
-    InputError
-        For a law that the kind cannot have.
+    ``time`` are even sample times in s, ``start`` the states at the first; ``commands``, shape (n, inputs), hold from
+    sample to sample; ``relative`` is the solver's tolerance. Raises InputError for a law that the kind cannot have.
     """
     if kind.linear and not laws:
         return run_linear(kind.plant(parameters), kind.step, commands, start)
-    assembly, sizes = kind.assemble(parameters), dict(zip(kind.states, kind.sizes, strict=True))
+    outputs, states = assembled(kind, parameters, laws).run(time, commands, start, relative)
+    return outputs, states[:, : len(kind.states)]
+
+
+def assembled(kind: RigKind, parameters: Mapping[str, float], laws: Sequence[LawTruth]) -> Assembly:
+    """Put a rig together with its laws. Raises InputError for a law that the kind cannot have."""
+    assembly = kind.assemble(parameters)
     for law in laws:
-        # Rounding at an event is no event: 1e-9 of what a state usually is.
-        slack = 1e-9 * sizes.get(law.place.name, 1.0)
-        law_kind(kind, law.law, law.place).install(assembly, law.place.name, law.parameters, slack)
-    return assembly.run(time, commands, start, kind.step / kind.pieces / fineness)
+        law_kind(kind, law.law, law.place).install(assembly, law.place.name, law.parameters)
+    return assembly
 
 
 def scale_at(

@@ -8,18 +8,27 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
+from scipy.optimize import brentq
 
-from simulated_aero import HALF_QUAD, KINDS, Levels, Parameters, Truth, effect, even_times, paper_step, simulate_truth
-from simulated_aero.exponential import block
-from simulated_aero.integrate import AeroIntegrator
-from simulated_aero.rig import equations_of
+from simulated_rigs import simulate_rig
+from simulated_rigs.aero import KINDS, Truth, effect, even_times, simulate_truth
+from simulated_rigs.designs import Levels, paper_step
+from simulated_rigs.kinds.aero import AERO, HALF_QUAD, Parameters
 
 pytestmark = pytest.mark.long
 
 P = Parameters()
 DESIGN = Levels((0.0, 1.0, 2.5, 4.0, 5.2, 6.0), (14.0, -9.0, 18.0, 18.0, -17.0, 4.0))
 TIME = even_times(8.0, 100.0)
+
+#: Sizes that are plain to see.
+SIZES = {
+    "supply_resistance": 3.0, "brush_drop": 0.6, "winding_heating": 60.0, "amplifier_deadzone": 0.8,
+    "amplifier_saturation": 1.0 / 13.0, "rotor_coulomb_friction": 1e-3, "rotor_viscous_friction": 6e-6,
+    "thrust_inflow_loss": 3e-4, "thrust_lag": 0.1, "thrust_asymmetry": -0.1, "pivot_coulomb_friction": 1.5e-3,
+    "pivot_presliding_friction": 5e-3, "body_quadratic_drag": 2e-2, "gravity_offset": 2e-3, "cubic_stiffness": 3e-2,
+    "current_offset": 5e-2, "speed_lag": 0.05, "pitch_delay": 0.05, "pitch_offset": 0.03,
+}  # fmt: skip
 
 #: state (i1, w1, i2, w2, theta, q, r1, r2, f1, f2, w_shown): r winding rise, f lagged thrust.
 Rates = Callable[[float, np.ndarray, float], list[float]]
@@ -108,11 +117,13 @@ def test_both_set_ups_without_effects() -> None:
 )
 def test_smooth_effects(name: str, parameters: dict[str, float]) -> None:
     truth = Truth(effects=(effect(name, **parameters),))
-    start = AeroIntegrator(equations_of(truth)).rest_angle()
-    states = reference(two_motors(P, 2, **parameters), DESIGN.volts(TIME), start)
-    # Heating bends the stiff circuit itself; inflow couples the two blocks that the method treats apart.
-    bound = {"winding_heating": 2e-6, "thrust_inflow_loss": 6e-7}.get(name, 2e-7)
-    assert errors(truth, states, 10 if name == "speed_lag" else 1).max() < bound
+    states = reference(two_motors(P, 2, **parameters), DESIGN.volts(TIME), resting(parameters.get("tau_g", 0.0)))
+    assert errors(truth, states, 10 if name == "speed_lag" else 1).max() < 2e-7
+
+
+def resting(offset: float) -> float:
+    """The pitch at which the spring holds a mass off the pivot."""
+    return float(brentq(lambda theta: offset * np.cos(theta) - P.K_sp * theta, -0.5, 0.5, xtol=1e-15))
 
 
 def test_sensor_offsets() -> None:
@@ -138,32 +149,17 @@ def test_delays_shift_what_they_delay() -> None:
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_effects_vanish_with_their_magnitude(name: str) -> None:
-    kind = KINDS[name]
-    parameters = {key: high for key, (_, high) in kind.ranges.items()} | {kind.magnitude: 0.0}
-    run, base = (
-        simulate_truth(Truth(effects=(kind.truth(**parameters),)), DESIGN, TIME),
-        simulate_truth(Truth(), DESIGN, TIME),
-    )
-    for output in ("i_m", "omega_m", "theta"):
-        np.testing.assert_allclose(
-            getattr(run, output), getattr(base, output), atol=2e-7 * np.ptp(getattr(base, output))
-        )
-
-
-@pytest.mark.parametrize("name", [name for name in KINDS if name != "supply_resistance"])
-def test_effects_show_at_their_largest(name: str) -> None:
-    kind = KINDS[name]
-    parameters = {key: high for key, (_, high) in kind.ranges.items()}
-    run, base = (
-        simulate_truth(Truth(effects=(kind.truth(**parameters),)), DESIGN, TIME),
-        simulate_truth(Truth(), DESIGN, TIME),
-    )
-    changes = [
-        np.std(getattr(run, o) - getattr(base, o)) / np.ptp(getattr(base, o)) for o in ("i_m", "omega_m", "theta")
-    ]
-    mean = np.mean(run.i_m - base.i_m) / np.ptp(base.i_m), np.mean(run.theta - base.theta) / np.ptp(base.theta)
-    assert max(*changes, *np.abs(mean)) > 3e-3
+def test_effects_vanish_with_their_magnitude_and_show_without(name: str) -> None:
+    base = simulate_truth(Truth(), DESIGN, TIME)
+    for size in (0.0, SIZES[name]):
+        values = dict.fromkeys(KINDS[name].parameters, 5.0 if name == "winding_heating" else 0.02)
+        values[KINDS[name].parameters[0]] = size
+        run = simulate_truth(Truth(effects=(effect(name, **values),)), DESIGN, TIME)
+        changes = [
+            np.abs(getattr(run, output) - getattr(base, output)).max() / np.ptp(getattr(base, output))
+            for output in ("i_m", "omega_m", "theta")
+        ]
+        assert max(changes) < 5e-7 if size == 0.0 else max(changes) > 3e-3
 
 
 @pytest.mark.parametrize(("system", "p", "motors"), [("one_dof", P, 2), ("half_quad", HALF_QUAD, 1)])
@@ -183,59 +179,36 @@ def test_documented_thrust_gain() -> None:
     assert torque == pytest.approx(0.0011 * 24.0, rel=0.02)
 
 
-def test_free_swing_keeps_its_energy_without_damping() -> None:
-    p = Parameters(D_p=0.0)
-    plan = equations_of(Truth("one_dof", p))
-    integrator = AeroIntegrator(plan)
-    states = integrator.run(TIME, np.zeros(TIME.size), integrator.start(0.5))
-    energy = 0.5 * p.J_p * states[:, 3] ** 2 + 0.5 * p.K_sp * states[:, 2] ** 2
-    np.testing.assert_allclose(energy, energy[0], rtol=1e-11)
+def test_free_swing_is_a_cosine_and_dies_away_as_its_damping_says() -> None:
+    p = Parameters()
+    run = simulate_truth(Truth("one_dof", p), Levels((), ()), TIME, 0.5)
+    decay = p.D_p / (2.0 * p.J_p)
+    w = np.sqrt(p.K_sp / p.J_p - decay**2)
+    swing = np.cos(w * TIME) + decay / w * np.sin(w * TIME)
+    np.testing.assert_allclose(run.theta, 0.5 * np.exp(-decay * TIME) * swing, atol=2e-9)
 
 
-def test_error_falls_with_the_step() -> None:
-    volts = DESIGN.volts(TIME)
-    states = reference(two_motors(P, 2), volts)
+def test_error_falls_with_the_tolerance() -> None:
+    volts, settings = DESIGN.volts(TIME)[:, None], AERO.parameters
+    start, states = (0.0,) * 4, reference(two_motors(P, 2), DESIGN.volts(TIME))
     found = []
-    for step in (1e-2, 5e-3, 2.5e-3):
-        plan = equations_of(Truth())
-        plan.max_step = step
-        integrator = AeroIntegrator(plan)
-        ours = integrator.run(TIME, volts, integrator.start(0.0))[:, :3]
-        theirs = states[:, [0, 1, 4]]
-        found.append(float((np.abs(ours - theirs).max(axis=0) / np.ptp(theirs, axis=0)).max()))
-    assert found[0] > 2.5 * found[1] > 6.0 * found[2]
+    for relative in (1e-5, 1e-7, 1e-9):
+        outputs, _ = simulate_rig(AERO, settings, [], TIME, volts, start, relative)
+        found.append(np.abs(outputs[:, 2] - states[:, 4]).max())
+    assert found[2] < found[1] < found[0]
+    assert found[2] < 1e-7 * np.ptp(states[:, 4])
 
 
-@pytest.mark.parametrize("h", [1e-11, 1e-8, 1e-5, 1e-3, 2e-2])
-@pytest.mark.parametrize(
-    "a",
-    [
-        (-7241.0, -36.2, 5250.0, 0.0),
-        (0.0, 1.0, -1.71, -0.32),
-        (0.0, 0.0, 5250.0, 0.0),
-        (-3.0, 1e-6, 0.0, -3.0),
-        (0.0, 0.0, 0.0, 0.0),
-    ],
-)
-def test_exponential_coefficients(a: tuple[float, float, float, float], h: float) -> None:
-    """Against the augmented matrix exponential, whose first row of blocks holds h^k phi_k."""
-    matrix = np.array(a).reshape(2, 2)
-    big = np.zeros((8, 8))
-    big[:2, :2] = matrix
-    for k in range(3):
-        big[2 * k : 2 * k + 2, 2 * k + 2 : 2 * k + 4] = np.eye(2)
-
-    def functions(step: float) -> list[np.ndarray]:
-        rows = expm(big * step)[:2]
-        return [rows[:, 2 * k : 2 * k + 2] / step**k for k in range(4)]
-
-    ours = block(a, h)
-    p0, p1, p2, p3 = functions(h)
-    q0, q1, *_ = functions(0.5 * h)
-    expected = (p0, q0, 0.5 * h * q1, h * (p1 - 3 * p2 + 4 * p3), h * (2 * p2 - 4 * p3), h * (4 * p3 - p2))
-    for ours_one, theirs in zip(
-        (ours.whole, ours.half, ours.stage, ours.first, ours.middle, ours.last), expected, strict=True
-    ):
-        np.testing.assert_allclose(
-            np.array(ours_one).reshape(2, 2), theirs, rtol=1e-6, atol=1e-11 * np.abs(theirs).max()
-        )
+def test_torque_on_the_body_is_held_from_sample_to_sample() -> None:
+    torque = np.where(TIME < 4.0, 2e-3, -1e-3)
+    run = simulate_truth(Truth(), Levels((), ()), TIME, torque=torque)
+    decay, rest = P.D_p / (2.0 * P.J_p), 2e-3 / P.K_sp
+    w = np.sqrt(P.K_sp / P.J_p - decay**2)
+    first = TIME <= 4.0
+    swing = np.exp(-decay * TIME) * (np.cos(w * TIME) + decay / w * np.sin(w * TIME))
+    np.testing.assert_allclose(run.theta[first], rest * (1.0 - swing[first]), atol=2e-9)
+    after = TIME[~first] - 4.0
+    response = np.exp(-decay * after) * (np.cos(w * after) + decay / w * np.sin(w * after))
+    np.testing.assert_allclose(
+        run.theta[~first], rest * (1.0 - swing[~first]) - 1.5 * rest * (1.0 - response), atol=2e-9
+    )

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from aero_trial import ALL_KINDS
-from simulated_aero import Levels, Parameters, Truth, effect, even_times, simulate_truth
+from simulated_rigs.aero import Parameters, Truth, effect, even_times, simulate_truth
+from simulated_rigs.designs import Levels
 
 pytestmark = pytest.mark.long
 
@@ -88,7 +88,6 @@ def test_brush_drop_blocks_small_voltages_and_takes_its_share_of_others() -> Non
         ("brush_drop", {"V_b": 0.5}),
         ("rotor_coulomb_friction", {"tau_r": 8e-4}),
         ("pivot_coulomb_friction", {"tau_c": 1e-3}),
-        ("friction_patch", {"tau_p": 2e-3, "centre": 0.15, "width": 0.1}),
     ],
 )
 def test_against_a_steep_smooth_law(name: str, parameters: dict[str, float]) -> None:
@@ -96,15 +95,14 @@ def test_against_a_steep_smooth_law(name: str, parameters: dict[str, float]) -> 
     time = even_times(6.0, 100.0)
     design = Levels((0.0, 1.5, 3.0, 4.5), (10.0, -8.0, 12.0, 0.0))
     volts = design.volts(time)
-    g = {"V_b": 0.0, "tau_r": 0.0, "tau_c": 0.0, "tau_p": 0.0, "centre": 0.0, "width": 1.0} | parameters
+    g = {"V_b": 0.0, "tau_r": 0.0, "tau_c": 0.0} | parameters
     widths = (5e-6, 0.02, 2e-4)
 
     def rates(t: float, s: np.ndarray, v: float) -> list[float]:
         i, w, th, q = s
-        level = g["tau_c"] + g["tau_p"] * np.exp(-(((th - g["centre"]) / g["width"]) ** 2))
         di = (v - g["V_b"] * np.tanh(i / widths[0]) - P.R_a * i - P.c_m * w) / P.L_a
         dw = (P.c_m * i - P.k_d * w * abs(w) - g["tau_r"] * np.tanh(w / widths[1])) / (P.J_r + P.J_s)
-        torque = 2.0 * P.D_t * P.k_t * w * abs(w) - level * np.tanh(q / widths[2]) - P.D_p * q - P.K_sp * th
+        torque = 2.0 * P.D_t * P.k_t * w * abs(w) - g["tau_c"] * np.tanh(q / widths[2]) - P.D_p * q - P.K_sp * th
         return [di, dw, q, torque / P.J_p]
 
     out, state = [np.zeros(4)], np.zeros(4)
@@ -115,7 +113,7 @@ def test_against_a_steep_smooth_law(name: str, parameters: dict[str, float]) -> 
         out += list(run.y.T[1:])
         state = run.y[:, -1]
     smooth = np.array(out)
-    truth = Truth("one_dof", P, (ALL_KINDS[name].truth(**parameters),))
-    exact = simulate_truth(truth, design, time, kinds=ALL_KINDS)
+    truth = Truth("one_dof", P, (effect(name, **parameters),))
+    exact = simulate_truth(truth, design, time)
     for ours, theirs in ((exact.i_m, smooth[:, 0]), (exact.omega_m, smooth[:, 1]), (exact.theta, smooth[:, 2])):
         assert np.abs(ours - theirs).max() < 2e-3 * np.ptp(theirs)

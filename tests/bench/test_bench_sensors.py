@@ -9,23 +9,9 @@ import pytest
 from scipy.stats import kstest
 
 from aero_bayes.errors import InputError
-from simulated_aero import (
-    Chirp,
-    SensorNoise,
-    Truth,
-    clean,
-    equal_steps,
-    even_times,
-    measure,
-    prbs,
-    random_levels,
-    random_multi_sine,
-    real,
-    simulate_recording,
-    simulate_truth,
-    white,
-)
-from simulated_aero.sensors import ornstein_uhlenbeck, quantise
+from simulated_rigs.aero import Truth, even_times, measure, simulate_recording, simulate_truth
+from simulated_rigs.designs import Chirp, equal_steps, prbs, random_levels, random_multi_sine
+from simulated_rigs.sensors import SensorNoise, clean, ornstein_uhlenbeck, quantise, real, white
 
 pytestmark = pytest.mark.long
 
@@ -72,16 +58,6 @@ def test_encoder_shows_whole_counts_within_half_a_step() -> None:
     )
 
 
-def test_tachometer_counts_what_the_rotor_turned() -> None:
-    sensors = replace(clean(), tachometer_counts=500, tachometer_window=0.02)
-    recording = measure(RUN, sensors, np.random.default_rng(0))
-    quantum = 2.0 * np.pi / 500.0 / 0.02
-    moved = np.diff(RUN.angle)
-    np.testing.assert_allclose(moved, 0.5 * (RUN.speed[1:] + RUN.speed[:-1]) * np.diff(TIME), atol=0.02)
-    mean = (RUN.angle[4:] - RUN.angle[:-4]) / 0.02
-    assert np.abs(recording.outputs["omega_m"][4:] - mean).max() <= quantum * (1.0 + 1e-6)
-
-
 def test_ripple_follows_the_rotor() -> None:
     sensors = replace(clean(), i_m=SensorNoise(ripple=(0.0, 1e-2)))
     added = measure(RUN, sensors, np.random.default_rng(3)).outputs["i_m"] - RUN.i_m
@@ -114,7 +90,7 @@ def test_noise_without_a_generator_is_refused() -> None:
 
 
 def test_unknown_effects_are_refused() -> None:
-    from simulated_aero import EffectTruth, effect
+    from simulated_rigs.aero import EffectTruth, effect
 
     with pytest.raises(InputError, match="no effect magic"):
         effect("magic", size=1.0)

@@ -11,7 +11,7 @@ import pytest
 
 import aero_bayes
 from aero_bayes.data import read_recording
-from simulated_aero import KINDS, default_recordings
+from simulated_rigs.aero import KINDS, default_recordings
 
 pytestmark = pytest.mark.long
 
@@ -46,16 +46,16 @@ def test_default_recordings(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "simulated.json").read_text())["simulated"] is True
 
 
-def test_the_simulated_aero_uses_nothing_of_the_package_but_recordings() -> None:
-    for path in (STUDIES / "simulated_aero").glob("*.py"):
+def test_the_simulated_rigs_use_nothing_of_the_package_but_recordings() -> None:
+    for path in (STUDIES / "simulated_rigs").rglob("*.py"):
         for name in imports(path):
             used = name.split(".")[:2]
-            assert used[0] != "aero_bayes" or used[1] in ("data", "errors", "files"), path
+            assert used[0] != "aero_bayes" or used[1] in ("arrays", "data", "errors", "files"), path
 
 
 def test_the_package_imports_no_study() -> None:
     studies = {path.stem for path in STUDIES.iterdir()}
-    assert {"paper_replay", "simulated_aero", "simulated_rigs", "aero_trial"} <= studies
+    assert {"paper_replay", "simulated_rigs"} <= studies
     for path in Path(aero_bayes.__file__).parent.rglob("*.py"):
         assert not studies & {name.split(".")[0] for name in imports(path)}, path
 

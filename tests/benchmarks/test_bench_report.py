@@ -1,24 +1,22 @@
-"""The speed report's parts that compute rather than time: goals, absent packages, the picture, PINTS' likelihood."""
+"""What the speed report computes rather than times: goals, pairs, absent packages, the plain loop, the posterior."""
 
 from __future__ import annotations
 
+import importlib.util
 import json
-import subprocess
-import sys
-from xml.etree import ElementTree
+from contextlib import ExitStack
 
 import bench
-import bench_density
-import bench_growth
-import bench_pints
-import bench_plot
+import bench_engine
 import bench_sampling
 import numpy as np
 import pytest
-from harness import Goal, Route, TimingRow, missing, ratio, time_routes, update
+from bench import Goal
+from harness import Pair, Row, time_pair, update
 
 from aero_bayes.estimate import Target
-from aero_bayes.simulation import open_simulator
+from aero_bayes.export import export_fmu
+from aero_bayes.simulation import Model, open_simulator
 
 pytestmark = pytest.mark.long
 
@@ -29,104 +27,52 @@ def test_goals_are_met_on_the_right_side():
     assert low.line({"a": 1.9}).endswith("NOT MET")
     assert high.line({"b": 1.9}).endswith(" met")
     assert high.line({"b": 2.1}).endswith("NOT MET")
-    assert high.line({"b": None}).endswith("not measured")
-    assert high.line({}).endswith("not measured")
+    assert all(goal.line({}).endswith("not measured") for goal in (low, high, *bench.GOALS))
 
 
-def test_what_is_not_installed_is_a_line_and_not_a_failure(monkeypatch):
-    monkeypatch.setattr(bench_pints, "installed", lambda: False)
-    rows = bench_pints.chain_rows(None, None)  # type: ignore[arg-type]
-    assert [row.name for row in rows] == [bench_pints.SAMPLER, bench_pints.SAMPLER_SLOW]
-    assert all("not installed" in row.line() and row.seconds is None for row in rows)
-    assert ratio(rows[0].seconds, 1.0) is None
-
-
-def test_rows_of_a_group_replace_earlier_ones(tmp_path):
+def test_rows_replace_earlier_ones_of_their_key_and_keep_the_others(tmp_path):
     path = tmp_path / "bench.json"
-    update(path, {"x": 1.0}, [TimingRow("a", "old", 1.0, 1.0, 1.0), TimingRow("b", "kept", 1.0, 1.0, 1.0)], ("a", "b"))
-    update(path, {"y": None}, [missing("a", "new", "PINTS")], ("a",))
+    update(path, [Row("a", "old", 2.0, 1.0, 2.0), Row("b", "kept", 3.0, 1.0, 3.0)])
+    update(path, [Row("a", "new", note="PINTS is not installed")], {"loop_seconds": {"cart": 1.0}})
     report = json.loads(path.read_text())
-    assert (report["x"], report["y"]) == (1.0, None)
+    assert (report["a"], report["b"], report["loop_seconds"]) == (None, 3.0, {"cart": 1.0})
     assert {row["name"] for row in report["rows"]} == {"kept", "new"}
 
 
-def test_each_route_is_called_once_a_round_and_once_before():
-    calls: list[str] = []
-    rows = time_routes([Route("g", name, lambda name=name: calls.append(name)) for name in "ab"], 3)
-    assert calls == list("ab") * 4
-    assert all(row.low <= row.seconds <= row.high for row in rows.values())
+def test_both_calls_of_a_pair_run_in_turn_and_the_ratio_is_that_of_one_unit(monkeypatch):
+    now, calls = [0.0], []
+
+    def takes(seconds: float) -> None:
+        calls.append(seconds)
+        now[0] += seconds
+
+    monkeypatch.setattr("harness.time.perf_counter", lambda: now[0])
+    row = time_pair(Pair("k", "n", lambda: takes(6.0), lambda: takes(4.0), (1, 2)), 2)
+    assert calls == [6.0, 4.0] * 3
+    assert (row.first_s, row.second_s, row.ratio) == (6.0, 2.0, 3.0)
 
 
-def test_picture_and_goals_from_a_report_with_gaps(tmp_path, capsys):
-    rows = [
-        TimingRow("one run", "FMPy, Model Exchange, CVode", 0.06, 0.06, 0.06),
-        TimingRow("one run", "engine, batch of 100, one core", 2e-4, 2e-4, 2e-4),
-        TimingRow("sampling", "mix of moves, engine", 1e-3, 1e-3, 1e-3),
-        missing("pints", bench_pints.SAMPLER_SLOW, "PINTS"),
-        *(TimingRow("growth", f"{n:,} samples", 1e-7 * n, 0.0, 1.0) for n in (2001, 20001)),
-        *(TimingRow("states", f"{n} states", 1e-5 * n, 0.0, 1.0) for n in (4, 16)),
-    ]
-    report = tmp_path / "bench.json"
-    update(report, {"engine_over_fmpy_me": 300.0}, rows, ())
-    bench.print_goals(report)
-    shown = capsys.readouterr().out
-    assert all(goal.text in shown for goal in bench.GOALS)
-    bench_plot.draw_bench(report, tmp_path / "bench.svg")
-    assert ElementTree.parse(tmp_path / "bench.svg").getroot().tag.endswith("svg")
-    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+def test_pairs_have_the_keys_of_the_contract_and_the_plain_loop_meets_the_reference(tmp_path):
+    model = Model.load(export_fmu("Aero.Systems.OneDof", tmp_path / "OneDof.fmu"))
+    with ExitStack() as stack:
+        found = {pair.key: pair for pair in bench_engine.pairs(model, tmp_path, stack)}
+        keys = {"engine_over_fmpy_me", "engine_over_casadi", "over_plain_c", "two_cores_over_one"}
+        assert set(found) == keys | {"sensitivities_over_plain"}
+        if importlib.util.find_spec("casadi") is None:
+            assert isinstance(found["engine_over_casadi"], Row)
+        assert found["engine_over_fmpy_me"].error < 1e-5
+        assert np.shape(found["engine_over_fmpy_me"].first()) == (2001, 3)
 
 
-def test_the_ladder_is_a_chain_of_low_passes(tmp_path):
-    problem = bench_growth.ladder_problem(4, tmp_path)
-    matrix = 10.0 * (np.diag([-2.0, -2.0, -2.0, -1.0]) + np.diag(np.ones(3), 1) + np.diag(np.ones(3), -1))
-    t = problem.experiments[0].time[:1001]
-    rates, vectors = np.linalg.eigh(matrix)
-    gain = np.linalg.solve(vectors, -np.linalg.solve(matrix, np.array([240.0, 0.0, 0.0, 0.0])))
-    expected = 2.0 * (vectors[3] * gain) @ (1.0 - np.exp(np.outer(rates, t)))
-    with open_simulator(problem, workers=0) as simulator:
-        found = simulator.simulate(np.array([[1.0, 0.1]])).outputs[0][0, :1001, 0]
-    np.testing.assert_allclose(found, expected, atol=48e-5)
-
-
-def test_memory_that_a_process_takes_is_seen():
-    """A process that fills 48 MiB between two readings of its peak."""
-    script = "input(); held = b'x' * (48 << 20); print(len(held), flush=True); input()"
-    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        before = bench_growth.peak_mib(process.pid)
-        process.stdin.write(b"\n")
-        process.stdin.flush()
-        assert int(process.stdout.readline()) == 48 << 20
-        grown = bench_growth.peak_mib(process.pid) - before
-        process.communicate(b"\n")
-    assert 47.0 < grown < 64.0
-
-
-def test_twice_as_many_runs_take_no_more_memory(tmp_path):
-    assert bench_growth.memory(tmp_path, 20, 40) < 1.0
-
-
-@pytest.fixture(scope="module")
-def found(tmp_path_factory):
-    return bench_sampling.paper_fit(tmp_path_factory.mktemp("bench"))
-
-
-def test_pints_on_fmpy_sees_the_same_posterior(found, tmp_path):
-    pytest.importorskip("pints")
-    d = len(found.free)
-    rng = np.random.default_rng(0)
-    points = found.laplace.mean[:d] + found.laplace.sd[:d] * rng.standard_normal((3, d))
-    with open_simulator(found.calibration.problem(), workers=0) as simulator:
-        target = Target(found.calibration, simulator, found.values, found.free)
-        ours = bench_density.density(found, target)(points)
-        theirs = [bench_pints.fmpy_posterior(found, target, tmp_path)(point) for point in points]
-    assert np.ptp(ours) > 1.0
-    np.testing.assert_allclose(np.diff(ours), np.diff(theirs), atol=1.0)  # FMPy's own error at this tolerance
-
-
-def test_swarm_rows_with_and_without_pints(found):
-    ours, absent = bench_pints.swarm_rows(found, None, iterations=2)
-    assert ours.seconds is not None
-    assert absent.seconds is None
-    pytest.importorskip("pints")
-    _, theirs = bench_pints.swarm_rows(found, 0.06, iterations=2)
-    assert theirs.seconds == 0.06
+def test_samplers_are_given_the_posterior_and_projected_by_evaluations(tmp_path):
+    fit = bench_sampling.paper_fit(tmp_path)
+    d = len(fit.free)
+    with open_simulator(fit.calibration.problem(), workers=0) as simulator:
+        value = bench_sampling.density(fit, Target(fit.calibration, simulator, fit.values, fit.free))
+        at, away = value(np.stack([fit.laplace.mean[:d], fit.laplace.mean[:d] + 3.0 * fit.laplace.sd[:d]]))
+        assert at > away
+        assert value(np.full((1, d), 1e9))[0] == -np.inf
+    own, other = bench_sampling.Sampled(2.0, 100, 50.0, 1.0), bench_sampling.Sampled(8.0, 1000, 20.0, 1.0)
+    assert bench_sampling.compared("k", "n", own, other).ratio == pytest.approx(10.0)
+    assert bench_sampling.compared("k", "n", own, other, 0.05).ratio == pytest.approx(0.05 * 1000 / 20.0 / 0.04)
+    assert bench_sampling.compared("k", "n", own, bench_sampling.Sampled(8.0, 9, 0.0, np.nan)).ratio is None

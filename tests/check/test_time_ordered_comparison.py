@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-import simulated_aero as bench
+import simulated_rigs.aero as bench
 from aero_bayes.check import block_edges, block_log_likelihood
 from aero_bayes.check.comparison import leave_future_out, leave_one_out, waic
 from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered_scores

@@ -7,7 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from aero_bayes.data import noise_floor, quantisation_step
-from simulated_aero import Truth, even_times, random_levels, simulate_truth
+from simulated_rigs.aero import Truth, even_times, simulate_truth
+from simulated_rigs.designs import random_levels
 
 pytestmark = pytest.mark.fast
 

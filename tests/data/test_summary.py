@@ -11,7 +11,9 @@ import pytest
 from facts import facts
 
 from aero_bayes.data import Recording, ripple_amplitudes, summarise
-from simulated_aero import SensorNoise, Sensors, Truth, clean, equal_steps, real, simulate_recording
+from simulated_rigs.aero import Truth, simulate_recording
+from simulated_rigs.designs import equal_steps
+from simulated_rigs.sensors import SensorNoise, Sensors, clean, real
 
 pytestmark = pytest.mark.fast
 

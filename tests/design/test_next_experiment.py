@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from facts import facts
 
-import simulated_aero as bench
+import simulated_rigs.aero as bench
 from aero_bayes.design import FAMILIES, Limits, SearchSettings, propose_experiment, separating_experiment
 from aero_bayes.design.information import ExperimentPredictor, posterior_sd
 from aero_bayes.errors import InputError
@@ -16,6 +16,7 @@ from aero_bayes.estimate import FitSettings, fit
 from aero_bayes.export import export_fmu
 from aero_bayes.sampling import laplace_evidence
 from aero_bayes.simulation import Model
+from simulated_rigs.designs import Levels, pulse
 
 pytestmark = pytest.mark.fast
 
@@ -32,7 +33,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
 def short_pulse():
     truth = bench.Truth("one_dof", bench.Parameters(), (), 0.006)
     return bench.simulate_recording(
-        truth, bench.pulse(6.0, 1.0, 3.0), bench.white(1.0), np.random.default_rng(1), duration=6.0, rate_hz=50.0
+        truth, pulse(6.0, 1.0, 3.0), bench.white(1.0), np.random.default_rng(1), duration=6.0, rate_hz=50.0
     )
 
 
@@ -139,7 +140,7 @@ def test_separating_experiment_tells_two_thrust_laws_apart(model, short_pulse, f
     assert np.max(np.abs(apart.values)) <= 24.0
     assert apart.travel["theta"] <= 1.0
     truth = bench.Truth("one_dof", bench.Parameters(), (), 0.006)
-    volts = bench.Levels(tuple(apart.time), tuple(apart.values))
+    volts = Levels(tuple(apart.time), tuple(apart.values))
     new = bench.simulate_recording(truth, volts, bench.white(1.0), np.random.default_rng(4), duration=6.0, rate_hz=50.0)
     both = [replace(short_pulse, name="old"), replace(new, name="new")]
     after = [laplace_evidence(fit(both, m, settings=LOCAL, workers=0)) for m in (model, rival)]

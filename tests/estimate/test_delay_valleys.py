@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import simulated_aero as bench
+import simulated_rigs.aero as bench
 from aero_bayes.estimate import CalibrationSettings, FitSettings, LocalResult, QuadraticModel, Stop, fit
 from aero_bayes.estimate.delays import laplace_log_evidence
 from aero_bayes.export import export_fmu

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +13,15 @@ from aero_bayes import FitSettings
 from aero_bayes.errors import InputError
 from aero_bayes.judge import Recordings
 from aero_bayes.laws import LawPlaces, ModelicaFamily
-from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, StructureSettings, close_loop, fit_base_model
+from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, close_loop, first_fit
+from aero_bayes.loop.decide import decide
+from aero_bayes.search import Table
 from aero_bayes.simulation import WorkerPool
-from simulated_aero import Parameters, Truth, effect, random_levels, real, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.designs import random_levels
+from simulated_rigs.sensors import real, white
 
-SETTINGS = LoopSettings(structures=StructureSettings(max_effects=2))
+SETTINGS = LoopSettings(max_effects=2)
 
 
 @pytest.fixture(scope="session")
@@ -51,7 +56,9 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
     assert told["steps"][0]["chosen"] == "pivot_coulomb_friction"
     assert any(line.startswith("+") and "tau_c" in line for line in told["diff"].splitlines())
     assert found.series()["after/test/theta"].shape == test.time.shape
-    assert abs(found.effects[0].width_influence) < 3.0
+    assert found.effects[0].claim == "law"
+    table = json.loads((tmp_path / "structures.json").read_text())
+    assert decide(Table.of(table)).model == ("pivot_coulomb_friction",)
 
 
 def test_a_search_whose_time_is_up_is_judged_by_what_it_has_and_says_so(fmus):
@@ -132,7 +139,7 @@ def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp
         replace(SETTINGS, fit=fit), WorkerPool(0), tmp_path, lambda what, share: None,
         LoopStatistics(),
     )  # fmt: skip
-    plain = fit_base_model(context).plain
+    plain = first_fit(context, {}).plain
     (raw,) = context.recordings.fitted
     current = plain.data.measured[0][:, plain.data.outputs.index("i_m")]
     same = np.array_equal(current, raw.outputs["i_m"], equal_nan=True)

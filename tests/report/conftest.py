@@ -15,7 +15,9 @@ from headless_chromium import Browser, find_chromium
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
-from simulated_aero import Parameters, Truth, effect, random_levels, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.designs import random_levels
+from simulated_rigs.sensors import white
 
 #: Few parameters, few steps: pages want a run of every shape, not a good one.
 CONFIG = """

@@ -15,7 +15,10 @@ from aero_bayes.estimate import Fit, FitSettings, Status, SwarmSettings, fit
 from aero_bayes.export import export_fmu
 from aero_bayes.sampling import Posterior, SampleSettings, sample
 from aero_bayes.simulation import Model
-from simulated_aero import HALF_QUAD, Parameters, Sensors, Truth, effect, paper_step, simulate_recording, white
+from simulated_rigs.aero import Truth, effect, simulate_recording
+from simulated_rigs.designs import paper_step
+from simulated_rigs.kinds.aero import HALF_QUAD, Parameters
+from simulated_rigs.sensors import Sensors, white
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
 FREE = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp")

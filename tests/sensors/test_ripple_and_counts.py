@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.signal import savgol_filter
 from scipy.stats import norm
 
-import simulated_aero as bench
+import simulated_rigs.aero as bench
 from aero_bayes.data import read_recording
 from aero_bayes.estimate import FitSettings, NoiseModel, fit, without_ripple
 from aero_bayes.export import export_fmu

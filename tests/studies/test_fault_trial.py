@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,9 @@ import numpy as np
 import pytest
 
 import aero_bayes
-from fault_trial import FaultTask, Rig, attempt, draw, fault_tasks, shortened, summarise
 from simulated_rigs import draw_rig_trial
 from simulated_rigs.faults import FAULTS, Faulty, with_fault, without_fault
+from study.fault_trial import FaultTask, Rig, attempt, draw, shortened, summary, tasks
 
 pytestmark = pytest.mark.long
 
@@ -91,18 +92,17 @@ def test_a_trial_is_repeatable_and_judged(tmp_path: Path) -> None:
 
 def test_rates_count_what_was_asked() -> None:
     rows = [
-        {"key": "1", "fault": "stuck", "cause": "data", "causes": ["data", "model"], "what": ["a", "b"]},
-        {"key": "2", "fault": "stuck", "cause": "data", "causes": ["model"], "what": ["b"]},
-        {"key": "3", "fault": "solver", "cause": "solver", "causes": ["data", "solver"], "what": ["a", "c"]},
-        {"key": "4", "fault": "relative", "cause": "noise", "causes": ["noise"], "what": ["d"]},
-        {"key": "5", "fault": "clear", "cause": "", "causes": ["noise"], "what": ["d"], "correlated": True},
-        {"key": "6", "fault": "clear", "cause": "", "causes": ["noise"], "what": ["d"], "correlated": False},
+        {"key": "1/stuck/0", "causes": ["data", "model"], "what": ["a", "b"]},
+        {"key": "1/stuck/1", "causes": ["model"], "what": ["b"]},
+        {"key": "1/solver/0", "causes": ["data", "solver"], "what": ["a", "c"]},
+        {"key": "1/relative/0", "causes": ["noise"], "what": ["d"]},
+        {"key": "1/clear/0", "causes": ["noise"], "what": ["d"], "correlated": True},
+        {"key": "1/clear/1", "causes": ["noise"], "what": ["d"], "correlated": False},
     ]
-    found = summarise(rows, 3)
+    found = summary(rows)
     assert found["faults"] == {"loops": 4, "cause_named": 0.5, "model_blamed": 0.25}
     assert found["clear"] == {"loops": 2, "cause_named": 0.5}
     assert found["kinds"]["stuck"]["loops"] == 2
-    assert found["left"] == 3
-    tasks = fault_tasks(1, 20, 10)
-    assert len({task.key for task in tasks}) == 30
-    assert {task.fault for task in tasks[:18]} == {*FAULTS, "clear"}
+    every = tasks(Namespace(development=True))
+    assert len({task.key for task in every}) == len(every)
+    assert {task.fault for task in every[: 2 * len(FAULTS)]} == {*FAULTS, "clear"}

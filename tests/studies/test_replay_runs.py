@@ -7,7 +7,6 @@ import pytest
 from aero_closed_form import linear_run
 from scipy.optimize import least_squares
 
-from aero_bayes.errors import CannotFinishError
 from aero_bayes.simulation import Outcome, WorkerPool, open_simulator
 from paper_replay import paper_recording
 from paper_replay.models import OUTPUTS, export_models, open_models
@@ -21,7 +20,7 @@ from paper_replay.published import (
     TABLE_PARAMETERS,
     UNOPTIMISED,
 )
-from paper_replay.search import coarse_gradient, coarse_stage, coarse_step, exact_stage, swarm_recipe
+from paper_replay.search import coarse_stage, scaled_stage, swarm_recipe
 
 pytestmark = pytest.mark.long
 
@@ -35,7 +34,7 @@ def recording():
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    return export_models(tmp_path_factory.mktemp("replay"), lambda share: None)
+    return export_models(tmp_path_factory.mktemp("replay"))
 
 
 @pytest.fixture(scope="module")
@@ -99,56 +98,18 @@ def test_stator_and_rotor_inertia_act_as_a_sum(linear):
     np.testing.assert_allclose(scaled[1:], np.broadcast_to(scaled[0], scaled[1:].shape), atol=1e-5)
 
 
-def test_exact_slopes_are_those_of_the_closed_form(linear, recording):
+def test_coarse_steps_do_not_find_the_inertia(linear):
+    """A step of 0.1 kg m^2 from 4e-6 sees a cost that rises, where the exact slope falls."""
     base = UNOPTIMISED.model_values
-    for stage in PAPER_STAGES:
-        output, columns = stage.outputs[0], [TABLE_PARAMETERS.index(name) for name in stage.parameters]
-        found = linear.slopes(linear.vector(base), output, columns)
-        for name, slope in zip(stage.parameters, found, strict=True):
-            h = 1e-4 * base[name]
-            high, low = (
-                eq6(recording, linear_run(base | {name: base[name] + sign * h}, recording.time), output)
-                for sign in (1, -1)
-            )
-            assert slope == pytest.approx((high - low) / (2.0 * h), rel=2e-3)
+    end = coarse_stage(linear, PAPER_STAGES[1], base)
+    assert end.cost <= end.start_cost
+    assert scaled_stage(linear, PAPER_STAGES[1], base).cost < 0.9 * end.cost
 
 
-def test_coarse_slopes_have_the_wrong_sign_for_the_inertia(linear, recording):
-    end = coarse_stage(linear, PAPER_STAGES[1], UNOPTIMISED.model_values)
-    slope = end.slopes[0]
-    assert slope.step == pytest.approx(0.1)
-    base = UNOPTIMISED.model_values
-    far, near = (
-        eq6(recording, linear_run(base | {"J_r": j}, recording.time), "omega_m")
-        for j in (base["J_r"] + 0.1, base["J_r"])
-    )
-    assert slope.coarse == pytest.approx((far - near) / 0.1, rel=1e-3)
-    assert slope.coarse > 0.0 > slope.exact
-
-
-def test_a_coarse_step_stays_inside_the_bounds():
-    rng = np.random.default_rng(3)
-    for _ in range(500):
-        low = rng.uniform(-2.0, 2.0)
-        high = low + 10.0 ** rng.uniform(-4, 2)
-        x = rng.uniform(low, high)
-        step = float(coarse_step(x, low, high))
-        assert step != 0.0
-        assert low <= x + step <= high
-        assert abs(step) <= 0.1 * max(abs(x), 1.0) + 1e-15
-
-
-def test_a_coarse_gradient_is_exact_for_a_plane():
-    low, high = np.array([-1.0, 0.0, 0.0]), np.array([1.0, 1e-3, 100.0])
-    gradient, steps = coarse_gradient(lambda x: x @ np.array([2.0, -5.0, 0.5]), np.array([0.2, 5e-4, 90.0]), low, high)
-    np.testing.assert_allclose(gradient, [2.0, -5.0, 0.5], rtol=1e-9)
-    np.testing.assert_allclose(np.abs(steps), [0.1, 5e-4, 9.0])
-
-
-def test_exact_stage_finds_the_least_squares_solution(linear, recording):
+def test_scaled_stage_finds_the_least_squares_solution(linear, recording):
     """The electrical stage against SciPy's trust-region method on the closed form."""
     base = UNOPTIMISED.model_values
-    end = exact_stage(linear, PAPER_STAGES[0], base)
+    end = scaled_stage(linear, PAPER_STAGES[0], base)
 
     def residual(x):
         values = base | dict(zip(("R_a", "L_a"), np.exp(x), strict=True))
@@ -171,7 +132,6 @@ def test_swarm_repeats_with_its_seed_and_fails_in_words(recording, models, linea
     for end in ends:
         for name in end.stage.parameters:
             assert BOX[name][0] <= end.values[name] <= BOX[name][1]
-        np.testing.assert_array_equal(end.path[-1], [end.values[name] for name in end.stage.parameters])
         assert (
             linear.cost(linear.vector(end.values)[None, :], end.stage.outputs[0])[0]
             == pytest.approx(end.cost, rel=1e-12)
@@ -188,8 +148,6 @@ def test_a_rotor_without_inertia_is_a_counted_failure(linear):
     assert np.isfinite(cost[1])
     failed = linear.outcomes - before
     assert sum(count for outcome, count in failed.items() if outcome is not Outcome.OK) == 1
-    with pytest.raises(CannotFinishError, match="cannot be simulated"):
-        linear.slopes(values, "omega_m", [0])
 
 
 def test_outcomes_add_up(linear):

@@ -1,109 +1,117 @@
-"""The many-rig trial's runner and table, with programs whose answers are known beforehand."""
+"""The many-rig trial and the runner of studies, with programs whose answers are known beforehand."""
 
 from __future__ import annotations
 
-from functools import partial
+import json
+import os
+from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from aero_bayes.data import ColumnSpec, Layout, read_recording
-from rig_trial import Answer, RigTrialTask, answer_of, rig_trial_tasks, run_rig_trial
-from rig_trial_table import calibration, right_law, right_or_similar, right_pair, right_place, summarise
 from simulated_rigs import LawPlace, LawTruth, draw_rig_trial
 from simulated_rigs.nodes import joined_connectors, same_places
-from trial_runs import run_trials, write_summary
+from study.answers import answer_of
+from study.rig_trial import STUDY, RigTask, attempt, right_effect, right_pair, right_port, summary, table
+from study.study import Row, run, worked
 
 pytestmark = pytest.mark.long
 
 
-def says(*ids: str, folder: Path, equivalent: tuple[tuple[str, ...], ...] = ()) -> Answer:
-    """A program that always answers the same, having looked at what it was given."""
-    assert sorted(path.name for path in folder.iterdir()) == ["Rig.mo", "rig.toml", "test.csv", "train.csv"]
-    layout = Layout((ColumnSpec("P", "W"),), (ColumnSpec("T_heater", "K"), ColumnSpec("T_plate", "K")))
-    test = read_recording(folder / "test.csv", layout=layout)
-    rms = {name: float(np.std(values)) for name, values in test.outputs.items()}
-    found = tuple({"id": one, "port": one.partition("@")[2], "kind": "catalogue", "wins": 0.9} for one in ids)
-    return Answer("extended" if ids else "adequate", found, equivalent, {"nothing": 1.0}, rms)
+def answer(*ids: str, equivalent: tuple[tuple[str, ...], ...] = (), **more: object) -> Row:
+    effects = [{"id": one, "port": one.partition("@")[2], "kind": "catalogue"} for one in ids]
+    outcome = "extended" if ids else "adequate"
+    return {"outcome": outcome, "effects": effects, "equivalent": [list(same) for same in equivalent], **more}
 
 
-def test_a_program_that_knows_is_right_and_one_that_guesses_is_not(tmp_path: Path) -> None:
-    task = RigTrialTask(11001, "heat", "law", 1)
+def test_a_program_that_knows_is_right_and_one_that_guesses_is_not() -> None:
+    task = RigTask(11001, "heat", "law", 1)
     trial = draw_rig_trial("heat", 1)
     (law,) = trial.truth.laws
     ids = same_places(trial, law)
-    rows = {}
-    for name, answer, same in (
-        ("right", ids[0], ()),
-        ("equivalent", "delay@elsewhere", (("delay@elsewhere", ids[-1]),)),
-        ("wrong", "delay@elsewhere", ()),
-    ):
-        program = lambda folder, answer=answer, same=same: says(answer, folder=folder, equivalent=same)  # noqa: E731
-        (rows[name],) = run_trials([task], partial(run_rig_trial, program=program), tmp_path / name / "rows.sqlite")
-        assert "error" not in rows[name]
-    assert [right_law(row) for row in rows.values()] == [True, True, False]
-    assert [right_place(row) for row in rows.values()] == [True, True, False]
+
+    def row(name: str, *equivalent: tuple[str, ...]) -> Row:
+        def program(folder: Path) -> Row:
+            assert sorted(path.name for path in folder.iterdir()) == ["Rig.mo", "rig.toml", "test.csv", "train.csv"]
+            layout = Layout((ColumnSpec("P", "W"),), (ColumnSpec("T_heater", "K"), ColumnSpec("T_plate", "K")))
+            test = read_recording(folder / "test.csv", layout=layout)
+            rms = {output: float(np.std(values)) for output, values in test.outputs.items()}
+            return answer(name, equivalent=equivalent, after={"test": rms})
+
+        return attempt(task, program)
+
+    rows = [row(ids[0]), row("delay@elsewhere", ("delay@elsewhere", ids[-1])), row("delay@elsewhere")]
+    assert [right_effect(one) for one in rows] == [True, True, False]
+    assert [right_port(one) for one in rows] == [True, True, False]
     noise = trial.test.outputs["T_plate"] - trial.noise_free["test"].outputs["T_plate"]
     expected = np.std(trial.test.outputs["T_plate"]) / np.sqrt(np.mean(noise**2))
-    assert rows["right"]["after_over_noise"]["T_plate"] == pytest.approx(expected)
-    summary, text = summarise(list(rows.values()), 17001, 11001)
-    assert summary["counts"]["d>=20"] + summary["counts"]["8<=d<20"] == (3 if law.d >= 8.0 else 0)
-    assert "right law" in text
+    assert rows[0]["after_over_noise"]["T_plate"] == pytest.approx(expected)
 
 
-def test_finished_trials_are_kept_and_failures_are_rows(tmp_path: Path) -> None:
-    tasks = rig_trial_tasks(11001, {"none": 2}, ("heat",))
+def judged(what: str, truth: str, found: tuple[str, ...], **more: object) -> Row:
+    row = {"key": "k", "rig": "cart", "what": what, "d": [30.0] * len(truth.split()), "seconds": 1.0}
+    return {**answer(*found), **row, "ids": [[one] for one in truth.split()], "after_over_noise": {"y": 1.0}, **more}
 
-    def fails(folder: Path) -> Answer:
+
+def test_rates_are_counted_and_shown() -> None:
+    assert right_port(judged("law", "stribeck_friction@v", ("coulomb_friction@v",)))
+    assert right_pair(judged("pair", "offset@u lag@y", ("lag@y", "offset@u")))
+    assert not right_pair(judged("pair", "offset@u lag@y", ("lag@y", "offset@u", "gain@u")))
+    rows = [judged("law", "offset@u", ("offset@u",)) for _ in range(9)] + [judged("law", "lag@y", ("offset@u",))]
+    rows += [judged("none", "", ()), judged("none", "", ("gain@u",)), {"key": "f", "error": "stopped"}]
+    found = summary(rows)
+    assert found["right_effect"] == {"d>=20": pytest.approx(0.9), "8<=d<20": None}
+    assert (found["nothing_missing"], found["false_discovery"]) == (0.5, 0.5)
+    assert found["counts"]["failed"] == 1
+    assert any("90 %" in line and "10 |" in line for line in table(found))
+
+
+def test_a_law_that_is_not_told_apart_is_right_in_its_class_and_no_false_discovery() -> None:
+    one = judged("law", "offset@u", ("gain@u",))
+    one["effects"][0] |= {"claim": "one of", "alternatives": [{"id": "offset@u", "port": "u", "error_ratio": 1.02}]}
+    assert right_effect(one)
+    assert summary([{**one, "what": "none", "ids": [], "d": []}])["false_discovery"] == 0.0
+
+
+OPTIONS = {"trials": None, "minutes": None, "workers": 0, "only": None, "again": [], "development": True}
+
+
+def test_finished_rows_are_kept_and_failures_are_rows(tmp_path: Path) -> None:
+    calls = []
+
+    def fails(task: RigTask) -> Row:
+        calls.append(task.key)
         raise RuntimeError("no such thing")
 
-    first = run_trials(tasks[:1], partial(run_rig_trial, program=_nothing), tmp_path / "rows.sqlite")
-    both = run_trials(tasks, partial(run_rig_trial, program=fails), tmp_path / "rows.sqlite")
-    assert both[0] == first[0]
-    assert both[1]["error"] == "RuntimeError: no such thing"
-    summary, text = summarise(both, 17001, 11001)
-    assert summary["counts"]["failed"] == 1
-    assert summary["false_name"] == 0.0
-    assert summary["nothing_missing"] == 1.0
-    assert "no such thing" in text
-    write_summary(summary, tmp_path / "rig_trial.json")
-    assert (tmp_path / "rig_trial.json").stat().st_size > 100
+    tasks = [RigTask(11001, "heat", "none", k) for k in range(3)]
+    study = replace(STUDY, tasks=lambda options: tasks, attempt=lambda task: judged("none", "", ()))
+    first = run(study, Namespace(out=tmp_path, **OPTIONS | {"trials": 1}))
+    assert (first["trials"], first["left"], first["nothing_missing"]) == (1, 2, 1.0)
+    both = run(replace(study, attempt=fails), Namespace(out=tmp_path, **OPTIONS))
+    assert calls == [task.key for task in tasks[1:]]
+    assert (both["trials"], both["left"], both["counts"]["failed"]) == (3, 0, 2)
+    assert both["table"][0] == first["table"][0]
+    again = run(study, Namespace(out=tmp_path, **OPTIONS | {"again": ["*/2"]}))
+    assert again["counts"]["failed"] == 1
+    assert json.loads((tmp_path / "rig_trial-dev.json").read_text())["left"] == 0
+    none = run(replace(study, attempt=fails), Namespace(out=tmp_path, **OPTIONS | {"minutes": 0.0, "again": ["*"]}))
+    assert none["counts"]["failed"] == 1
 
 
-def _nothing(folder: Path) -> Answer:
-    return says(folder=folder)
+def dies(task: RigTask) -> Row:
+    if task.number:
+        os._exit(1)
+    return {"alive": True}
 
 
-def row(what: str, truth: str, found: tuple[str, ...], wins: float = 0.5, **more) -> dict:
-    laws = [{"law": one.partition("@")[0]} for one in truth.split()]
-    return {
-        "key": "k", "rig": "cart", "noise": "white", "what": what, "truth": laws, "d": [30.0] * len(laws),
-        "ids": [[one] for one in truth.split()], "outcome": "extended" if found else "adequate", "equivalent": [],
-        "found": [{"id": one, "port": one.partition("@")[2], "kind": "catalogue"} for one in found], "seconds": 1.0,
-        "wins": dict.fromkeys(found, wins), "after_over_noise": {"y": 1.0}, **more,
-    }  # fmt: skip
-
-
-def test_rates_and_wins_are_counted() -> None:
-    friction = row("law", "stribeck_friction@v", ("coulomb_friction@v",))
-    assert not right_law(friction)
-    assert right_or_similar(friction)
-    assert right_place(friction)
-    assert right_pair(row("pair", "offset@u lag@y", ("lag@y", "offset@u")))
-    assert not right_pair(row("pair", "offset@u lag@y", ("lag@y", "offset@u", "gain@u")))
-    rows = [row("law", "offset@u", ("offset@u",), 0.97) for _ in range(9)] + [row("law", "lag@y", ("offset@u",), 0.93)]
-    rows += [row("none", "", ()), row("none", "", ("gain@u",), 0.92)]
-    found = calibration(rows)
-    assert found["given_90"] == {"answers": 11, "right": pytest.approx(9 / 11)}
-    bins = {item["wins"][0]: item for item in found["bins"]}
-    assert (bins[0.95]["answers"], bins[0.95]["right"]) == (9, 1.0)
-    assert (bins[0.9]["answers"], bins[0.9]["right"]) == (2, 0.0)
-    summary, _ = summarise(rows, 17001, 11001)
-    assert summary["right_law"]["d>=20"] == pytest.approx(0.9)
-    assert summary["false_name"] == 0.5
-    shared = row("law", "offset@v", ("offset@u",), 0.95, equivalent=[["offset@u", "offset@v"]])
-    assert calibration([shared])["given_90"] == {"answers": 1, "right": 1.0}
+def test_a_task_whose_process_dies_takes_no_other_with_it() -> None:
+    tasks = [RigTask(1, "heat", "none", number) for number in (1, 0)]
+    rows = {row["key"]: row for row in worked(dies, tasks, 1, float("inf"))}
+    assert "error" in rows[tasks[0].key]
+    assert rows[tasks[1].key]["alive"]
 
 
 def test_places_go_by_all_their_names() -> None:
@@ -126,13 +134,13 @@ def test_result_json_is_read_by_its_contract() -> None:
     result = {
         "loop": {
             "outcome": "extended",
-            "effects": [{"id": "lag@u", "port": "u", "kind": "catalogue", "wins": 0.8, "parameters": {}}],
+            "effects": [{"id": "lag@u", "port": "u", "kind": "catalogue", "share": 0.5, "parameters": {}}],
             "equivalent": [["lag@u", "delay@u"]],
             "after": {"train": {"y": 0.2}, "test": {"y": 0.1}},
         }
     }
-    answer = answer_of(result)
-    assert answer.found[0]["id"] == "lag@u"
-    assert answer.equivalent == (("lag@u", "delay@u"),)
-    assert answer.wins == {"lag@u": 0.8}
-    assert answer.unseen == {"y": 0.1}
+    found = answer_of(result)
+    assert found["effects"][0]["id"] == "lag@u"
+    assert found["effects"][0]["claim"] is None
+    assert found["equivalent"] == [["lag@u", "delay@u"]]
+    assert found["after"]["test"] == {"y": 0.1}

@@ -15,10 +15,10 @@ from scipy.optimize import least_squares
 from aero_bayes.errors import InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.simulation import Experiment, InputSignal, Model, Problem, SolverSettings, StartTarget, open_simulator
-from simulated_aero import SensorNoise
 from simulated_rigs import MODELS, LawPlace, LawTruth, draw_rig_trial, rig_kinds, simulate_rig, write_trial
 from simulated_rigs.distance import RigExperiment, arma_innovations
 from simulated_rigs.kinds import KINDS
+from simulated_rigs.sensors import SensorNoise
 
 pytestmark = pytest.mark.long
 

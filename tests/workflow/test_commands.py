@@ -14,7 +14,9 @@ from click.testing import CliRunner
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
-from simulated_aero import Parameters, Truth, effect, random_levels, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.designs import random_levels
+from simulated_rigs.sensors import white
 
 REAL = Path(os.environ.get("AERO_BAYES_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
 TRUTH = Parameters().scaled({"R_a": 1.05, "k_t": 0.95, "K_sp": 1.1})

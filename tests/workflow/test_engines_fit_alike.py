@@ -11,7 +11,9 @@ from click.testing import CliRunner
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
-from simulated_aero import Parameters, Truth, paper_step, simulate_recording, white
+from simulated_rigs.aero import Parameters, Truth, simulate_recording
+from simulated_rigs.designs import paper_step
+from simulated_rigs.sensors import white
 
 HELD = ("c_m", "J_r", "k_d", "D_p", "K_sp", "L_a")
 CONFIG = """

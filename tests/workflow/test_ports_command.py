@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from small_rigs import RIGS
 
 from aero_bayes.cli import main
-from simulated_aero import KINDS
+from simulated_rigs.aero import KINDS
 
 RIG = """model Pair "A vessel that is read, and one downstream that nothing reads"
   parameter Real k(unit = "1/s", min = 0.01, max = 10) = 0.5 "Outflow";

@@ -52,6 +52,7 @@ def _fixed_parameters(calibration: Calibration) -> ParameterSet:
     """Return the parameters of the model that were not searched, with a value that can change."""
     model, fixed = calibration.model, calibration.simulated.fixed
     searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
+    searched |= {name for recording in calibration.data.recordings for name in recording.known}
     items: list[Parameter] = []
     for v in model.parameters:
         value = fixed.get(v.name, v.start)

@@ -24,34 +24,14 @@ class Drive:
 class RigKind:
     """One kind of rig.
 
-    Parameters
-    ----------
-    name : str
-        Also the folder of its model.
-    parameters : mapping of str to float
-        Values in the Modelica file, from which the fit starts.
-    known : tuple of str
-        Parameters whose value in the file is right; all others are free.
-    inputs : mapping of str to Drive
-    states : mapping of str to Balance
-    outputs : tuple of str
-    units : mapping of str to str
-        Of inputs and outputs; empty where the model declares none.
-    step, rows : float, int
-        Sample interval in s and number of samples.
-    pieces : int
-        Integration steps a sample.
-    plant : callable
-        Parameters -> equations.
-    rest : callable
-        Parameters -> states at rest under the drives' centres.
-    sizes, shake : tuple of float
-        Per state how large it usually gets, and the standard deviation of where a recording starts, about rest.
-    laws : mapping of str to str
-        Per place the laws that may be missing there, in one string; inputs as ``in:NAME``, outputs as ``out:NAME``.
-    couplings : mapping of str to Coupling
-    linear : bool
-        Whether the equations without laws are linear.
+    ``name`` is also the folder of its model, ``parameters`` are the values in the Modelica file, from which the fit
+    starts; ``known`` are right there, all others are free. ``units`` are those of inputs and outputs (none where the
+    model declares none), ``step`` is the sample interval in s, ``rows`` the number of samples. ``plant`` and ``rest``
+    make of parameters the equations, and the states at rest under the drives' centres. ``sizes`` and ``shake`` have
+    per state how large it usually gets, and the standard deviation of where a recording starts, about rest. ``laws``
+    has per place the laws that may be missing there, in one string; inputs as ``in:NAME``, outputs as ``out:NAME``.
+    ``linear`` says whether the equations without laws are, ``method`` is SciPy's for the others. A command holds for
+    ``hold`` samples.
     """
 
     name: str
@@ -68,9 +48,10 @@ class RigKind:
     shake: tuple[float, ...]
     laws: Mapping[str, str]
     known: tuple[str, ...] = ()
-    pieces: int = 1
     couplings: Mapping[str, Coupling] = field(default_factory=dict)
     linear: bool = True
+    method: str = "DOP853"
+    hold: int = 1
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -80,8 +61,8 @@ class RigKind:
     def assemble(self, parameters: Parameters) -> Assembly:
         """Assemble the rig without laws."""
         return Assembly(
-            self.plant(parameters), tuple(self.inputs), tuple(self.states), self.outputs, self.states, parameters,
-            self.couplings,
+            self.plant(parameters), tuple(self.inputs), self.states, self.outputs, parameters, self.sizes,
+            self.couplings, self.method,
         )  # fmt: skip
 
 

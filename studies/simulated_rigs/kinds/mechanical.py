@@ -104,7 +104,6 @@ SHAFT = RigKind(
         "out:w_motor": "gain offset lag delay",
         "out:w_load": "gain offset lag delay",
     },
-    pieces=2,
     couplings={"shaft.phi": Coupling("motor.w", "load.w", "shaft.c", "shaft.d")},
 )
 
@@ -136,7 +135,6 @@ OSCILLATOR = RigKind(
         "v": f"{FRICTION} quadratic_drag offset cubic_stiffness end_stop",
         "out:y": "offset lag delay",
     },
-    pieces=2,
 )
 
 
@@ -176,5 +174,4 @@ CARRIAGES = RigKind(
         "out:x1": "gain offset lag delay",
         "out:x2": "gain offset lag delay",
     },
-    pieces=2,
 )

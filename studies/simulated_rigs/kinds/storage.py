@@ -46,7 +46,6 @@ TANKS = RigKind(
         "h2": "linear_loss square_loss overflow offset",
         "out:y": "offset lag delay",
     },
-    pieces=2,
     linear=False,
 )
 

@@ -8,123 +8,86 @@ from math import copysign, exp, sqrt
 from numpy.random import Generator
 
 from simulated_rigs.assembly import Assembly
-from simulated_rigs.laws.kind import LawKind, Parameters, Scale, random_sign
-from simulated_rigs.plant import DryFriction, Overflow, PiecewiseTerm, Values
+from simulated_rigs.laws.kind import Parameters, Scale, listed, random_sign
+from simulated_rigs.plant import DryFriction, Overflow, Values
+
+Install = Callable[[Assembly, str, Parameters], None]
 
 
-def _function(a: Assembly, name: str, law: Callable[[float], float], of: str | None = None) -> None:
-    """Add ``law(state)`` to a balance."""
-    index, source = a.state(name), a.state(of or name)
+def _function(law: Callable[[float, Parameters], float], of_position: bool = False) -> Install:
+    """Make a law that adds a function of a state, or of the state whose derivative that is, to the state's balance."""
+
+    def install(a: Assembly, name: str, p: Parameters) -> None:
+        index, source = a.state(name), a.state((a.balances[name].position or "") if of_position else name)
+
+        def add(t: float, x: Values, u: Values, e: list[float]) -> None:
+            e[index] += law(x[source], p)
+
+        a.terms.append(add)
+
+    return install
+
+
+def _loss(law: Callable[[float], float]) -> Install:
+    """Make a loss of ``k`` times an odd function, given for what is positive, of the state above its reference."""
+
+    def install(a: Assembly, name: str, p: Parameters) -> None:
+        level = a.balances[name].reference
+        _function(lambda x, p: -p["k"] * copysign(law(abs(x - level)), x - level))(a, name, p)
+
+    return install
+
+
+def _friction(level: Callable[[int, float, Parameters], float]) -> Install:
+    """Make dry friction of a level over direction and speed."""
+
+    def install(a: Assembly, name: str, p: Parameters) -> None:
+        if any(level(side, 0.0, p) for side in (-1, 1)):
+            a.holds.append(DryFriction(a.state(name), lambda direction, speed: level(direction, speed, p)))
+
+    return install
+
+
+def _presliding(a: Assembly, name: str, p: Parameters) -> None:
+    """Add Dahl's model: a spring that yields at ``F_c``."""
+    index, level, force = a.state(name), p["F_c"], a.add_state()
+    stiffness = level / p["x_s"]
 
     def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        e[index] += law(x[source])
-
-    a.term(add)
-
-
-def _coulomb(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    a.holds.append(DryFriction(a.state(name), lambda direction, speed: p["F_c"], slack))
-
-
-def _contact_drop(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    a.holds.append(DryFriction(a.state(name), lambda direction, current: p["V_c"], slack))
-
-
-def _by_direction(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    forward, back = p["F_plus"], p["F_minus"]
-    a.holds.append(DryFriction(a.state(name), lambda direction, speed: forward if direction > 0 else back, slack))
-
-
-def _stribeck(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    sliding, more, width = p["F_c"], p["F_s"] - p["F_c"], p["v_s"]
-    a.holds.append(
-        DryFriction(a.state(name), lambda direction, speed: sliding + more * exp(-((speed / width) ** 2)), slack)
-    )
-
-
-def _presliding(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    """Add Dahl's model: a spring that yields at ``F_c``."""
-    index, level, stiffness = a.state(name), p["F_c"], p["F_c"] / p["x_s"]
-    force = a.add_state()
-    # The force settles within x_s / |v|, and v reaches some 2e9 slacks.
-    a.longest = min(a.longest, 0.4 * p["x_s"] / (2e9 * slack))
-
-    def add(region: int, t: float, x: Values, u: Values, e: list[float]) -> None:
         v = x[index]
         e[index] -= x[force]
-        e[force] += stiffness * (v - region * v * x[force] / level)
+        e[force] += stiffness * (v - abs(v) * x[force] / level)
 
-    a.terms.append(PiecewiseTerm(lambda x: x[index], 0.0, add, slack))
-
-
-def _viscous(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    _function(a, name, lambda v: -p["d"] * v)
+    if level:
+        a.terms.append(add)
 
 
-def _quadratic_drag(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    _function(a, name, lambda v: -p["c"] * v * abs(v))
+def _beyond(value: float, half: float) -> float:
+    """Return how far a value stands beyond a band about zero."""
+    return value - min(max(value, -half), half)
 
 
-def _constant(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    _function(a, name, lambda v: p["b"])
-
-
-def _linear_stiffness(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    _function(a, name, lambda x: -p["k"] * x, a.balances[name].position)
-
-
-def _cubic_stiffness(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    _function(a, name, lambda x: -p["k_3"] * x**3, a.balances[name].position)
-
-
-def _end_stop(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    index, position = a.state(name), a.state(a.balances[name].position or "")
-    a.longest = min(a.longest, 0.1 * sqrt(a.plant.capacity[index] / p["k_s"]))
-
-    def add(region: int, t: float, x: Values, u: Values, e: list[float]) -> None:
-        if region:
-            e[index] -= p["k_s"] * (x[position] - region * p["x_s"])
-
-    a.terms.append(PiecewiseTerm(lambda x: x[position], p["x_s"], add, slack))
-
-
-def _backlash(a: Assembly, name: str, p: Parameters, slack: float) -> None:
+def _backlash(a: Assembly, name: str, p: Parameters) -> None:
     """Add play in series with an elastic coupling: no torque within it, the coupling's own beyond."""
-    coupling = a.couplings[name]
+    coupling, half = a.couplings[name], p["gap"] / 2.0
     stretch, first, second = a.state(name), a.state(coupling.first), a.state(coupling.second)
-    k, half = a.parameters[coupling.stiffness], p["gap"] / 2.0
-    c = a.parameters[coupling.damping] if coupling.damping else 0.0
+    k, c = a.parameters[coupling.stiffness], a.parameters[coupling.damping] if coupling.damping else 0.0
 
-    def add(region: int, t: float, x: Values, u: Values, e: list[float]) -> None:
-        gone = k * half * region if region else k * x[stretch] + c * (x[first] - x[second])
+    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
+        inside = abs(x[stretch]) <= half
+        gone = k * x[stretch] + c * (x[first] - x[second]) if inside else k * copysign(half, x[stretch])
         e[first] += gone
         e[second] -= gone
 
-    a.terms.append(PiecewiseTerm(lambda x: x[stretch], half, add, slack))
+    a.terms.append(add)
 
 
-def _linear_loss(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    reference = a.balances[name].reference
-    _function(a, name, lambda x: -p["k"] * (x - reference))
-
-
-def _root_loss(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    reference = a.balances[name].reference
-    _function(a, name, lambda x: -p["k"] * copysign(sqrt(abs(x - reference)), x - reference))
-
-
-def _square_loss(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    reference = a.balances[name].reference
-    _function(a, name, lambda x: -p["k"] * (x - reference) * abs(x - reference))
-
-
-def _overflow(a: Assembly, name: str, p: Parameters, slack: float) -> None:
+def _overflow(a: Assembly, name: str, p: Parameters) -> None:
     neighbour = a.balances[name].neighbour
-    index = None if neighbour is None else a.state(neighbour)
-    a.holds.append(Overflow(a.state(name), p["rim"], index, p["share"], slack))
+    a.holds.append(Overflow(a.state(name), p["rim"], None if neighbour is None else a.state(neighbour), p["share"]))
 
 
-def _exchange(a: Assembly, name: str, p: Parameters, slack: float) -> None:
+def _exchange(a: Assembly, name: str, p: Parameters) -> None:
     index, other = a.state(name), a.state(a.balances[name].neighbour or "")
 
     def add(t: float, x: Values, u: Values, e: list[float]) -> None:
@@ -132,29 +95,24 @@ def _exchange(a: Assembly, name: str, p: Parameters, slack: float) -> None:
         e[index] += flow
         e[other] -= flow
 
-    a.term(add)
+    a.terms.append(add)
 
 
-def _radiation(a: Assembly, name: str, p: Parameters, slack: float) -> None:
+def _radiation(a: Assembly, name: str, p: Parameters) -> None:
     surroundings = a.balances[name].reference ** 4
-    _function(a, name, lambda x: -p["k"] * (x**4 - surroundings))
+    _function(lambda x, p: -p["k"] * (x**4 - surroundings))(a, name, p)
 
 
-def _series_resistance(a: Assembly, name: str, p: Parameters, slack: float) -> None:
-    _function(a, name, lambda i: -p["R"] * i)
-
-
-def _heating(a: Assembly, name: str, p: Parameters, slack: float) -> None:
+def _heating(a: Assembly, name: str, p: Parameters) -> None:
     """Let a resistance grow with the heat its current has left."""
-    index, rate = a.state(name), 1.0 / p["T_h"]
-    rise = a.add_state()
+    index, rate, rise = a.state(name), 1.0 / p["T_h"], a.add_state()
 
     def add(t: float, x: Values, u: Values, e: list[float]) -> None:
         i = x[index]
         e[index] -= x[rise] * i
         e[rise] += rate * (p["r_h"] * i * i - x[rise])
 
-    a.term(add)
+    a.terms.append(add)
 
 
 def _directions(rng: Generator, size: float, s: Scale) -> dict[str, float]:
@@ -162,103 +120,90 @@ def _directions(rng: Generator, size: float, s: Scale) -> dict[str, float]:
     return {"F_plus": size * s.effort * apart, "F_minus": size * s.effort / apart}
 
 
+def _stribeck(rng: Generator, size: float, s: Scale) -> dict[str, float]:
+    level = size * s.effort
+    return {"F_c": level, "F_s": level * float(rng.uniform(1.4, 2.2)), "v_s": s.spread * float(rng.uniform(0.1, 0.4))}
+
+
+def _rim(rng: Generator, size: float, s: Scale) -> dict[str, float]:
+    share = float(rng.uniform(0.2, 0.9)) if rng.random() < 0.5 else 0.0
+    return {"rim": s.highest - size * (s.highest - s.lowest), "share": share}
+
+
+def _stop(rng: Generator, size: float, s: Scale) -> dict[str, float]:
+    return {"x_s": (1.0 - size) * s.farthest, "k_s": float(rng.uniform(10.0, 30.0)) * s.effort / s.position}
+
+
+def _rise(rng: Generator, size: float, s: Scale) -> dict[str, float]:
+    strength = size * s.effort / s.spread / (s.spread**2 + s.mean**2)
+    return {"r_h": strength, "T_h": s.duration * float(rng.uniform(0.05, 0.3))}
+
+
+def _force(rng: Generator, size: float, s: Scale) -> dict[str, float]:
+    return {"b": size * s.effort * random_sign(rng)}
+
+
+def _dahl(rng: Generator, size: float, s: Scale) -> dict[str, float]:
+    return {"F_c": size * s.effort, "x_s": s.spread * s.time * float(rng.uniform(0.1, 0.5))}
+
+
+_OFFSET = _function(lambda x, p: p["b"])
 #: Where each law acts (the family of a balance, or ``coupling``), and the law.
-BALANCE_LAWS: tuple[tuple[str, LawKind], ...] = (
-    ("motion", LawKind("coulomb_friction", "balance", lambda g, z, s: {"F_c": z * s.effort}, _coulomb)),
-    ("motion", LawKind("friction_by_direction", "balance", _directions, _by_direction)),
-    (
+BALANCE_LAWS = (
+    listed("motion", "coulomb_friction", lambda g, z, s: {"F_c": z * s.effort}, _friction(lambda d, v, p: p["F_c"])),
+    listed(
         "motion",
-        LawKind(
-            "stribeck_friction",
-            "balance",
-            lambda g, z, s: {
-                "F_c": z * s.effort,
-                "F_s": z * s.effort * float(g.uniform(1.4, 2.2)),
-                "v_s": s.spread * float(g.uniform(0.1, 0.4)),
-            },
-            _stribeck,
-        ),
+        "friction_by_direction",
+        _directions,
+        _friction(lambda d, v, p: p["F_plus"] if d > 0 else p["F_minus"]),
     ),
-    (
+    listed(
         "motion",
-        LawKind(
-            "presliding_friction",
-            "balance",
-            lambda g, z, s: {"F_c": z * s.effort, "x_s": s.spread * s.time * float(g.uniform(0.1, 0.5))},
-            _presliding,
-        ),
+        "stribeck_friction",
+        _stribeck,
+        _friction(lambda d, v, p: p["F_c"] + (p["F_s"] - p["F_c"]) * exp(-((v / p["v_s"]) ** 2))),
     ),
-    ("motion", LawKind("viscous_friction", "balance", lambda g, z, s: {"d": z * s.effort / s.spread}, _viscous)),
-    (
+    listed("motion", "presliding_friction", _dahl, _presliding),
+    listed(
         "motion",
-        LawKind("quadratic_drag", "balance", lambda g, z, s: {"c": z * s.effort / s.spread**2}, _quadratic_drag),
+        "viscous_friction",
+        lambda g, z, s: {"d": z * s.effort / s.spread},
+        _function(lambda v, p: -p["d"] * v),
     ),
-    ("motion", LawKind("offset", "balance", lambda g, z, s: {"b": z * s.effort * random_sign(g)}, _constant)),
-    (
+    listed(
         "motion",
-        LawKind("linear_stiffness", "balance", lambda g, z, s: {"k": z * s.effort / s.position}, _linear_stiffness),
+        "quadratic_drag",
+        lambda g, z, s: {"c": z * s.effort / s.spread**2},
+        _function(lambda v, p: -p["c"] * v * abs(v)),
     ),
-    (
+    listed("motion", "offset", _force, _OFFSET),
+    listed(
         "motion",
-        LawKind("cubic_stiffness", "balance", lambda g, z, s: {"k_3": z * s.effort / s.position**3}, _cubic_stiffness),
+        "linear_stiffness",
+        lambda g, z, s: {"k": z * s.effort / s.position},
+        _function(lambda x, p: -p["k"] * x, True),
     ),
-    (
+    listed(
         "motion",
-        LawKind(
-            "end_stop",
-            "balance",
-            lambda g, z, s: {
-                "x_s": (1.0 - z) * s.farthest,
-                "k_s": float(g.uniform(10.0, 30.0)) * s.effort / s.position,
-            },
-            _end_stop,
-            0.7,
-        ),
+        "cubic_stiffness",
+        lambda g, z, s: {"k_3": z * s.effort / s.position**3},
+        _function(lambda x, p: -p["k_3"] * x**3, True),
     ),
-    ("coupling", LawKind("backlash", "coupling", lambda g, z, s: {"gap": z * s.spread}, _backlash, 3.0)),
-    ("storage", LawKind("linear_loss", "balance", lambda g, z, s: {"k": z * s.effort / s.spread}, _linear_loss)),
-    (
-        "storage",
-        LawKind("root_loss", "balance", lambda g, z, s: {"k": z * s.effort / sqrt(s.spread)}, _root_loss),
-    ),
-    (
-        "storage",
-        LawKind("square_loss", "balance", lambda g, z, s: {"k": z * s.effort / s.spread**2}, _square_loss),
-    ),
-    (
-        "storage",
-        LawKind(
-            "overflow",
-            "balance",
-            lambda g, z, s: {
-                "rim": s.highest - z * (s.highest - s.lowest),
-                "share": float(g.uniform(0.2, 0.9)) if g.random() < 0.5 else 0.0,
-            },
-            _overflow,
-            0.6,
-        ),
-    ),
-    ("storage", LawKind("offset", "balance", lambda g, z, s: {"b": z * s.effort * random_sign(g)}, _constant)),
-    ("storage", LawKind("exchange", "balance", lambda g, z, s: {"k": z * s.effort / s.difference}, _exchange)),
-    (
-        "storage",
-        LawKind("radiation", "balance", lambda g, z, s: {"k": z * s.effort / (4.0 * s.mean**3 * s.spread)}, _radiation),
-    ),
-    (
+    listed("motion", "end_stop", _stop, _function(lambda x, p: -p["k_s"] * _beyond(x, p["x_s"]), True), 0.7),
+    listed("coupling", "backlash", lambda g, z, s: {"gap": z * s.spread}, _backlash, 3.0),
+    listed("storage", "linear_loss", lambda g, z, s: {"k": z * s.effort / s.spread}, _loss(lambda x: x)),
+    listed("storage", "root_loss", lambda g, z, s: {"k": z * s.effort / sqrt(s.spread)}, _loss(sqrt)),
+    listed("storage", "square_loss", lambda g, z, s: {"k": z * s.effort / s.spread**2}, _loss(lambda x: x * x)),
+    listed("storage", "overflow", _rim, _overflow, 0.6),
+    listed("storage", "offset", _force, _OFFSET),
+    listed("storage", "exchange", lambda g, z, s: {"k": z * s.effort / s.difference}, _exchange),
+    listed("storage", "radiation", lambda g, z, s: {"k": z * s.effort / (4.0 * s.mean**3 * s.spread)}, _radiation),
+    listed(
         "electrical",
-        LawKind("series_resistance", "balance", lambda g, z, s: {"R": z * s.effort / s.spread}, _series_resistance),
+        "series_resistance",
+        lambda g, z, s: {"R": z * s.effort / s.spread},
+        _function(lambda i, p: -p["R"] * i),
     ),
-    ("electrical", LawKind("contact_drop", "balance", lambda g, z, s: {"V_c": z * s.effort}, _contact_drop)),
-    (
-        "electrical",
-        LawKind(
-            "heating",
-            "balance",
-            lambda g, z, s: {
-                "r_h": z * s.effort / s.spread / (s.spread**2 + s.mean**2),
-                "T_h": s.duration * float(g.uniform(0.05, 0.3)),
-            },
-            _heating,
-        ),
-    ),
+    listed("electrical", "contact_drop", lambda g, z, s: {"V_c": z * s.effort}, _friction(lambda d, i, p: p["V_c"])),
+    listed("electrical", "heating", _rise, _heating),
 )

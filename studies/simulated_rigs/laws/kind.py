@@ -16,20 +16,10 @@ Parameters = Mapping[str, float]
 class Scale:
     """What happens at a place without the law.
 
-    Parameters
-    ----------
-    spread, largest, lowest, highest, mean : float
-        Of the signal there (input, output or state): standard deviation, largest absolute value, range, mean.
-    effort : float
-        Standard deviation of what changes the state.
-    time : float
-        How long the signal takes to change by its spread, in s.
-    duration : float
-        Length of the recording in s.
-    position, farthest : float
-        Standard deviation and largest absolute value of the state whose derivative this is (0 where there is none).
-    difference : float
-        Standard deviation of the difference to the neighbour.
+    ``spread`` to ``mean`` are of the signal there, ``effort`` is the standard deviation of what changes the state,
+    ``time`` how long (s) the signal takes to change by its spread, ``duration`` the recording's length in s;
+    ``position`` and ``farthest`` are standard deviation and largest size of the state whose derivative this is, and
+    ``difference`` is the standard deviation of the difference to the neighbour (0 where there is none).
     """
 
     spread: float
@@ -45,32 +35,27 @@ class Scale:
     difference: float = 0.0
 
 
+#: (generator, size, scale) -> parameters; whatever else it draws is independent of the size.
 Draw = Callable[[Generator, float, Scale], dict[str, float]]
-Install = Callable[[Assembly, str, Parameters, float], None]
+#: (assembly, name of the place, parameters) puts the law there.
+Install = Callable[[Assembly, str, Parameters], None]
 
 
 @dataclass(frozen=True)
 class LawKind:
-    """One law.
-
-    Parameters
-    ----------
-    id, place : str
-        ``place`` is ``input``, ``output``, ``balance`` or ``coupling``.
-    draw : callable
-        (generator, size, scale) -> parameters; whatever else it draws is independent of the size.
-    install : callable
-        (assembly, name of the place, parameters, slack) puts it there; ``slack`` is how far the signal there may be
-        on the wrong side of an event.
-    most : float
-        The largest size that makes sense.
-    """
+    """One law at an ``input``, ``output``, ``balance`` or ``coupling``, and the largest size that makes sense."""
 
     id: str
     place: str
     draw: Draw
     install: Install
     most: float = 100.0
+
+
+def listed(family: str, id: str, draw: Draw, install: Install, most: float = 100.0) -> tuple[str, LawKind]:
+    """Enter a law under the kind of its place: ``input``, ``output``, ``coupling``, or the family of a balance."""
+    place = family if family in ("input", "output", "coupling") else "balance"
+    return family, LawKind(id, place, draw, install, most)
 
 
 def random_sign(rng: Generator) -> float:

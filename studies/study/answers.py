@@ -1,0 +1,94 @@
+"""The closed loop as a user runs it, and what its answer claims."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from study.study import Row
+
+
+def close_loop(
+    folder: Path, train: Sequence[Path], test: Sequence[Path] = (), *, seed: int = 1, minutes: float | None = None
+) -> Row:
+    """Close the loop on ``rig.toml`` of a folder by the command, in one process, and read ``result.json``.
+
+    Raises
+    ------
+    RuntimeError
+        With the last line that the command printed, where it fails.
+    """
+    if minutes:
+        with (folder / "rig.toml").open("a", encoding="utf-8") as config:
+            config.write(f"\n[loop]\nmax_minutes = {minutes:g}\n")
+    command = [str(Path(sys.executable).with_name("aero-bayes")), "close-loop", "--config", "rig.toml"]
+    command += ["--out", "out", "--workers", "1", "--seed", str(seed), "--quiet"]
+    command += [part for path in train for part in ("--train", str(path))]
+    command += [part for path in test for part in ("--test", str(path))]
+    began = time.perf_counter()
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    seconds = round(time.perf_counter() - began, 2)
+    if done.returncode:
+        raise RuntimeError((done.stderr.strip().splitlines() or ["no message"])[-1])
+    return {**answer_of(json.loads((folder / "out" / "result.json").read_text(encoding="utf-8"))), "seconds": seconds}
+
+
+@dataclass(frozen=True)
+class LoopTask:
+    """One loop on measured recordings: texts of the model's files by name, and the folder in which it runs."""
+
+    key: str
+    files: Mapping[str, str]
+    train: tuple[Path, ...]
+    test: tuple[Path, ...]
+    folder: Path
+    seed: int
+    minutes: float
+
+
+def close_loop_of(task: LoopTask) -> Row:
+    """Close the loop of a task, and keep the run."""
+    shutil.rmtree(task.folder, ignore_errors=True)
+    task.folder.mkdir(parents=True)
+    for name, text in task.files.items():
+        (task.folder / name).write_text(text, encoding="utf-8")
+    return close_loop(task.folder, task.train, task.test, seed=task.seed, minutes=task.minutes)
+
+
+def answer_of(result: Mapping[str, Any]) -> Row:
+    """Return the parts of ``result.json`` that are judged."""
+    loop = result["loop"]
+    keys = ("id", "port", "kind", "share", "claim", "alternatives")
+    return {
+        "outcome": loop["outcome"],
+        "effects": [{key: effect.get(key) for key in keys} for effect in loop["effects"]],
+        "equivalent": loop.get("equivalent", []),
+        "before": loop.get("before", {}),
+        "after": loop.get("after", {}),
+        "sentence": loop.get("sentence", ""),
+    }
+
+
+def same_as(row: Row, effect: Mapping[str, Any]) -> set[str]:
+    """Return the id of an effect, and those that the program says do as well in its place."""
+    name = effect["id"]
+    alternatives = {one["id"] for one in effect.get("alternatives") or ()}
+    return {name, *alternatives, *(other for same in row["equivalent"] if name in same for other in same)}
+
+
+def claims_law(effect: Mapping[str, Any]) -> bool:
+    """Whether a law of the library is claimed: no curve, and not its place or one of several laws only."""
+    return effect["kind"] != "free_form" and effect.get("claim") in (None, "law")
+
+
+def unseen(row: Row, when: str) -> Mapping[str, float]:
+    """Return the errors by output ``before`` or ``after``: on test recordings, or those fitted if there are none."""
+    found: Mapping[str, float] = row[when].get("test") or row[when].get("train", {})
+    return found

@@ -1,0 +1,170 @@
+"""A study: tasks that are worked on one by one, rows that are kept, and their summary.
+
+Rows stand in ``OUT/NAME/rows.jsonl``, one a line, and the last one of a key counts. A run that was stopped goes on
+where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import subprocess
+import time
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from tqdm import tqdm
+
+Row = dict[str, Any]
+
+
+class Task(Protocol):
+    """One attempt, with a key that no other has; it can be pickled."""
+
+    @property
+    def key(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is done, and how it is told: the summary of the rows, and its lines on the page of results.
+
+    ``minutes`` is how long a run goes on beginning tasks where nothing else is said.
+    """
+
+    name: str
+    about: str
+    tasks: Callable[[Namespace], Sequence[Task]]
+    attempt: Callable[[Any], Row]
+    summary: Callable[[Sequence[Row]], Row]
+    table: Callable[[Mapping[str, Any]], list[str]]
+    minutes: float = float("inf")
+
+
+def run(study: Study, options: Namespace) -> Row:
+    """Work on the tasks that have no row yet, then summarise all rows and write the summary.
+
+    ``options`` has ``out``, ``trials`` (tasks that are looked at, from the first), ``minutes``, ``workers``, ``only``
+    and ``again`` (patterns of keys), and what the study's own tasks ask for.
+    """
+    name = f"{study.name}-dev" if options.development else study.name
+    path = options.out / name / "rows.jsonl"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tasks = study.tasks(options)
+    rows = {row["key"]: row for row in map(json.loads, path.read_text("utf-8").splitlines())} if path.exists() else {}
+    chosen = [task for task in tasks if not options.only or _any(task.key, options.only)][: options.trials]
+    wanted = [task for task in chosen if task.key not in rows or _any(task.key, options.again)]
+    end = time.monotonic() + 60.0 * (study.minutes if options.minutes is None else options.minutes)
+    with path.open("a", encoding="utf-8") as file, tqdm(total=len(wanted)) as bar:
+        for row in worked(study.attempt, wanted, options.workers, end):
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            rows[row["key"]] = row
+            bar.update()
+    made = [rows[task.key] for task in tasks if task.key in rows]
+    codes = sorted({str(row["code"]) for row in made})
+    summary = {**study.summary(made), "left": len(tasks) - len(made), "code": codes}
+    write_json(summary, options.out / f"{name}.json")
+    return summary
+
+
+def worked(attempt: Callable[[Any], Row], tasks: Iterable[Task], workers: int, end: float) -> Iterator[Row]:
+    """Yield the row of each task as it comes, and begin none after ``end``; with no workers, in this process.
+
+    Each worker is a pool of its own: a task whose process dies takes no other one with it, and its row says so.
+    """
+    waiting = iter(tasks)
+    if not workers:
+        yield from (row_of(attempt, task) for task in waiting if time.monotonic() < end)
+        return
+    pools = [_pool() for _ in range(workers)]
+    free, running = list(range(workers)), dict[Future[Row], tuple[int, Task]]()
+    try:
+        while True:
+            while free and time.monotonic() < end and (task := next(waiting, None)) is not None:
+                worker = free.pop()
+                running[pools[worker].submit(row_of, attempt, task)] = worker, task
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                worker, task = running.pop(future)
+                try:
+                    row = future.result()
+                except BrokenProcessPool:
+                    pools[worker] = _pool()
+                    row = {"key": task.key, "error": "its process died", "seconds": 0.0, "code": code()}
+                free.append(worker)
+                yield row
+    finally:
+        for pool in pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), max_tasks_per_child=50)
+
+
+def row_of(attempt: Callable[[Any], Row], task: Task) -> Row:
+    """Make the row of a task; what is raised becomes a row with ``error``."""
+    began = time.perf_counter()
+    try:
+        row = attempt(task)
+    except Exception as error:
+        row = {"error": " ".join(f"{type(error).__name__}: {error}".split())}
+    return {"seconds": round(time.perf_counter() - began, 2), **row, "key": task.key, "code": code()}
+
+
+@cache
+def code() -> str:
+    """Return the commit that is run, with a mark where files differ from it."""
+    command = ["git", "describe", "--always", "--dirty"]
+    here = Path(__file__).parent
+    return subprocess.run(command, cwd=here, capture_output=True, text=True, check=False).stdout.strip()
+
+
+def write_json(summary: Mapping[str, Any], path: Path) -> None:
+    """Write a summary whole or not at all."""
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    temporary.replace(path)
+
+
+def rate(rows: Sequence[Row], test: Callable[[Row], Any]) -> float | None:
+    """Return the share of rows that pass; None where there is none."""
+    return sum(bool(test(row)) for row in rows) / len(rows) if rows else None
+
+
+def quantile(values: Sequence[float], q: float) -> float | None:
+    """Return a quantile; None of nothing."""
+    return float(np.quantile(values, q)) if values else None
+
+
+def percent(share: float | None, count: int = 0) -> str:
+    """Write a share in per cent, with the standard error that so many trials leave; none and all leave one, too."""
+    if share is None:
+        return "-"
+    smooth = (share * count + 1) / (count + 2)
+    error = f" (± {100 * (smooth * (1 - smooth) / count) ** 0.5:.0f})" if count else ""
+    return f"{100 * share:.0f} %{error}"
+
+
+def number(value: float | None) -> str:
+    """Write a number with three digits."""
+    return "-" if value is None else f"{value:.3g}"
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    """Write the lines of a table in Markdown."""
+    return [f"| {' | '.join(map(str, cells))} |" for cells in (head, ["---"] * len(head), *rows)]
+
+
+def _any(key: str, patterns: Sequence[str]) -> bool:
+    return any(fnmatchcase(key, pattern) for pattern in patterns)

@@ -1,0 +1,164 @@
+"""Errors on readings that were left out, against least squares without them: exact for linear models."""
+
+from __future__ import annotations
+
+import closed_form
+import numpy as np
+import pytest
+
+from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
+from aero_bayes.estimate.local_fit import local_fit
+from aero_bayes.laws import CandidateTerm
+from aero_bayes.search import Blocks, CandidateModel, FittedModel, Row, Table, newton_errors, refitted_errors
+from aero_bayes.search.left_out import BLOCKS
+from aero_bayes.sensors import OutputNoise
+from aero_bayes.simulation import ParameterTarget
+
+pytestmark = pytest.mark.fast
+
+EXACT = LocalFitSettings(LocalSettings(iterations=40, tolerance=1e-10), hold_noise=True)
+PRIOR_SD = 3.0
+TIME = np.arange(200) * 0.05
+WAVE, NOTHING = ("wave",), ()
+
+
+def free(name: str, recording: int | None = None) -> Parameter:
+    prior, target = Normal(0.0, PRIOR_SD), ParameterTarget(name)
+    return Parameter(name, "1", 0.0, -50.0, 50.0, prior, "linear", "", target, recording=recording)
+
+
+def rows(time):
+    """Design (n, 3): a constant and a ramp, which the first model has, and a wave, which it may lack."""
+    return np.stack([np.ones_like(time), time / 10.0, np.sin(time)], axis=-1)
+
+
+def study(times, measured, design, parameters, term):
+    """The linear model ``y = design(time) p`` with and without the parameter ``term``, fitted under white noise."""
+    outputs = ["y", "z"][: measured[0].shape[1]]
+    problem = closed_form.calibration(list(zip(times, measured, strict=True)), outputs, parameters)
+    simulator = closed_form.FormulaSimulator(
+        problem.problem(), lambda time, p: np.stack([design(time, k) @ p for k in range(len(outputs))], axis=-1)
+    )
+    own = tuple(j for j in range(len(parameters)) if j != term)
+    candidates = {"wave": CandidateTerm("wave", "one", ((1.0,),), (term,))}
+    model = CandidateModel(Objective(problem, simulator), candidates, own)
+    noise = {o: OutputNoise(sd) for o, sd in zip(outputs, (0.1, 0.4), strict=False)}
+    start = model.coordinates_of({}, ())
+    ends = {s: local_fit(model.objective, start, model.free(s), noise=noise, settings=EXACT) for s in (WAVE, NOTHING)}
+    return [FittedModel(model, s, end) for s, end in ends.items()]
+
+
+def squares_without(x, y, blocks):
+    """Squared error of each block, predicted by a ridge regression of all other readings."""
+    found = []
+    for block in blocks:
+        rest = np.setdiff1d(np.arange(y.size), block)
+        p = np.linalg.solve(x[rest].T @ x[rest] + np.eye(x.shape[1]) / PRIOR_SD**2, x[rest].T @ y[rest])
+        found.append(float(np.sum((y[block] - x[block] @ p) ** 2)))
+    return np.array(found)
+
+
+def compared(fits):
+    blocks = Blocks.of(fits[-1])
+    rows = {f.terms: Row(f.terms, newton_errors(f, blocks), len(f.optimum.free)) for f in fits}
+    return Table(blocks.outputs, blocks.least, {}, {}, (), rows)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.05, 1.0])
+def test_blocks_of_time_are_predicted_as_by_least_squares_without_them(size):
+    rng = np.random.default_rng(3)
+    x = rows(TIME)
+    y = x @ [1.0, 2.0, size] + 0.1 * rng.normal(size=TIME.size)
+    fits = study([TIME], [y[:, None]], lambda t, k: rows(t), [free(n) for n in "abc"], 2)
+    common = Blocks.of(fits[-1])
+    blocks = list(common.folds)
+    assert len(blocks) == BLOCKS
+    assert sorted(np.concatenate(blocks).tolist()) == list(range(TIME.size))
+    for fitted, columns in zip(fits, ([0, 1, 2], [0, 1]), strict=True):
+        exact = 0.1**2 * squares_without(x[:, columns] / 0.1, y / 0.1, blocks)
+        np.testing.assert_allclose(newton_errors(fitted, common)[:, 0], exact, rtol=1e-6)
+        np.testing.assert_allclose(refitted_errors(fitted, common, EXACT)[:, 0], exact, rtol=1e-6)
+
+
+def test_a_block_is_left_out_of_all_outputs_each_counted_alone():
+    rng = np.random.default_rng(4)
+    x = np.concatenate([rows(TIME) / 0.1, -2.0 * rows(TIME)[:, ::-1] / 0.4])
+    noisy = x @ [1.0, 2.0, 0.1] + rng.normal(size=2 * TIME.size)
+    y = np.stack([noisy[: TIME.size] * 0.1, noisy[TIME.size :] * 0.4], axis=-1)
+    fits = study([TIME], [y], lambda t, k: -2.0 * rows(t)[:, ::-1] if k else rows(t), [free(n) for n in "abc"], 2)
+    common = Blocks.of(fits[-1])
+    exact = squares_without(x, noisy, common.folds)
+    for found in (newton_errors(fits[0], common), refitted_errors(fits[0], common, EXACT)):
+        np.testing.assert_allclose((found / np.square([0.1, 0.4])).sum(axis=1), exact, rtol=1e-6)
+    assert common.outputs == ("y", "z")
+
+
+def test_one_of_three_recordings_is_left_out_and_its_offset_stays():
+    """Each recording has an offset of its own, which readings of the others do not tell."""
+    rng = np.random.default_rng(5)
+    times = [TIME + 100.0 * k for k in range(3)]
+
+    def design(time, k):
+        return np.concatenate([rows(time), np.stack([(time // 100.0) == e for e in range(3)], axis=-1)], axis=-1)
+
+    whole = np.concatenate(times)
+    x = design(whole, 0) / 0.1
+    y = x @ [1.0, 2.0, 0.3, -1.0, 0.5, 2.0] + rng.normal(size=whole.size)
+    parameters = [*(free(n) for n in "abc"), *(free(f"o{e}", e) for e in range(3))]
+    (fitted, _) = fits = study(times, [part[:, None] * 0.1 for part in np.split(y, 3)], design, parameters, 2)
+    common = Blocks.of(fits[-1])
+    assert [fold.tolist() for fold in common.folds] == np.arange(whole.size).reshape(3, -1).tolist()
+    p = np.linalg.solve(x.T @ x + np.eye(6) / PRIOR_SD**2, x.T @ y)
+    exact = 0.1**2 * squares_without(x[:, :3], y - x[:, 3:] @ p[3:], common.folds)
+    np.testing.assert_allclose(newton_errors(fitted, common)[:, 0], exact, rtol=1e-5)
+    np.testing.assert_allclose(refitted_errors(fitted, common, EXACT)[:, 0], exact, rtol=1e-5)
+
+
+def test_a_term_that_is_not_there_does_not_predict_clearly_better():
+    """Hardly one data set passes two standard errors by chance; with a wave as large as the noise nearly all do."""
+    clear = {0.0: 0, 0.1: 0}
+    for seed in range(20):
+        noise = 0.1 * np.random.default_rng(50 + seed).normal(size=TIME.size)
+        for size in clear:
+            y = rows(TIME) @ [1.0, 2.0, size] + noise
+            fits = study([TIME], [y[:, None]], lambda t, k: rows(t), [free(n) for n in "abc"], 2)
+            clear[size] += compared(fits).clear(WAVE, NOTHING)
+    assert clear[0.0] <= 2
+    assert clear[0.1] >= 17
+
+
+def table(**errors):
+    """A table of squared errors (blocks, outputs) by term; ``least`` counts as none."""
+    least = np.array(errors.pop("least", [0.0]))
+    rows = {(k,): Row((k,), np.asarray(e), 1) for k, e in errors.items()}
+    return Table(("y", "z")[: least.size], least, {}, {}, (), rows)
+
+
+def test_share_and_its_spread_are_those_of_the_errors():
+    """Errors of independent blocks: the share is known, and its standard error falls with their number."""
+    rng = np.random.default_rng(7)
+    spreads = []
+    for blocks in (20, 320):
+        one, other = rng.chisquare(8, (blocks, 1)), 4.0 * rng.chisquare(8, (blocks, 1))
+        value, sd, _ = table(a=one, b=other).share(("a",), ("b",))
+        # The variance of a chi-square of 8 is a quarter of its squared mean; the root halves both.
+        assert value == pytest.approx(0.5, abs=5.0 * 0.5 * 0.5 * np.sqrt(0.5 / blocks))
+        assert sd == pytest.approx(0.5 * 0.5 * np.sqrt(0.5 / blocks), rel=0.5)
+        spreads.append(sd)
+    assert spreads[1] < 0.5 * spreads[0]
+
+
+def test_an_output_that_is_predicted_exactly_does_not_decide():
+    """Below rounding one error is as good as another; the other output tells the structures apart."""
+    exact, worse = np.full((10, 1), 1e-20), np.full((10, 1), 1e-14)
+    noisy = np.random.default_rng(8).chisquare(5, (10, 1))
+    found = table(a=np.hstack([worse, noisy]), b=np.hstack([exact, 4.0 * noisy]), least=[1e-10, 1e-10])
+    assert found.score(("b",)) - found.score(("a",)) == pytest.approx(np.log(2.0))
+    assert found.share(("a",), ("b",))[2] == "z"
+
+
+def test_few_blocks_need_more_standard_errors():
+    """Six blocks whose errors halve, more or less: over two standard errors, which is not clear with so few."""
+    one, other = np.ones((6, 1)), np.array([[0.9], [1.0], [1.1], [1.3], [1.8], [1.3]])
+    assert not table(a=one, b=other).clear(("a",), ("b",))
+    assert table(a=np.tile(one, (3, 1)), b=np.tile(other, (3, 1))).clear(("a",), ("b",))

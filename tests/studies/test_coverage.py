@@ -1,0 +1,113 @@
+"""The studies of intervals: their rigs repeat an experiment, and their figures are those of known distributions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from study import coverage, coverage_wrong
+from study.coverage import held
+from study.coverage_wrong import STATES, of_rig
+from study.repeated import SPREAD, levels, noise, repeated_rigs, white_force
+
+pytestmark = pytest.mark.long
+
+RIGS = repeated_rigs()
+
+
+@pytest.mark.parametrize("name", sorted(RIGS))
+def test_a_repetition_has_new_levels_and_the_same_ones_for_the_same_seed(name: str):
+    rig = RIGS[name]
+    truth = rig.draw(np.random.default_rng(1))
+    first, again, other = (rig.record(truth, np.random.default_rng(seed), "r") for seed in (1, 1, 2))
+    column, output = next(iter(first.inputs)), next(iter(first.outputs))
+    assert np.array_equal(first.inputs[column], again.inputs[column])
+    assert np.array_equal(first.outputs[output], again.outputs[output])
+    assert not np.array_equal(first.inputs[column], other.inputs[column])
+
+
+@pytest.mark.parametrize("name", sorted(RIGS))
+@pytest.mark.parametrize("state", ["missing", "unlisted", "process_noise"])
+def test_what_is_missing_is_about_three_times_as_large_at_the_larger_size(name: str, state: str):
+    """The same levels are driven and the same noise is read, but for the size of it; medians leave that noise out."""
+    rig = RIGS[name]
+    truth = rig.draw(np.random.default_rng(1))
+    plain, small, large = (
+        rig.record(truth, np.random.default_rng(3), "r", state=state, size=size).outputs for size in (0.0, 1.0, 3.0)
+    )
+    for output, values in plain.items():
+        one, three = (float(np.std(of[output] - values)) for of in (small, large))
+        if one > 1e-3 * np.std(values):
+            assert 1.5 * one < three < 6.0 * one
+
+
+def test_levels_begin_at_zero_and_hold_for_as_long_as_they_should():
+    time = np.linspace(-5.0, 500.0, 200_001)
+    values = levels(np.random.default_rng(5), time)
+    assert not values[time < 0.5].any()
+    assert np.abs(values).max() <= 1.0
+    edges = time[1:][np.diff(values) != 0.0]
+    assert 0.19 < np.diff(edges).min() < 0.25
+    assert 1.15 < np.diff(edges).max() < 1.21
+
+
+def test_truth_and_forces_have_the_spread_that_was_asked_for():
+    rng = np.random.default_rng(6)
+    draws = np.log([RIGS["pendulum"].draw(rng)["J"] for _ in range(2000)])
+    assert np.std(draws) == pytest.approx(SPREAD, rel=0.06)
+    force = white_force(rng, 0.2, np.linspace(0.0, 100.0, 10_001))
+    assert np.std(force) == pytest.approx(2.0, rel=0.03)
+    assert noise(rng, 1.0, 0.01, True).slow > 0.0
+    assert noise(rng, 1.0, 0.01, False).slow == 0.0
+
+
+def test_shares_of_uniform_ranks():
+    """4,000 ranks: shares are uncertain by 0.008 and 0.005."""
+    ranks = np.random.default_rng(7).uniform(size=4000)
+    found = held(ranks.tolist())
+    assert found["50"] == pytest.approx(0.5, abs=0.032)
+    assert found["90"] == pytest.approx(0.9, abs=0.02)
+    assert found["p"] > 1e-3
+    assert held((ranks**1.2).tolist())["p"] < 1e-6
+
+
+def test_the_summary_of_coverage_keeps_its_contract():
+    rows = [
+        {"key": f"1/pendulum/{kind}/{n}/{k}", "ranks": {"J": (k + 0.5) / 20}}
+        for kind in ("white", "correlated") for n in (1, 2) for k in range(20)
+    ]  # fmt: skip
+    found = coverage.summary([*rows, {"key": "1/motor/white/1/0", "error": "stopped"}])
+    assert (found["recordings"], found["failed"]) == (120, 1)
+    assert found["white"] == {"50": 0.5, "90": 0.9} == found["correlated"]
+    assert found["rank_uniformity_p_min"] > 0.9
+    assert coverage.table(found)[2].startswith("| white | 50 % | 90 % |")
+
+
+def row(number: int, error: float, state: str = "missing") -> dict[str, object]:
+    """A repetition whose error is given in units of a standard deviation that its intervals know."""
+    values = [error, error - 0.6745, error + 0.6745, error - 1.6449, error + 1.6449]
+    narrow = [error, *(error + 0.5 * (v - error) for v in values[1:])]
+    return {
+        "key": f"1/{state}/pendulum/{number}", "rig": "pendulum", "targets": {"k": 0.0}, "error_of_model": [],
+        "number": number, "methods": {"ours": {"k": values}, "curve_fit": {"k": narrow}},
+    }  # fmt: skip
+
+
+def test_coverage_and_width_of_gaussian_errors():
+    """4,000 errors: shares are uncertain by 0.008 and 0.005, widths by 1 %."""
+    errors = np.random.default_rng(4).standard_normal(4000)
+    rows = [row(k, float(error)) for k, error in enumerate(errors)]
+    ours, half = (of_rig(rows, method) for method in ("ours", "curve_fit"))
+    assert ours["50"] == pytest.approx(0.5, abs=0.032)
+    assert ours["90"] == pytest.approx(0.9, abs=0.02)
+    assert ours["width_90"] == pytest.approx(1.0, abs=0.05)
+    assert half["90"] == pytest.approx(0.589, abs=0.032)  # of a Gaussian within 0.8224 standard deviations
+    assert half["width_90"] == pytest.approx(0.5 * ours["width_90"])
+
+
+def test_the_summary_of_wrong_models_has_all_states():
+    found = coverage_wrong.summary([row(k, 3.0, state) for k in range(4) for state in STATES])
+    assert set(found["states"]) == {"right", "missing", "mended", "unlisted", "process_noise"}
+    assert {"50", "90", "width_90"} <= set(found["states"]["right"]["ours"])
+    assert {"states", "bands_90", "seeds"} <= set(found)
+    assert sum(line.startswith("| ") for line in coverage_wrong.table(found)) == 2 + len(STATES)
