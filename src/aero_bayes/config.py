@@ -52,12 +52,15 @@ class ParameterSection(Section):
 
 
 class ModelSection(Section):
-    """``[model]``: a Modelica class (with extra source files and folders of libraries) or an FMU."""
+    """``[model]``: a Modelica class (with extra source files and folders of libraries) or an FMU.
+
+    ``units`` are those of variables of an FMU that declares none: ``units = {F = "N", v = "m/s"}``."""
 
     name: str | None = None
     fmu: Path | None = None
     sources: tuple[Path, ...] = ()
     libraries: tuple[Path, ...] = ()
+    units: dict[str, str] = Field(default_factory=dict)
 
 
 class ColumnSection(Section):

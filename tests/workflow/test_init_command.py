@@ -128,11 +128,10 @@ def test_a_file_is_not_overwritten(rig):
     assert (rig / "rig.toml").read_text() == "mine"
 
 
-def test_an_fmu_has_no_source_to_read(rig):
+def test_what_is_no_fmu_is_refused(rig):
     (rig / "Rig.fmu").write_bytes(b"PK\xe5")
     refused = run("init", rig / "Rig.fmu", rig / "run.csv", "--out", rig / "fmu.toml")
     assert refused.exit_code == 2
-    assert "expected Modelica source" in refused.stderr
     assert len(refused.stderr.splitlines()) == 1
 
 

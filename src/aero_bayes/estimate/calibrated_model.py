@@ -18,6 +18,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.recording_parameters import values_of_recordings
 from aero_bayes.export import export_flat, export_fmu, load_flat, rename_model, set_elements
 from aero_bayes.files import whole_file
+from aero_bayes.language.tokens import without_indices
 from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
@@ -180,19 +181,14 @@ def _interval_text(found: Interval | None, unit: str) -> str:
     return with_unit(f"{found.q05:.6g} to {found.q95:.6g}", unit)
 
 
-def _parts(name: str) -> list[str]:
-    """Return the parts of a component's name, without what stands in brackets."""
-    return re.sub(r"\[[^\]]*\]", "", name).split(".")
-
-
 def _indices(name: str) -> tuple[int, ...]:
     return tuple(int(n) for n in re.findall(r"\d+", ",".join(re.findall(r"\[([^\]]*)\]", name))))
 
 
 def _whole_arrays(model: Model, given: Mapping[str, float]) -> dict[str, float]:
     """Return the values, with the model's own for the other elements of an array: Modelica sets an array as a whole."""
-    arrays = {tuple(_parts(name)) for name in given if "[" in name}
-    own = {v.name: v.start for v in model.parameters if v.start is not None and tuple(_parts(v.name)) in arrays}
+    arrays = {without_indices(name) for name in given if "[" in name}
+    own = {v.name: v.start for v in model.parameters if v.start is not None and without_indices(v.name) in arrays}
     return {**own, **given}
 
 
@@ -204,7 +200,7 @@ def _tree(given: Mapping[str, float | str], remarks: Mapping[str, str]) -> Modif
     said: dict[tuple[str, ...], list[str]] = {}
     in_components: dict[tuple[str, ...], bool] = {}
     for name, value in given.items():
-        path = tuple(_parts(name))
+        path = tuple(without_indices(name).split("."))
         in_components[path] = "[" in name and not name.endswith("]")
         arrays.setdefault(path, {})[_indices(name)] = value
         said.setdefault(path, []).extend([remarks[name]] if name in remarks else [])

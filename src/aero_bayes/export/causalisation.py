@@ -14,7 +14,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.algebraic_loops import AlgebraicLoop, eliminate
 from aero_bayes.export.discrete import DiscretePart, solve_discrete
 from aero_bayes.export.equation_system import EquationSystem
-from aero_bayes.export.expression import Builder, Node
+from aero_bayes.export.expression import Builder, Node, topological_order
 from aero_bayes.export.initial_values import initial_values
 from aero_bayes.export.linear_equations import linear_solve
 from aero_bayes.export.matching import components, match
@@ -52,6 +52,14 @@ class ExplicitModel:
         """Number of event indicators."""
         known = sum(self.time_of_change(r.difference) is not None for r in self.discrete.relations)
         return len(self.discrete.relations) - known + 2 * len(self.discrete.roundings)
+
+    def compared(self) -> frozenset[str]:
+        """Return the parameters on which conditions depend: break points and thresholds, not the values between."""
+        solved = (*self.rates, *self.solved.values(), *self.starts, *self.loop_and_event_expressions)
+        conditions = [n.args[0] for n in topological_order(solved, {}) if n.op == "select"]
+        conditions += [r.difference for r in self.discrete.relations]
+        known = frozenset[Node]().union(*map(self.system.builder.symbols, conditions))
+        return frozenset(s.name for s in known) & {p.name for p in self.system.parameters}
 
     def dependencies(self, expression: Node) -> frozenset[Node] | None:
         """States, inputs and parameters that an expression depends on; None where it is not known without events."""

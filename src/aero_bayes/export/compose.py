@@ -152,12 +152,14 @@ def set_parameter(flat: FlatModel, name: str, value: float | Expression) -> Flat
 
 
 def set_elements(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
-    """Give parameters other values, by name; of an array each element has its own name (``c[2]``) and all are given.
+    """Give parameters other values, by name; of an array each element has its own name (``c[2]``).
 
-    Raises InputError for a name that is no parameter."""
+    Raises InputError for an array of which some elements are not given."""
     for v in flat.variables:
         names = element_names(v.name, v.sizes)
-        if names and any(name in values for name in names):
+        if given := [name for name in names if name in values]:
+            if len(given) < len(names):
+                raise InputError(f"{flat.name}: {v.name!r} is set as a whole, and some of its elements follow others")
             items = iter([values[name] for name in names])
             flat = set_parameter(flat, v.name, _nested(v.sizes, items))
         elif v.name in values:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from aero_bayes.export.causalisation import ExplicitModel
 from aero_bayes.export.equation_system import ScalarVariable
 from aero_bayes.export.expression import Node
+from aero_bayes.language.tokens import without_indices
 
 
 @dataclass(frozen=True)
@@ -72,12 +73,14 @@ def lay_out(model: ExplicitModel, *, sharing: bool = True) -> VariableLayout:
         states.append(inner)
     expressions = (*model.rates, *(model.solved.get(o.name, b.zero) for o in top), *model.starts)
     used = frozenset[Node]().union(*(b.symbols(e) for e in (*expressions, *model.loop_and_event_expressions)))
+    # of an array whose elements are used in part all are shown: Modelica sets an array as a whole
+    used_arrays = {without_indices(s.name) for s in used}
     free, dependent = [], []
     for p in model.system.parameters:
         if p.type != "Real" or p.final or p.variability == "constant" or p.binding is None:
             continue
         if p.binding.op == "const":
-            if "." not in p.name or b.symbol(p.name) in used:
+            if "." not in p.name or without_indices(p.name) in used_arrays:
                 free.append(p)
         elif "." not in p.name:
             dependent.append(p)

@@ -47,7 +47,7 @@ try:
         if key in used:
             files[key] = [os.path.relpath(path, roots[0]) if path.startswith(roots[0] + os.sep) else path, text]
     print('{"flat": ' + flat + ', "files": ' + json.dumps(files) + "}")
-except Exception as error:
+except BaseException as error:  # a panic is no Exception
     answer = {"error": str(error), "where": ""}
     for name in own:
         with open(name, encoding="utf-8") as stream:

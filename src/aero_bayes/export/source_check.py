@@ -76,8 +76,57 @@ def _likely(model: str, root: Path) -> list[Path]:
     return [*own, *(p for p in files if p.stem == model.rpartition(".")[2])]
 
 
+def _sections(text: str) -> Iterator[tuple[Token, str]]:
+    """Yield the algorithm sections that are in no function, each with its text."""
+    tokens = _tokens(text)
+    inside = False
+    for at, token in enumerate(tokens):
+        before, after = words_of(tokens[max(at - 1, 0) : at]), words_of(tokens[at + 1 : at + 2])
+        short = words_of(tokens[at + 2 : at + 3]) == ["="]
+        if token.word in CLASS_WORDS and before != ["end"] and not short:
+            inside = token.word == "function"
+        elif token.word == "end" and inside and after and after[0] not in ("if", "for", "while", "when"):
+            inside = False
+        elif token.word == "algorithm" and not inside:
+            yield token, text[token.start :]
+
+
+def _derivatives(text: str) -> Iterator[tuple[Token, str]]:
+    """Yield where ``der`` stands, with what is in its parentheses."""
+    tokens = _tokens(text)
+    for at, token in enumerate(tokens):
+        if token.word == "der" and words_of(tokens[at + 1 : at + 2]) == ["("]:
+            end = skip_group(tokens, at + 1, strict=False) - 1
+            yield token, text[tokens[at + 1].end : tokens[end].start].strip()
+
+
+def explain(message: str, model: str, root: Path) -> str:
+    """Return what to write instead of a construct that rumoca does not read, with ``file:line``, else the message."""
+    span = re.search(r"BytePos\((\d+)\)", message)
+    quoted = re.search(r"read of `([^`]+)`", message)
+    for path in _likely(model, root):
+        text = path.read_text(encoding="utf-8", errors="replace")
+        place = f"{path.relative_to(root)}:"
+        if "model algorithm" in message:
+            for token, body in _sections(text):
+                if quoted is None or re.search(rf"\b{re.escape(quoted[1])}\s*:=", body):
+                    what = "an algorithm section that assigns a variable twice, or has a loop, is not read"
+                    return f"{place}{line_of(text, token.start)}: {what}; put it into a function and call that"
+        elif "der(...)" in message:
+            begin = len(text.encode()[: int(span[1])].decode(errors="replace")) if span is not None else None
+            for token, of in _derivatives(text):
+                if token.start == begin:
+                    what = f"the derivative of {of!r} is not known, since it is no state; make it an input of its own"
+                    return f"{place}{line_of(text, token.start)}: {what}"
+                if begin is None and not re.fullmatch(r"[\w.\[\], ]+", of):
+                    what = f"the derivative of an expression is not read; declare a variable z = {of}, and write der(z)"
+                    return f"{place}{line_of(text, token.start)}: {what}"
+    return message
+
+
 def locate(message: str, model: str, root: Path) -> str:
     """Return the message with ``file:line`` before it: of a name that it quotes, else of the class."""
+    message = explain(message, model, root)
     if re.match(r"[^ :]+\.mo:\d+: ", message):
         return message
     for quoted in re.findall(r"['`]([^'`]+)['`]", message):

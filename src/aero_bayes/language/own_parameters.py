@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from itertools import pairwise
 
 from aero_bayes.language.classes import ClassText, ComponentDeclaration
-from aero_bayes.language.tokens import Token
+from aero_bayes.language.tokens import Token, without_indices
 
 
 class OwnClasses:
@@ -21,7 +20,7 @@ class OwnClasses:
         """Tell whether a class of the user's declares a parameter, or gives it a value."""
         if self.top is None:
             return True
-        *path, name = [re.sub(r"\[.*?\]", "", part) for part in parameter.split(".")]
+        *path, name = without_indices(parameter).split(".")
         cls: ClassText | None = self.top
         around: list[ComponentDeclaration] = []
         for part in path:

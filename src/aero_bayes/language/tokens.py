@@ -122,3 +122,8 @@ def split_outside(tokens: Sequence[Token], word: str = ",") -> list[Sequence[Tok
         parts.append(tokens[begin:end])
         begin = end + 1
     return parts
+
+
+def without_indices(name: str) -> str:
+    """Return the name of a component or array without what stands in brackets: ``c[1].k`` is ``c.k``."""
+    return re.sub(r"\[[^\]]*\]", "", name)

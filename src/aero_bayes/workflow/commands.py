@@ -101,7 +101,7 @@ def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
     """Run ``aero-bayes close-loop``: find the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
-    job = open_job(train, options, tests=test)
+    job = open_job(train, options, tests=test, loop=True)
     with resumable(job, "close-loop") as checkpoint:
         values: Json = {}
         with ProgressBar(options.quiet) as progress:
@@ -257,11 +257,13 @@ def _finish(
     script = re.sub(r"\W", "_", named)
     made = [fit.to_matlab(out / f"{script}.m")]
     if calibrated is not None:
-        made.insert(0, calibrated.write(out))
+        # what is written must compile: the FMU is made first
         try:
-            made.insert(1, calibrated.export_fmu(made[0].with_suffix(".fmu")))
+            fmu = calibrated.export_fmu(out / f"{calibrated.name}.fmu")
         except InputError as error:
-            click.echo(f"note: {made[0]} cannot be compiled here: {error}", err=True)
+            click.echo(f"note: no model with the fitted values is written: {error}", err=True)
+        else:
+            made[:0] = [calibrated.write(out), fmu]
     click.echo(f"wrote {join_names([str(path) for path in made])}: all fitted values, for other tools")
 
 

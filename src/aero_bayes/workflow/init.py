@@ -23,13 +23,15 @@ from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
+from aero_bayes.export import explicit_model
 from aero_bayes.files import whole_file
 from aero_bayes.language.own_parameters import OwnClasses
 from aero_bayes.language.sources import main_class, read_classes_of
+from aero_bayes.language.tokens import without_indices
 from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_modelica_unit
 from aero_bayes.simulation import Model, Variable, open_simulator
 from aero_bayes.simulation.load_model import load_model
-from aero_bayes.workflow.job import columns_of, layout_of, tell_notes
+from aero_bayes.workflow.job import columns_of, layout_of, tell_notes, without_units
 
 #: Number of sample times at which sensitivities are computed.
 SAMPLE_COUNT = 2000
@@ -63,10 +65,9 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     for path in (source, data):
         if not path.exists():
             raise InputError(f"{path}: no such file")
-    if source.suffix.lower() == ".fmu":
-        raise InputError(f"{source}: expected Modelica source; for an FMU write [model] fmu, [data] and [parameters]")
-    name = model or main_class(source)
-    built = load_model(name, sources=[source], libraries=libraries)
+    is_fmu = source.suffix.lower() == ".fmu"
+    name = source.stem if is_fmu else model or main_class(source)
+    built = Model.load(source) if is_fmu else load_model(name, sources=[source], libraries=libraries)
     signals = ["time", *(v.name for v in (*built.inputs, *built.outputs))]
     units = {"time": "s"} | {v.name: v.unit for v in (*built.inputs, *built.outputs)}
     there = column_names(data)
@@ -79,16 +80,29 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
         left = tuple(s for s in matched.signals_left if s != "time"), matched.columns_left
         matched = ColumnMatch(matched.columns, left[0], tuple(c for c in left[1] if c not in clocks.values()))
     head = _head(name, [source, *libraries], out, built, data, matched)
-    own = OwnClasses(read_classes_of(source), name)
-    # the user's own first: of two that the outputs cannot tell apart, the first is free
-    ordered = sorted(built.parameters, key=lambda v: (not own.sets(v.name), "." in v.name))
+    own = OwnClasses(() if is_fmu else read_classes_of(source), name)
+    later = frozenset[str]() if is_fmu else _compared(name, source, libraries)
+    # the user's own first, and values before break points: of two that the outputs cannot tell apart, the first is free
+    ordered = sorted(
+        built.parameters, key=lambda v: (not own.sets(v.name), without_indices(v.name) in later, "." in v.name)
+    )
     text = head + _parameter_lines(ordered, _reasons(built, ordered, own, head, data))
     Config.model_validate(tomllib.loads(text))
     with whole_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")
     click.echo(f"wrote {out}")
+    if is_fmu and (without := without_units(built)):
+        click.echo(f"note: {without}", err=True)
     for signal in matched.signals_left:
         click.echo(f"no column of {data.name} matches {signal}; name one in {out}")
+
+
+def _compared(name: str, source: Path, libraries: Sequence[Path]) -> frozenset[str]:
+    """Parameters that conditions compare, arrays by their names; none of a model that only OpenModelica takes."""
+    try:
+        return frozenset(map(without_indices, explicit_model(name, [source], libraries).compared()))
+    except InputError:
+        return frozenset()
 
 
 def match_columns(
@@ -165,12 +179,12 @@ def split_unit(column: str) -> tuple[str, str]:
 def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path, matched: ColumnMatch) -> str:
     """Write everything before the parameters."""
     source, *libraries = (Path(os.path.relpath(f, out.absolute().parent)).as_posix() for f in files)
+    is_fmu = source.lower().endswith(".fmu")
     lines = [
         f"# To fit {name} to {data.name}: aero-bayes fit --config {out.name} --data {data.name} --out DIR",
         "",
         "[model]",
-        f"sources = [{_text(source)}]",
-        f"name = {_text(name)}",
+        *([f"fmu = {_text(source)}"] if is_fmu else [f"sources = [{_text(source)}]", f"name = {_text(name)}"]),
         *([f"libraries = [{', '.join(map(_text, libraries))}]"] if libraries else []),
         "",
         "# Values are in the units that the model declares.",

@@ -26,6 +26,7 @@ from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uni
 from aero_bayes.estimate.unfittable import no_parameter_text
 from aero_bayes.export import declaration_of
 from aero_bayes.files import one_run_at_a_time, whole_file
+from aero_bayes.simulation.given_units import with_units
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model, ModelicaSource
@@ -86,8 +87,16 @@ class Job:
         return SolverSettings(**self.config.solver.model_dump(exclude={"engine"}))
 
 
-def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = ()) -> Job:
-    """Read the configuration and the recordings, then build or open the model.
+def without_units(model: Model) -> str:
+    """Say that an FMU declares no unit of some signals, and what that excludes; empty where it declares all."""
+    names = [v.name for v in (*model.inputs, *model.outputs, *model.states) if not v.unit]
+    named = ", ".join(dict.fromkeys(names))
+    what = "friction, drag and springs are tried only at a force in N or N.m that drives a speed in m/s or rad/s"
+    return f"{model.path.name} declares no unit of {named}: {what}; give units in [model.units]" if named else ""
+
+
+def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = (), loop: bool = False) -> Job:
+    """Read the configuration and the recordings, then build or open the model; for a loop only one that it can extend.
 
     The output folder is made only once everything the user gave has been read."""
     _different(files)
@@ -100,6 +109,11 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         # Nothing but the model itself says what its columns are.
         model = model or built_model(config, name, fmu)
         declared = model.declared
+    if loop and model is not None and fmu is not None:
+        if model.interface != "model exchange":
+            raise InputError(f"{fmu}: the loop needs Model Exchange; this FMU has co-simulation only")
+        if without := without_units(model):
+            click.echo(f"note: {without}", err=True)
     layout = layout_of(config, declared, model if not declared.systems or fmu is not None else None)
     columns = columns_of(config)
     if options.config is None and options.model is None:
@@ -166,15 +180,16 @@ def built_model(config: Config, name: str, fmu: Path | None) -> Model:
 
 def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
     """Choose the Modelica class, or the path of the FMU; the command line wins over the file."""
+    name, fmu, units = config.model.name, config.model.fmu, config.model.units
     if options.model is not None:
-        if options.model.endswith(".fmu"):
-            return Path(options.model).stem, Path(options.model)
-        return options.model, None
-    if config.model.fmu is not None:
-        if config.model.name is not None:
-            raise InputError(f"{options.config}: [model] names both a class and an FMU; give one of them")
-        return config.model.fmu.stem, config.model.fmu
-    return config.model.name or DEFAULT_MODEL, None
+        name, fmu = (None, Path(options.model)) if options.model.endswith(".fmu") else (options.model, None)
+    if fmu is None:
+        if units:
+            raise InputError(f"{options.config}: [model] units are those of an FMU; a Modelica class declares its own")
+        return name or DEFAULT_MODEL, None
+    if name is not None:
+        raise InputError(f"{options.config}: [model] names both a class and an FMU; give one of them")
+    return fmu.stem, with_units(fmu, units) if units else fmu
 
 
 def layout_of(config: Config, declared: PackageDeclaration, model: Model | None = None) -> Layout:

@@ -48,7 +48,7 @@ from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation import Model, WorkerPool, open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.workflow.commands import fit_job
-from aero_bayes.workflow.job import RunOptions, open_job, which_model
+from aero_bayes.workflow.job import RunOptions, open_job, which_model, without_units
 
 PortRow = dict[str, Any]
 
@@ -87,6 +87,8 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
             raise InputError(f"{fmu}: --data needs the Modelica source of the model, not an FMU")
         around = FmuPlaces(fmu.stem, config.model.sources, config.model.libraries, fmu=fmu)
         around.check()
+        if without := without_units(around.inner):
+            click.echo(f"note: {without}", err=True)
         return port_table(around.ports)
     places = LawPlaces(name, config.model.sources, config.model.libraries)
     if not places.declared.effects:
