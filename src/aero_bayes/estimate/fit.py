@@ -17,7 +17,6 @@ from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, calibrate
-from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
@@ -162,9 +161,8 @@ class _Request:
         if settings.cost == "posterior" and not filtered and not watched.asked_to_end:
             found = _with_sensors(found, opened, settings, watched, cache)
             found = _with_noise_kinds(found, opened, settings, watched)
-        judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
         here = partial(opened, workers=0)  # one run needs no workers
-        found = with_solver_difference(replace(found, identifiability=judged), here)
+        found = with_solver_difference(found, here)
         if watched.asked_to_end:
             return found
         local, problem = replace(settings, method="local"), found.calibration

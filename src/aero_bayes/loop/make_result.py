@@ -11,7 +11,6 @@ from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.finished_fit import assess_columns, with_bounds
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.local_fit import Optimum
@@ -85,8 +84,7 @@ def _identifiability(context: LoopContext, calibration: Calibration, refit: Opti
     with context.open(calibration.problem()) as simulator:
         found, _ = assess_columns(context.objective(calibration, simulator), refit, refit.free)
     part = ParameterSet(tuple(calibration.parameters.items[j] for j in refit.free))
-    found = with_bounds(found, part, refit.coordinates[list(refit.free)])
-    return name_deciding_constants(found, calibration, refit, context.open)
+    return with_bounds(found, part, refit.coordinates[list(refit.free)])
 
 
 def _calibrated(

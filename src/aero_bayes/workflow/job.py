@@ -28,11 +28,8 @@ from aero_bayes.files import one_run_at_a_time, whole_file
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.workflow.timescale import check_duration, slow_sampling_warning
 
 Engine = Literal["native", "fmpy"]
-#: Where times are looked for unless the configuration says otherwise.
-TIME = ColumnMap("time")
 
 
 @dataclass(frozen=True)
@@ -118,10 +115,6 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     values = _listed(model, config)
     parameters = fit_parameters(model, config)
     fixed = _fixed(model, config, parameters)
-    if model.declared.parameters:
-        check_duration(recordings, model, fixed)
-    elif columns.get("time", TIME).unit is None and (slow := slow_sampling_warning(recordings, model, fixed)):
-        click.echo(f"note: {slow}", err=True)
     read = (*recordings, *test_recordings)
     recordings, test_recordings = screened(recordings, model), screened(test_recordings, model)
     for finding in dict.fromkeys(f for recording in (*recordings, *test_recordings) for f in recording.findings):
