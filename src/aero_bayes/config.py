@@ -115,7 +115,6 @@ class FitSection(Section):
     staged: bool = True
     initial_states: Literal["auto", "reading", "estimated"] = "auto"
     max_input_delay: Annotated[float, Field(ge=0)] | dict[str, Annotated[float, Field(ge=0)]] | None = None
-    ripple: Literal["subtract", "describe", "ignore"] = "subtract"
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()
     local: LocalSection = LocalSection()

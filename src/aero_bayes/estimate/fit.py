@@ -34,13 +34,11 @@ from aero_bayes.estimate.parameters import ChosenParameters, chosen_parameters
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.value_comparison import ValueTrial
 from aero_bayes.estimate.wrong_units import with_unit_finding
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.sensors.describe import describe_sensors
-from aero_bayes.sensors.ripple import Ripple
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
@@ -153,14 +151,13 @@ class _Request:
             rng = np.random.default_rng(self.seed)
             return fit_calibration(calibration, opened, settings, rng, watched, checkpoint=cache)
 
-        # Outliers, ripple and kinds of noise belong to the likeliest values: all are compared on the same readings.
+        # Outliers and kinds of noise belong to the likeliest values: all are compared on the same readings.
         found = _likeliest(self.candidates, fitted)
         filtered = found.calibration.simulated.process is not None
         if not filtered and not watched.asked_to_end:
             found = _without_outliers(found, opened, settings, watched, cache)
         if settings.cost == "posterior" and not filtered and not watched.asked_to_end:
-            found = _with_sensors(found, opened, settings, watched, cache)
-            found = _with_noise_kinds(found, opened, settings, watched)
+            found = _with_noise_kinds(_with_sensors(found), opened, settings, watched)
         here = partial(opened, workers=0)  # one run needs no workers
         found = with_solver_difference(found, here)
         if watched.asked_to_end:
@@ -218,26 +215,11 @@ def _without_outliers(
     return found
 
 
-def _with_sensors(
-    first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None, cache: Checkpoint | None
-) -> Fit:
-    """Describe the sensors of a fit; if ripple is to be subtracted, fit again to the readings without it."""
-    began = time.perf_counter()
-    calibration = first.calibration
-    found, subtract = first, settings.ripple == "subtract"
-    ripple: dict[str, dict[str, Ripple]] = {}
-    if settings.ripple != "ignore":
-        data, ripple = without_ripple(calibration.data, calibration.model, first.fitted)
-        if ripple and subtract:
-            cleaned = replace(calibration, data=data)
-            with opened(cleaned.problem()) as simulator:
-                objective = objective_of(cleaned, simulator, result_cache=cache)
-                found = _refit_from(first, GlobalSearch(objective, settings.global_search, progress), settings)
-    rows = [(e.time, y, f) for e, y, f in zip(
-        found.calibration.data.experiments, found.calibration.data.readings, found.fitted, strict=True
-    )]  # fmt: skip
-    sensors = describe_sensors(found.outputs, rows, ripple, subtracted=subtract)
-    return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)
+def _with_sensors(found: Fit) -> Fit:
+    """Describe the encoders among the sensors of a fit."""
+    data = found.calibration.data
+    rows = [(e.time, y, f) for e, y, f in zip(data.experiments, data.readings, found.fitted, strict=True)]
+    return replace(found, sensors=describe_sensors(found.outputs, rows))
 
 
 def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None) -> Fit:
@@ -260,7 +242,7 @@ def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, 
 
 
 def _refit_from(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
-    """Fit readings without their ripple or outliers, from the optimum of the first fit."""
+    """Fit readings without their outliers, from the optimum of the first fit."""
     start = search.objective.parameters.to_search(first.values)
     optimum = search.refit(start, first.free, first.noise)
     refitted = finished_fit(

@@ -24,7 +24,6 @@ from aero_bayes.estimate.parameters import Parameter, ParameterSet, chosen_param
 from aero_bayes.estimate.priors import Normal
 from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.step_parameters import acts_in_steps, settle_blind, with_slope
 from aero_bayes.loop.context import LoopContext
@@ -148,7 +147,7 @@ def _shared(context: LoopContext, model: Model) -> ParameterSet:
 
 
 def _fitted(context: LoopContext, calibration: Calibration, begin: Mapping[str, float]) -> tuple[Calibration, Optimum]:
-    """Fit what the data shows, and again without a rotor's ripple where the residual shows any."""
+    """Fit what the data shows."""
     settings = context.settings
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
@@ -168,19 +167,8 @@ def _fitted(context: LoopContext, calibration: Calibration, begin: Mapping[str, 
             if settings.fitting.calibration.interpolation == "auto"
             else None
         )
-        fitted = tuple(
-            y[0] for y in objective.simulate(objective.parameters.from_search(found.coordinates)[None]).outputs
-        )
         context.statistics.add_simulations(objective)
-    if lines is not None:
-        return lines
-    if settings.fitting.ripple != "subtract":
-        return calibration, found
-    data, ripple = without_ripple(calibration.data, calibration.model, fitted)
-    if not ripple:
-        return calibration, found
-    cleaned = replace(calibration, data=data)
-    return cleaned, best_fit(context, cleaned, cleaned.parameters.from_search(found.coordinates), found)
+    return lines if lines is not None else (calibration, found)
 
 
 def _columns_with_effect(objective: Objective) -> tuple[int, ...]:
