@@ -17,8 +17,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.export.build import compile_kept, write_archive
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.platforms import this_machine
+from aero_bayes.files import ScratchFolder
 from aero_bayes.laws.fmu_ports import LawCoupling
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation import BINARY_FOLDERS, Model, Variable
 
 INNER, LAWS = 0, 1

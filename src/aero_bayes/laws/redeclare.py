@@ -8,9 +8,9 @@ from pathlib import Path
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.files import ScratchFolder
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.ports import CombinationRule, ReplaceableModel
-from aero_bayes.scratch import ScratchFolder
 
 
 def split_by_replaceable(placed_laws: Iterable[PlacedLaw]) -> tuple[list[PlacedLaw], list[PlacedLaw]]:

@@ -15,6 +15,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.local_fit import LocalFitSettings
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.result import Fit
+from aero_bayes.files import ScratchFolder
 from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.choose import Chooser, worth_all_readings
 from aero_bayes.judge.recordings import Recordings
@@ -34,7 +35,6 @@ from aero_bayes.loop.make_result import result_of
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.progress import Progress, watching
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.beam import StructureSearch
 from aero_bayes.search.explored import Library, SearchControl
 from aero_bayes.search.informative_part import informative_share

@@ -21,11 +21,10 @@ from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.plausible import check_plausible
 from aero_bayes.estimate.result import Fit
 from aero_bayes.export import declaration_of
-from aero_bayes.files import whole_file
+from aero_bayes.files import ScratchFolder, whole_file
 from aero_bayes.loop import LoopResult
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report import write_run_page
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import ModelicaSource
 from aero_bayes.workflow.context import context_part
 from aero_bayes.workflow.curves import (
