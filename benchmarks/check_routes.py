@@ -24,10 +24,12 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.export import export_fmu
 from aero_bayes.export.build import c_compiler
 from aero_bayes.export.library import library_roots, needed_libraries
+from aero_bayes.laws.attach import attached
 from aero_bayes.laws.compose import law_models
-from aero_bayes.laws.fmu_coupling import couple
+from aero_bayes.laws.coupled_fmu import couple
 from aero_bayes.laws.fmu_ports import FmuBoundary
 from aero_bayes.laws.law import shipped_laws
+from aero_bayes.laws.law_blocks import LawBlocks
 from aero_bayes.laws.placed_law import place_law
 from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, confinement, open_simulator
 
@@ -97,8 +99,8 @@ def with_law(path: Path, out: Path) -> Path:
     law = next(law for law in shipped_laws() if (law.kind, law.id) == ("output", "gain"))
     boundary, models = FmuBoundary(inner), law_models([law])
     port = next(p for p in boundary.ports if p.kind == "reading")
-    coupling = boundary.coupling([place_law(law, port, boundary.names.values())], models)
-    couple(inner, coupling, out, out.with_suffix(".laws.fmu"))
+    placed = place_law(law, port, boundary.names.values())
+    couple(attached(boundary.opened(), [placed], LawBlocks(models, out.parent)), out)
     return out
 
 

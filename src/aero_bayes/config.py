@@ -175,9 +175,6 @@ class LoopSection(Section):
     require: tuple[str, ...] = ()
     ports: tuple[str, ...] | None = None
     laws: tuple[str, ...] | None = None
-    leave_out: tuple[str, ...] = ()
-    min_share: Annotated[float, Field(gt=0, lt=1)] = 0.75
-    include_smaller: bool = False
 
 
 class SolverSection(Section):

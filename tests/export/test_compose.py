@@ -90,7 +90,7 @@ def test_a_law_put_at_a_balance_acts_as_its_formula(base: FlatModel, law: FlatMo
     wider = add_term(wider, flow, Name("friction.f"))
     wider = set_parameter(wider, "friction.F_c", 0.02)
     x = np.array([0.2, 310.0, 0.3, 0.7, -0.1, -290.0])
-    with driven(export_flat(wider, tmp_path / "w.fmu", quick=True)) as fmu:
+    with driven(export_flat(wider, tmp_path / "w.fmu")) as fmu:
         assert fmu.starts["friction.z"] == 0.25
         fmu.begin()
         fmu.set(V_m=9.0)
@@ -117,7 +117,7 @@ def test_uses_of_an_input_pass_through_a_law(base: FlatModel, tmp_path: Path) ->
     flat = add_term(flat, flow, Call("neg", (Name("push"),)))
     flat = add_output(flat, "speed_2", Name("body.omega"), "rad/s")
     x = np.array([0.2, 310.0, 0.3, 0.7, -0.1, -290.0])
-    with driven(export_flat(flat, tmp_path / "g.fmu", quick=True)) as fmu:
+    with driven(export_flat(flat, tmp_path / "g.fmu")) as fmu:
         fmu.begin()
         fmu.set(V_m=12.0, gain=0.25, push=0.03)
         at = dict(zip(STATES, x, strict=True))

@@ -24,8 +24,10 @@ from aero_bayes.export import FlatModel, export_embedded, export_flat
 from aero_bayes.laws import (
     FmuBoundary,
     Law,
+    LawBlocks,
     LawModels,
     PlacedLaw,
+    attached,
     compose_laws,
     couple,
     find_candidates,
@@ -99,8 +101,8 @@ def test_laws_around_an_fmu_are_the_laws_in_its_source(
     inside = placed_laws(ports_with_laws(flat, laws), laws, flat)
     export_flat(compose_laws(flat, inside, models), tmp_path / "source.fmu")
     around = FmuBoundary(plant, laws)
-    coupling = around.coupling(placed_laws(around.ports, laws, flat), models)
-    couple(plant, coupling, tmp_path / "coupled.fmu", tmp_path / "laws.fmu")
+    blocks = LawBlocks(models, tmp_path)
+    couple(attached(around.opened(), placed_laws(around.ports, laws, flat), blocks), tmp_path / "coupled.fmu")
     assert validate_fmu(str(tmp_path / "coupled.fmu")) == []
     (y, s), (y_source, s_source) = run(tmp_path / "coupled.fmu"), run(tmp_path / "source.fmu")
     assert np.abs(y - y_source).max(axis=0) == pytest.approx([0.0, 0.0], abs=1e-6)

@@ -7,7 +7,7 @@ import pytest
 from closed_form import damped_stops, held
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 DRIVE = """model Drive "A motor drives a load through a gear"
   parameter Real J_l(unit = "kg.m2", min = 0) = 0.08;
@@ -47,7 +47,7 @@ def test_play_takes_the_damper_out_of_action_too(tmp_path):
     source.write_text(DRIVE, encoding="utf-8")
     laws = ("backlash", "end_stop", "coulomb_friction", "cubic_stiffness", "hysteretic_spring")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), parameters=("J_l", "c", "d", "D"), laws=laws,
+        max_effects=2, parameters=("J_l", "c", "d", "D"), laws=laws,
     )  # fmt: skip
     test = drive("b", 42)
     result = close_loop([drive("a", 41)], [test], model=source, settings=settings, workers=0)

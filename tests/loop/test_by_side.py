@@ -7,7 +7,7 @@ import pytest
 from closed_form import damped_stops, held
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 TRACK = """model Track "A cart, its position from the left end of its track"
   parameter Real m(unit = "kg", min = 0) = 0.8;
@@ -67,8 +67,7 @@ def meter(name, seed):
 def closed(tmp_path, text, name, free, laws, *recordings):
     source = tmp_path / f"{name}.mo"
     source.write_text(text, encoding="utf-8")
-    attribute = StructureSettings(max_effects=2)
-    settings = LoopSettings(structures=attribute, parameters=free, laws=laws, cache=tmp_path / "fmu")
+    settings = LoopSettings(max_effects=2, parameters=free, laws=laws, cache=tmp_path / "fmu")
     first, second = recordings
     return close_loop([first], [second], model=source, settings=settings, workers=0)
 

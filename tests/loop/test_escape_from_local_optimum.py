@@ -12,7 +12,7 @@ from closed_form import held
 from aero_bayes import FitSettings
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.estimate import CalibrationSettings, with_other_interpolation
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 SOURCE = """model Spring "A mass on a spring"
   parameter Real m(unit = "kg", min = 0) = 2;
@@ -54,7 +54,7 @@ def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("spring")
     (folder / "Spring.mo").write_text(SOURCE, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=1), parameters=("m", "c", "k"), laws=("cubic_stiffness", "end_stop"),
+        max_effects=1, parameters=("m", "c", "k"), laws=("cubic_stiffness", "end_stop"),
         cache=folder / "fmus",
         fit=FitSettings(method="local", calibration=CalibrationSettings(initial_states="estimated")),
     )  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 from closed_form import held
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 MASS = """model Mass "A mass on a spring and a damper, shaken"
   parameter Real m(unit = "kg", min = 0) = 2;
@@ -45,7 +45,7 @@ def shaken(name: str, seed: int) -> Recording:
 def test_a_joint_that_yields_is_named_with_its_shape(tmp_path):
     (tmp_path / "Mass.mo").write_text(MASS, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), parameters=("m", "k", "c"),
+        max_effects=2, parameters=("m", "k", "c"),
         laws=("hysteretic_spring", "linear_stiffness", "cubic_stiffness", "backlash", "coulomb_friction", "lag"),
         cache=tmp_path / "fmu",
     )  # fmt: skip

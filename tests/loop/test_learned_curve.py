@@ -10,7 +10,7 @@ from facts import facts
 from scipy.integrate import solve_ivp
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import LoopResult, LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.report import curve_plate
 from aero_bayes.schema import EffectJson
 
@@ -46,7 +46,7 @@ def looped(tmp_path, force: Callable[[float, float], float]) -> LoopResult:
     (tmp_path / "Slide.mo").write_text(SOURCE, encoding="utf-8")
     rng = np.random.default_rng(11)
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2),
+        max_effects=2,
         parameters=("k", "d"),
         laws=("coulomb_friction", "quadratic_drag", "cubic_stiffness", "offset", "curve", "position_curve"),
         cache=tmp_path / "fmus",

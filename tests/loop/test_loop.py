@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,14 @@ import pytest
 from facts import facts
 
 from aero_bayes.errors import InputError
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
+from aero_bayes.loop.decide import decide
+from aero_bayes.search import Table
 from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import real, white
 
-SETTINGS = LoopSettings(structures=StructureSettings(max_effects=2))
+SETTINGS = LoopSettings(max_effects=2)
 
 
 @pytest.fixture(scope="session")
@@ -49,7 +52,9 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
     assert told["steps"][0]["chosen"] == "pivot_coulomb_friction"
     assert any(line.startswith("+") and "tau_c" in line for line in told["diff"].splitlines())
     assert found.series()["after/test/theta"].shape == test.time.shape
-    assert abs(found.effects[0].width_influence) < 3.0
+    assert found.effects[0].claim == "law"
+    table = json.loads((tmp_path / "structures.json").read_text())
+    assert decide(Table.of(table)).model == ("pivot_coulomb_friction",)
 
 
 def test_a_search_whose_time_is_up_is_judged_by_what_it_has_and_says_so(fmus):

@@ -9,7 +9,7 @@ import numpy as np
 from aero_bayes.data import Recording
 from aero_bayes.judge import Recordings
 from aero_bayes.laws import LawPlaces, ModelicaFamily
-from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, fit_base_model
+from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, first_fit
 from aero_bayes.simulation import WorkerPool
 
 
@@ -33,7 +33,7 @@ end Cart;
         ModelicaFamily(LawPlaces("Cart", (path,)), tmp_path / "fmus"), Recordings.of([run], [], 0.3, ["v"]),
         LoopSettings(), WorkerPool(0), tmp_path, lambda what, share: None, LoopStatistics(),
     )  # fmt: skip
-    base = fit_base_model(context)
+    base = first_fit(context, {})
     assert base.plain.parameters.names == ("v_start",)
     (report,) = base.reports
     left = 0.05 * np.sin(2.0 * time[:280]) + noise[:280]

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 SOURCE = """model Cart "A mass on a spring, both its position and its speed are read"
   input Real F(unit = "N");
@@ -52,7 +52,7 @@ def test_a_lag_in_the_reading_of_a_state(tmp_path) -> None:
     (tmp_path / "Cart.mo").write_text(SOURCE, encoding="utf-8")
     train, test = recordings(np.random.default_rng(7))
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=1),
+        max_effects=1,
         parameters=("k", "d"),
         laws=("lag", "gain", "coulomb_friction"),
         cache=tmp_path / "fmus",
@@ -96,7 +96,7 @@ def test_a_sensor_may_be_off_by_far_more_than_its_noise(tmp_path) -> None:
         read = np.array(level) + off + rng.normal(0.0, noise, inflow.size)
         made.append(Recording(name, step * np.arange(inflow.size), {"q": inflow}, {"h": read}))
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=1),
+        max_effects=1,
         fit=FitSettings(method="local", calibration=CalibrationSettings(initial_states="estimated")),
         parameters=("A", "c"),
         laws=("offset", "gain"),

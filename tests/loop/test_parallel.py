@@ -138,7 +138,7 @@ def test_the_loop_says_the_same_whatever_the_number_of_workers(tmp_path):
         (
             r.outcome,
             r.simulations,
-            [[(rival.id, rival.share, rival.wins) for rival in step.candidates] for step in r.steps],
+            [[(rival.id, rival.share) for rival in step.candidates] for step in r.steps],
         )
         for r in results
     ]

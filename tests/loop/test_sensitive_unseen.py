@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import LoopResult, LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 
 SOURCE = """model Culture "Cells that divide, and are fed"
   input Real feed(unit = "mol/s");
@@ -33,7 +33,7 @@ def found(tmp_path, growth: float) -> LoopResult:
     (tmp_path / "Culture.mo").write_text(SOURCE, encoding="utf-8")
     rng = np.random.default_rng(5)
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=1), parameters=("growth",), laws=("gain", "offset"),
+        max_effects=1, parameters=("growth",), laws=("gain", "offset"),
         cache=tmp_path / "fmus",
     )  # fmt: skip
     return close_loop(

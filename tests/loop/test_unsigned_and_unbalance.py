@@ -7,7 +7,7 @@ import pytest
 from closed_form import held
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 MOTOR = """model Motor "A motor that turns both ways"
   parameter Real T(unit = "s", min = 0) = 0.3;
@@ -61,7 +61,7 @@ def closed(tmp_path, source, free, laws, recordings):
     name = source.split()[1]
     (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), parameters=free, laws=laws,
+        max_effects=2, parameters=free, laws=laws,
         cache=tmp_path / "fmu",
     )  # fmt: skip
     train, test = recordings

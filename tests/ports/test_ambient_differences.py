@@ -14,7 +14,7 @@ from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.export import load_flat
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 OVEN = """model Oven "An oven in a hall whose temperature is recorded"
   parameter Real C(unit = "J/K", min = 0) = 350;
@@ -50,6 +50,30 @@ equation
   0.1*der(w) = k*e - 0.3*w;
 end Servo;
 """
+
+
+ARM = """model Arm "An arm that a controller drives to a goal by a voltage"
+  parameter Real k(unit = "V/rad") = 4;
+  parameter Real k_m(unit = "N.m/V") = 0.5;
+  parameter Real J(unit = "kg.m2") = 0.1;
+  parameter Real d(unit = "N.m.s/rad") = 0.3;
+  parameter Real c(unit = "N.m/rad") = 0.2;
+  input Real goal(unit = "rad");
+  output Real phi(unit = "rad", start = 0, fixed = true);
+  Real w(unit = "rad/s", start = 0, fixed = true);
+  Real u(unit = "V");
+equation
+  u = k*(goal - phi);
+  der(phi) = w;
+  J*der(w) = k_m*u - d*w;
+end Arm;
+"""
+
+
+def test_what_a_controller_forms_is_no_place_in_the_mechanics(tmp_path):
+    assert not [p for p in found(tmp_path, ARM) if "-" in p]
+    sprung = ARM.replace("- d*w", "- d*w - c*(phi - goal)")
+    assert "w-goal" in found(tmp_path, sprung)
 
 
 def test_a_temperature_stands_against_every_one_that_is_fed_in(tmp_path):
@@ -126,7 +150,7 @@ def bake(name: str, seed: int) -> Recording:
 def test_a_loss_to_a_hall_is_found_against_its_recorded_temperature(tmp_path):
     (tmp_path / "Oven.mo").write_text(OVEN, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), parameters=("C", "G"),
+        max_effects=2, parameters=("C", "G"),
         laws=("linear_loss", "square_loss", "radiation", "offset", "gain"), cache=tmp_path / "fmu",
         fit=FitSettings(method="local", calibration=CalibrationSettings(interpolation={"T_hall": "linear"})),
     )  # fmt: skip

@@ -159,4 +159,4 @@ def test_what_a_term_stands_beside_is_a_number(form: str, laws: tuple[Law, ...],
     assert len(terms) >= 6
     for n, term in enumerate(terms):
         wider = add_output(flat, "watched", Call("+", (term, Call("*", (Number(1e-300), Name("time"))))))
-        export_flat(wider, tmp_path / f"{n}.fmu", quick=True)
+        export_flat(wider, tmp_path / f"{n}.fmu")

@@ -12,7 +12,7 @@ from written_laws import agree, uses_at
 from aero_bayes.data import Recording
 from aero_bayes.export import load_flat
 from aero_bayes.laws import ports_with_laws, shipped_laws
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 
 AXIS = """model Axis "A position loop"
   parameter Real J(unit = "kg", min = 0) = 0.6;
@@ -167,7 +167,7 @@ def motion(name: str, seed: int) -> Recording:
 @pytest.mark.long
 def test_the_limit_of_an_actuator_within_a_loop_is_found(tmp_path):
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), parameters=("J", "b"),
+        max_effects=2, parameters=("J", "b"),
         laws=("saturation", "dead_zone", "coulomb_friction"), cache=tmp_path / "fmu",
     )  # fmt: skip
     result = close_loop(
@@ -228,7 +228,7 @@ def test_a_limit_that_differs_by_side_is_found_as_one_law(tmp_path):
     source = tmp_path / "Cascade.mo"
     source.write_text(CASCADE, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=3), parameters=("T_1", "T_2", "K"),
+        max_effects=3, parameters=("T_1", "T_2", "K"),
         laws=("saturation", "saturation_by_side", "dead_zone", "offset", "overflow"), cache=tmp_path / "fmu",
     )  # fmt: skip
     result = close_loop([cascade("a", 63)], [cascade("b", 64)], model=source, settings=settings, workers=0)

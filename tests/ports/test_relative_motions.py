@@ -16,7 +16,7 @@ from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.export import load_flat
 from aero_bayes.laws import compose_laws, find_candidates, ports_with_laws, shipped_laws
-from aero_bayes.loop import LoopSettings, StructureSettings, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.ports import Port
 
 CAR = """model Car "A quarter of a car"
@@ -181,7 +181,7 @@ def drive(name: str, seed: int) -> Recording:
 def test_a_stiffening_spring_is_found_and_written_into_both_balances(tmp_path):
     (tmp_path / "Car.mo").write_text(CAR, encoding="utf-8")
     settings = LoopSettings(
-        structures=StructureSettings(max_effects=2), parameters=("k_s", "c_s"),
+        max_effects=2, parameters=("k_s", "c_s"),
         laws=("cubic_stiffness", "coulomb_friction", "quadratic_drag"), cache=tmp_path / "fmu",
         fit=FitSettings(method="local", calibration=CalibrationSettings(interpolation="linear")),
     )  # fmt: skip

@@ -345,3 +345,16 @@ def test_sensitivities_that_die_away_take_no_more_steps_than_the_states(tmp_path
     ]
     for column, slope in enumerate(slopes):
         np.testing.assert_allclose(found.sensitivities[0][0, :, 0, column], slope, atol=1e-3 * np.abs(slope).max())
+
+
+def test_a_run_beyond_its_step_budget_is_too_slow(test_fmu, here) -> None:
+    model = test_fmu("Dahlquist")
+    time = np.linspace(0.0, 5.0, 11)
+    found = {}
+    for most in (0, 2):
+        experiment = Experiment(time, ("y",), most_steps=most)
+        with NativeSimulator(Problem(model, (experiment,), ((),)), pool=here) as simulator:
+            found[most] = simulator.simulate(np.zeros((1, 0)))
+    assert found[0].outcomes[0, 0] == Outcome.OK
+    assert found[0].steps[0, 0] > 2
+    assert found[2].outcomes[0, 0] == Outcome.TOO_SLOW

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.export import export_fmu
-from aero_bayes.export.embedded import export_flat
-from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.laws import LawBlocks, OpenModel, attached, couple
 from aero_bayes.simulation import (
     DelayTarget,
     Experiment,
@@ -58,8 +57,10 @@ OUTPUTS = ("x", "power", "side", "w")
 def both(source: Path, name: str) -> tuple[Model, Model]:
     """The model with and without lanes."""
     lanes = export_fmu(name, source.with_suffix(".fmu"), compiler="embedded", sources=source)
-    single = export_flat(load_flat(name, (source,), ()), source.with_suffix(".single.fmu"), quick=True)
-    return Model.load(lanes), Model.load(single)
+    with_lanes, single = Model.load(lanes), source.with_suffix(".single.fmu")
+    bare = OpenModel(with_lanes, tuple(v.name for v in with_lanes.inputs), {}, {})
+    couple(attached(bare, (), LawBlocks({}, source.parent)), single)  # a coupled FMU has none
+    return with_lanes, Model.load(single)
 
 
 @pytest.fixture(scope="module")

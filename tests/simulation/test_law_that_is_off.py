@@ -7,7 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.laws import FmuBoundary, Law, LawModels, couple, law_models, place_law, shipped_laws
+from aero_bayes.laws import (
+    FmuBoundary,
+    Law,
+    LawBlocks,
+    LawModels,
+    attached,
+    couple,
+    law_models,
+    place_law,
+    shipped_laws,
+)
 from aero_bayes.simulation import (
     Experiment,
     Model,
@@ -50,8 +60,8 @@ def test_a_law_that_is_off_changes_nothing(
     boundary, (law, models) = FmuBoundary(inner), gain
     port = max((p for p in boundary.ports if p.kind == "reading"), key=lambda p: p.id == output)
     taken = {*boundary.names.values(), *(v.name for v in inner.parameters)}
-    coupling = boundary.coupling([place_law(law, port, taken)], models)
-    couple(inner, coupling, tmp_path / "coupled.fmu", tmp_path / "laws.fmu")
+    coupling = attached(boundary.opened(), [place_law(law, port, taken)], LawBlocks(models, tmp_path))
+    couple(coupling, tmp_path / "coupled.fmu")
     inputs = drive(TIME) if any(v.name == "u" for v in inner.inputs) else ()
     states = {s.name for s in inner.states}
     found = []

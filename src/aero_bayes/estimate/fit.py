@@ -30,7 +30,7 @@ from aero_bayes.estimate.listed_values import ValueCombination, combinations, co
 from aero_bayes.estimate.modes import Mode, find_modes, likelihood_temperature
 from aero_bayes.estimate.noise_kinds import choose_spreads, refit_with_spread
 from aero_bayes.estimate.outliers import without_outliers
-from aero_bayes.estimate.parameters import ChosenParameters, chosen_parameters
+from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, chosen_parameters
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
@@ -119,7 +119,7 @@ class _Request:
         self.settings, self.seed, self.workers, self.progress, self.cache = settings, seed, workers, progress, cache
         self.overrides = declared_overrides(model)
         chosen = parameters if parameters is not None else tuple(self.overrides)
-        if isinstance(chosen, Sized) and not chosen:
+        if isinstance(chosen, Sized) and not chosen and not isinstance(chosen, ParameterSet):
             known = ", ".join(v.name for v in model.parameters)
             raise InputError(
                 f"model {model.name} declares no parameters to fit: say which to search by parameters; it has {known}"

@@ -55,17 +55,18 @@ def fmi_headers() -> Path:
     return Path(spec.origin).parent / "c-code"
 
 
-def _compile_library(source: str, identifier: str, *, quick: bool = False, fmi: int = 2) -> bytes:
-    """Compile a generated model and link it to the runtime; ``quick`` saves time on the optimisation.
+def _compile_library(source: str, identifier: str, *, fmi: int = 2) -> bytes:
+    """Compile a generated model and link it to the runtime.
 
     What was compiled before from the same source is read from the user's cache."""
     command = c_compiler()
     runtime = _runtime(command, fmi)
-    flags = [*_FLAGS, "-O1" if quick else "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
+    flags = [*_FLAGS, "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
+    shown = f"{{ global: fmi{fmi}*; ab_lanes*; ab_eventless; local: *; }};\n"
 
     def compile_it() -> bytes:
         with ScratchFolder() as folder:
-            (folder / "names.map").write_text(f"{{ global: fmi{fmi}*; ab_lanes*; local: *; }};\n", encoding="utf-8")
+            (folder / "names.map").write_text(shown, encoding="utf-8")
             name = f"{identifier}.c"
             (folder / name).write_text(source, encoding="utf-8")
             (folder / "runtime.o").write_bytes(runtime)
@@ -75,14 +76,12 @@ def _compile_library(source: str, identifier: str, *, quick: bool = False, fmi: 
     return make_once(f"{identifier}.so", (_stamp(command, flags), runtime, source.encode()), compile_it)
 
 
-def compile_binaries(
-    source: str, identifier: str, platforms: Sequence[Platform], *, quick: bool = False, fmi: int = 2
-) -> dict[str, bytes]:
+def compile_binaries(source: str, identifier: str, platforms: Sequence[Platform], *, fmi: int = 2) -> dict[str, bytes]:
     """Binaries of a generated model, by their place in the archive: this machine's by its compiler, others by Zig."""
     members = {}
     for one in platforms:
         if one is this_machine():
-            library = _compile_library(source, identifier, quick=quick, fmi=fmi)
+            library = _compile_library(source, identifier, fmi=fmi)
         else:
             library = one_file({target: _cross_compile(source, identifier, one, target, fmi) for target in one.targets})
         members[f"binaries/{one.folders[fmi]}/{identifier}{one.suffix}"] = library

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from aero_bayes.export.c_writer import ExpressionWriter
@@ -72,15 +72,13 @@ def store_function(
     targets: Sequence[StoredValue],
     leaves: dict[Node, str],
     kept: dict[Node, str],
-    factors: frozenset[Node] = frozenset(),
 ) -> str:
     """Return a function that stores values; in several where it is long and they share little.
 
-    The time that a compiler takes for a function grows with the square of its length. ``factors``: see
-    :class:`~aero_bayes.export.c_writer.ExpressionWriter`."""
+    The time that a compiler takes for a function grows with the square of its length."""
 
     def body(part: Sequence[StoredValue]) -> list[str]:
-        writer = ExpressionWriter({**leaves, **kept}, factors)
+        writer = ExpressionWriter({**leaves, **kept})
         writer.write([t.node for t in part])
         return [*writer.lines, *(f"    {t.place} = {writer.term(t.node)};" for t in part)]
 
@@ -91,14 +89,6 @@ def store_function(
             lines += [f"static __attribute__((noinline)) void eval_{name}_{k}(Model *restrict m) {{", *part, "}"]
         whole = [f"    eval_{name}_{k}(m);" for k in range(len(parts))]
     return "\n".join([*lines, f"static void eval_{name}(Model *restrict m) {{", *whole, "}"])
-
-
-def columns_function(name: str, columns: Mapping[str, str]) -> str:
-    """Return the function that calls those of some columns.
-
-    Where a value of the structure, by its place, is not zero."""
-    calls = [f"    if ({place} != 0.0) {function}(m);" for place, function in columns.items()] or ["    (void)m;"]
-    return "\n".join([f"static void eval_{name}(Model *restrict m) {{", *calls, "}"])
 
 
 def start_function(

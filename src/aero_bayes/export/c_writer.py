@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from aero_bayes.export.expression import Node, topological_order
 
@@ -17,20 +17,11 @@ INFIX = {
 }  # fmt: skip
 
 
-#: Functions that are worth a test of whether a factor is zero, and operations that stay finite where one gives zero.
-_SLOW = frozenset(
-    {"exp", "log", "log10", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "sqrt", "pow", "atan2"}
-)
-_FINITE = frozenset({"add", "sub", "neg", "mul", "abs", "min", "max", "tanh", "sin", "cos", "atan", "exp"})
-
-
 class ExpressionWriter:
     """Prints expressions as C statements over local variables."""
 
-    def __init__(self, leaves: dict[Node, str], factors: frozenset[Node] = frozenset()) -> None:
+    def __init__(self, leaves: dict[Node, str]) -> None:
         self.leaves = leaves
-        self.factors = factors
-        self._factor_of: dict[Node, Node] = {}
         self.lines: list[str] = []
         self.known: dict[Node, str] = {}
 
@@ -45,11 +36,7 @@ class ExpressionWriter:
     def write(self, nodes: Iterable[Node]) -> None:
         """Append one statement for each operation that the expressions need and that was not written before."""
         done: dict[Node, object] = {**self.known, **self.leaves}
-        nodes = list(nodes)
-        order = list(topological_order(nodes, done))
-        if self.factors:
-            self._factor_of = _common_factors(nodes, order, self.factors)
-        for n in order:
+        for n in topological_order(list(nodes), done):
             if n.op == "const":
                 continue
             if n.op == "symbol":
@@ -66,8 +53,7 @@ class ExpressionWriter:
         if n.op in INFIX:
             return f"{args[0]} {INFIX[n.op]} {args[1]}"
         if n.op in FUNCTIONS:
-            call = f"{FUNCTIONS[n.op]}({', '.join(args)})"
-            return f"{self.leaves[self._factor_of[n]]} != 0.0 ? {call} : 0.0" if n in self._factor_of else call
+            return f"{FUNCTIONS[n.op]}({', '.join(args)})"
         match n.op:
             case "neg":
                 return f"-{args[0]}"
@@ -82,19 +68,6 @@ class ExpressionWriter:
             case "max":
                 return f"{args[0]} > {args[1]} ? {args[0]} : {args[1]}"
         raise NotImplementedError(n.op)
-
-
-def _common_factors(roots: Sequence[Node], order: Sequence[Node], factors: frozenset[Node]) -> dict[Node, Node]:
-    """Return, for each slow function that counts only times some factor, one such factor."""
-    always: dict[Node, frozenset[Node]] = dict.fromkeys(roots, frozenset())
-    for n in reversed(order):
-        here = always.get(n, frozenset())
-        for k, a in enumerate(n.args):
-            found: frozenset[Node] = frozenset()
-            if n.op in _FINITE or (n.op == "div" and k == 0) or (n.op == "select" and k > 0):
-                found = here | (factors & {n.args[1 - k]} if n.op == "mul" else frozenset())
-            always[a] = always[a] & found if a in always else found
-    return {n: min(always[n], key=lambda f: f.index) for n in order if n.op in _SLOW and always.get(n)}
 
 
 def number(value: float) -> str:

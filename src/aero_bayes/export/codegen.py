@@ -14,7 +14,6 @@ from aero_bayes.export.c_functions import (
     StoredValue,
     assertion_function,
     c_string,
-    columns_function,
     loop_function,
     reinit_function,
     start_function,
@@ -51,12 +50,9 @@ class _Memory:
 
 @dataclass(frozen=True)
 class _Code:
-    """Values that the functions compute: by function of model.h, of each algebraic loop, and at events.
-
-    ``columns`` has the derivatives by each parameter, which the group ``jp`` has together."""
+    """Values that the functions compute: by function of model.h, of each algebraic loop, and at events."""
 
     groups: dict[str, list[StoredValue]]
-    columns: list[list[StoredValue]]
     loops: list[list[StoredValue]]
     reinits: list[Node]
     assertions: list[Node]
@@ -67,7 +63,7 @@ class _Code:
         return [t.node for g in (*self.groups.values(), *self.loops) for t in g]
 
 
-def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, candidates: bool = False) -> str:
+def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> str:
     """Write the complete C source of one model; native/fmi2.c is linked to it."""
     m = PreparedModel(switching, layout)
     memory, sizes = _memory_of(m)
@@ -76,10 +72,13 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str, *, ca
     saved = m.stage.to_store(code.late + code.reinits + code.assertions)
     kept = {n: memory.place("K", i) for i, n in enumerate(saved)}
     memory.size += len(kept)
-    functions = _functions(m, memory, code, leaves, kept, candidates=candidates)
+    functions = _functions(m, memory, code, leaves, kept)
     given = _given_values(m, memory)
     counts, tables = _counts(m, memory, code), _tables(m, leaves)
-    found = None if candidates else _in_lanes(m, leaves, kept, counts["time_varying"])
+    events = m.model.discrete
+    if not (events.relations or events.roundings or events.samplings or m.steps or events.assertions):
+        functions.append('__attribute__((visibility("default"))) int ab_eventless(void) { return 1; }')
+    found = _in_lanes(m, leaves, kept, counts["time_varying"])
     if found is not None:
         functions.append(found[0])
         counts["lane_constants"] = len(found[1])
@@ -117,7 +116,7 @@ def _memory_of(m: PreparedModel) -> tuple[_Memory, dict[str, int]]:
     sizes = {
         "W": nw, "D": len(m.steps), "PRE": len(m.steps), "REL": len(events.relations), "ROUND": len(events.roundings),
         "SAMPLE": len(events.samplings), "LAST": len(events.samplings), "INITIAL": 1, "STARTED": nx,
-        "JX": nrow * (nx + nu), "JP": nrow * np_, "WANTED": np_,
+        "JX": nrow * (nx + nu), "JP": nrow * np_,
         "JW": nrow * nw, "FW": nw * nw, "FX": nw * (nx + nu), "FP": nw * np_,
         "DIFF": len(events.relations) + len(events.roundings), "TICK": 2 * len(events.samplings),
         "DUE": len(events.relations), "SLOPE": len(events.relations),
@@ -154,14 +153,13 @@ def _code_of(m: PreparedModel, memory: _Memory) -> _Code:
 
     rises = m.prepare(s.rise for s in m.switching.surfaces)
     differences = m.prepare(r.difference for r in events.relations)
-    instants, first = m.instants, memory.at["JP"]
-    columns = [_jacobian(m.builder, m.rows, [p], m.stage, first + j * len(m.rows)) for j, p in enumerate(m.parameters)]
+    instants = m.instants
     flat_loops = [r for loop in m.loops for r in loop]
     groups = {
         "dx": targets("R", m.rates, len(m.states)),
         "y": targets("R", m.outputs, m.layout.first_output),
         "jx": jacobian("JX", m.rows, moving),
-        "jp": [t for column in columns for t in column],
+        "jp": jacobian("JP", m.rows, m.parameters),
         "jw": [
             *jacobian("JW", m.rows, m.unknowns),
             *jacobian("FW", flat_loops, m.unknowns),
@@ -184,7 +182,7 @@ def _code_of(m: PreparedModel, memory: _Memory) -> _Code:
     }
     reinits = m.prepare(x for r in events.reinits for x in (r.active, r.value))
     assertions = m.prepare(c for c, _ in events.assertions)
-    return _Code(groups, columns, _loop_targets(m.builder, m.model.loops, m.loops, m.stage), reinits, assertions)
+    return _Code(groups, _loop_targets(m.builder, m.model.loops, m.loops, m.stage), reinits, assertions)
 
 
 def _functions(
@@ -193,8 +191,6 @@ def _functions(
     code: _Code,
     leaves: dict[Node, str],
     kept: dict[Node, str],
-    *,
-    candidates: bool,
 ) -> list[str]:
     """Write the C functions of the model's equations."""
     model, b = m.model, m.builder
@@ -202,16 +198,7 @@ def _functions(
     early += memory.targets("R", m.dependent, m.layout.first_dependent)
     everything = {**leaves, **kept}
     functions = [store_function("k", early, leaves, {})]
-    factors = frozenset(m.parameters) if candidates else frozenset()
-    one_by_one = [(k, column) for k, column in enumerate(code.columns) if column] if candidates else []
-    functions += [store_function(f"jp{k}", column, leaves, kept) for k, column in one_by_one]
-    functions += [
-        store_function(name, values, leaves, kept, factors)
-        for name, values in code.groups.items()
-        if not (candidates and name == "jp")
-    ]
-    if candidates:
-        functions.append(columns_function("jp", {memory.place("WANTED", k): f"eval_jp{k}" for k, _ in one_by_one}))
+    functions += [store_function(name, values, leaves, kept) for name, values in code.groups.items()]
     functions.append(reinit_function(model, code.reinits, everything, m.states))
     if model.initial is not None:
         rows = m.prepare(model.initial.residuals)

@@ -25,14 +25,13 @@ def write_fmi2_description(
     identifier: str,
     guid: str,
     stop: float | None = None,
-    sources: bool = False,
 ) -> bytes:
     """Write the description, the same for the same model."""
     root = ET.Element(
         "fmiModelDescription", fmiVersion="2.0", modelName=model_name, guid=guid, generationTool="aero-bayes",
         variableNamingConvention="structured", numberOfEventIndicators=str(model.indicators),
     )  # fmt: skip
-    _interfaces(root, identifier, asks_for_events=bool(layout.inputs), sources=sources)
+    _interfaces(root, identifier, asks_for_events=bool(layout.inputs))
     _units(root, layout)
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="Calls that failed")
@@ -69,7 +68,7 @@ def _state_start(model: ExplicitModel, path: str, start: Node, values: Mapping[N
         return _attribute(by_name[path], "start", values, 0.0)
 
 
-def _interfaces(root: ET.Element, identifier: str, *, asks_for_events: bool, sources: bool) -> None:
+def _interfaces(root: ET.Element, identifier: str, *, asks_for_events: bool) -> None:
     """Add model exchange and co-simulation; a model with inputs asks for an event where one jumps without any."""
     common = {"modelIdentifier": identifier, "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
     interfaces = [
@@ -88,7 +87,7 @@ def _interfaces(root: ET.Element, identifier: str, *, asks_for_events: bool, sou
             providesDirectionalDerivative="true",
         ),
     ]
-    for interface in interfaces if sources else ():
+    for interface in interfaces:
         files = ET.SubElement(interface, "SourceFiles")
         for file in (f"{identifier}.c", "fmi2.c"):
             ET.SubElement(files, "File", name=file)

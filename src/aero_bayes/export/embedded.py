@@ -66,7 +66,6 @@ def export_flat(
     flat: FlatModel,
     out: Path | str,
     *,
-    quick: bool = False,
     fmi: int = 2,
     members: Mapping[str, bytes] | None = None,
     platforms: Sequence[Platform] = (),
@@ -74,24 +73,23 @@ def export_flat(
 ) -> Path:
     """Write the FMU of a flat model to ``out``."""
     out, name = Path(out), identifier(flat.name)
-    source, description = _with_guid(*_source_and_description(flat, quick=quick, fmi=fmi, stop=stop))
-    files = {} if quick else source_files(source, name, fmi)
-    if files and fmi == 3:
+    source, description = _with_guid(*_source_and_description(flat, fmi=fmi, stop=stop))
+    files = source_files(source, name, fmi)
+    if fmi == 3:
         files["buildDescription.xml"] = build_description(name)
     write_archive(
         out,
         {
             "modelDescription.xml": description,
-            **compile_binaries(source, name, platforms or (this_machine(),), quick=quick, fmi=fmi),
+            **compile_binaries(source, name, platforms or (this_machine(),), fmi=fmi),
             **{f"sources/{file}": text for file, text in files.items()},
             **(members or {}),
         },
-        packed=not quick,
     )
     return out
 
 
-def _source_and_description(flat: FlatModel, *, quick: bool, fmi: int, stop: float | None) -> tuple[str, bytes]:
+def _source_and_description(flat: FlatModel, *, fmi: int, stop: float | None) -> tuple[str, bytes]:
     """Write the C source and the model description, with no identifier yet."""
     with _placed(flat):
         switching = find_surfaces(causalise(translate(flat)))
@@ -99,10 +97,9 @@ def _source_and_description(flat: FlatModel, *, quick: bool, fmi: int, stop: flo
         layout = lay_out(solved, sharing=fmi == 2)
         if not layout.states and not layout.outputs:
             raise InputError(f"{flat.name}: the model has neither states nor outputs")
-        source = generate(switching, layout, _NO_GUID, candidates=quick)
+        source = generate(switching, layout, _NO_GUID)
         description = write_fmi2_description(
             solved, layout, model_name=flat.name, identifier=identifier(flat.name), guid=_NO_GUID, stop=stop,
-            sources=not quick,
         )  # fmt: skip
     return source, convert_to_fmi3(description, solved.indicators) if fmi == 3 else description
 

@@ -1,23 +1,7 @@
-"""What to make of structures: what they leave, what they predict, and which of them is the cause."""
+"""What a model predicts of recordings, fitted and unseen, and how far it is off."""
 
-from aero_bayes.judge.choice import Choice
-from aero_bayes.judge.choose import Chooser
-from aero_bayes.judge.judge import ChoiceSettings, Judge
-from aero_bayes.judge.prediction import Prediction, RmsError, describe_error_change, rms_error, surely_worse
+from aero_bayes.judge.prediction import Prediction, RmsError, describe_error_change, rms_error
 from aero_bayes.judge.recordings import Recordings
-from aero_bayes.judge.validation import MAX_ERROR_RATIO, rejection_reason
+from aero_bayes.judge.unseen import Unseen
 
-__all__ = [
-    "MAX_ERROR_RATIO",
-    "Choice",
-    "ChoiceSettings",
-    "Chooser",
-    "Judge",
-    "Prediction",
-    "Recordings",
-    "RmsError",
-    "describe_error_change",
-    "rejection_reason",
-    "rms_error",
-    "surely_worse",
-]
+__all__ = ["Prediction", "Recordings", "RmsError", "Unseen", "describe_error_change", "rms_error"]

@@ -12,11 +12,8 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.judge.recordings import Recordings
 from aero_bayes.sensors.whiteness import residual_correlation_time
 
-#: Standard deviations by which one prediction must be worse than another to count as worse.
-SIGNIFICANT_DEVIATIONS = 2.0
 #: Ratio of two errors above which the error is said to grow.
 MIN_GROWTH_RATIO = 1.05
 
@@ -88,27 +85,6 @@ def rms_error(residual: FloatArray) -> RmsError:
 def _sd_of_mean(series: FloatArray) -> float:
     """Standard deviation of the mean of a series (n,), with its correlation counted."""
     return float(np.std(series)) * math.sqrt(residual_correlation_time([series]) / series.size)
-
-
-def surely_worse(one: Prediction, other: Prediction, recordings: Recordings) -> list[str]:
-    """Outputs that one prediction predicts significantly worse than another on unseen data.
-
-    The test compares squared residuals reading by reading, corrected for autocorrelation (Diebold
-    and Mariano, 1995, J. Business and Economic Statistics 13, 253)."""
-    more: dict[str, float] = {}
-    variance: dict[str, float] = {}
-    for k, r in enumerate((*recordings.train, *recordings.test)):
-        start = recordings.unseen_from.get(r.name, math.inf) if k < len(recordings.train) else -math.inf
-        for output in (o for o in recordings.outputs if (r.name, o) in one.test and o in r.outputs):
-            y = r.outputs[output]
-            change = (y - one.fitted[r.name, output]) ** 2 - (y - other.fitted[r.name, output]) ** 2
-            change = change[np.isfinite(change) & (r.time >= start)]
-            if change.size < 10:
-                continue
-            sd = _sd_of_mean(change)
-            more[output] = more.get(output, 0.0) + float(change.sum())
-            variance[output] = variance.get(output, 0.0) + (sd * change.size) ** 2
-    return [output for output, extra in more.items() if extra > SIGNIFICANT_DEVIATIONS * math.sqrt(variance[output])]
 
 
 def describe_error_change(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:

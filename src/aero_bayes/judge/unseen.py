@@ -23,7 +23,7 @@ from aero_bayes.estimate.recording_parameters import for_recordings, templates
 from aero_bayes.judge.prediction import Prediction, RmsError, rms_error
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.laws.model_family import ModelFamily
-from aero_bayes.simulation.interface import ParameterTarget, Problem, ProblemTarget, Simulator, StartTarget
+from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
 
 #: Share of a recording that was not fitted from which its initial states are estimated.
 INITIAL_STATE_SHARE = 0.05
@@ -50,15 +50,9 @@ class Unseen:
         """Number of recordings that were fitted."""
         return len(self.recordings.train)
 
-    def predict(
-        self,
-        calibration: Calibration,
-        fit: Optimum,
-        *,
-        close: bool = False,
-    ) -> Prediction:
-        """Predict all recordings with a fitted model; ``close`` keeps initial states close to their readings."""
-        whole, row, starts = self._on_whole_recordings(calibration, fit, close)
+    def predict(self, calibration: Calibration, fit: Optimum) -> Prediction:
+        """Predict all recordings with a fitted model."""
+        whole, row, starts = self._on_whole_recordings(calibration, fit)
         rows, _ = self._with_estimated_starts(whole, row[np.newaxis], starts, fit)
         with self.open_simulator(whole.problem()) as simulator:
             found = simulator.simulate(rows)
@@ -84,55 +78,7 @@ class Unseen:
                     errors[1][key] = rms_error(residual[seen & unseen])
         return Prediction(errors[0], errors[1], fitted)
 
-    def uncertainty_of(self, calibration: Calibration, fit: Optimum) -> dict[tuple[str, str], float]:
-        """Standard deviation of a prediction of what was not fitted, by recording and output, as root mean square.
-
-        Parameters and initial states are moved by one standard deviation to both sides along each principal axis of
-        their covariance, and the changes of the outputs are added in squares."""
-        whole, row, starts = self._on_whole_recordings(calibration, fit)
-        rows, ends = self._with_estimated_starts(whole, row[np.newaxis], starts, fit)
-        shared = [j for j, p in enumerate(whole.parameters) if p.recording is None]
-        theirs = [calibration.parameters.index(whole.parameters.names[j]) for j in shared]
-        moved = np.repeat(rows, 2 * len(fit.free), axis=0)
-        moved[:, shared] = _one_deviation_away(calibration.parameters, fit)[:, theirs]
-        # A new initial state may compensate what the fitted recordings do not determine.
-        moved, _ = self._with_estimated_starts(whole, moved, starts, fit)
-        others = [_one_deviation_away(whole.parameters, end) for end in ends]
-        others += [] if starts else self._with_shifted_starts(whole, row)
-        with self.open_simulator(whole.problem()) as simulator:
-            found = simulator.simulate(np.concatenate((rows, moved, *others)))
-        spread: dict[tuple[str, str], float] = {}
-        for e, recording in enumerate(self._all_recordings):
-            start = self.recordings.unseen_from.get(recording.name, math.inf) if e < self._fitted else -math.inf
-            unseen = recording.time >= start
-            fine = found.outcomes[1:, e] == 0
-            for column, output in enumerate(self.recordings.outputs):
-                if unseen.any() and output in recording.outputs:
-                    change = found.outputs[e][1:, unseen, column][fine] - found.outputs[e][0, unseen, column]
-                    spread[recording.name, output] = math.sqrt(0.5 * float(np.mean(np.sum(change**2, axis=0))))
-        return spread
-
-    def _with_shifted_starts(self, whole: Calibration, row: FloatArray) -> list[FloatArray]:
-        """SI values (2, p) with an initial state of all unseen recordings moved one standard deviation up and down."""
-        by_state: dict[ProblemTarget, dict[int, float]] = {}
-        for j, p in enumerate(whole.parameters):
-            if p.recording is not None and p.recording >= self._fitted:
-                first = first_reading(self._all_recordings[p.recording], p.target, whole)
-                if first is not None:
-                    by_state.setdefault(p.target, {})[j] = first.sd
-        # Recordings do not depend on each other: one run moves the state in all of them.
-        moved = [np.repeat(row[np.newaxis], 2, axis=0) for _ in by_state]
-        for rows, sds in zip(moved, by_state.values(), strict=True):
-            rows[:, list(sds)] += np.outer((1.0, -1.0), list(sds.values()))
-        low, high = np.transpose([(p.lower, p.upper) for p in whole.parameters])
-        return [np.clip(rows, low, high) for rows in moved]
-
-    def _on_whole_recordings(
-        self,
-        calibration: Calibration,
-        fit: Optimum,
-        close: bool = False,
-    ) -> tuple[Calibration, FloatArray, list[int]]:
+    def _on_whole_recordings(self, calibration: Calibration, fit: Optimum) -> tuple[Calibration, FloatArray, list[int]]:
         """The calibration on whole recordings, SI values (p,), and columns of the initial states to estimate."""
         named = tuple(replace(r, name=f"{r.name}#{k}") for k, r in enumerate(self._all_recordings))
         plain = self.family.base_model()
@@ -147,9 +93,7 @@ class Unseen:
         # Only the base model shows which states start at a reading: in an extended one a law may act on it.
         fixed = {name: value for name, value in calibration.simulated.fixed.items() if name in known}
         base_named = calibrate(named, plain, kept, fixed=fixed, settings=own)
-        starts = base_named.parameters
-        if not close:
-            starts = with_free_starts(starts, base_named.data.experiments, plain)
+        starts = with_free_starts(base_named.parameters, base_named.data.experiments, plain)
         own_starts = for_recordings(ParameterSet(tuple(new)), plain, named)
         base_named = replace(base_named, parameters=starts.extended(own_starts.items))
         whole = self.family.transfer(base_named, calibration.model)
@@ -210,13 +154,3 @@ def _values(
             value = known + float(follow.get(p.target, otherwise))
         row.append(float(np.clip(value, p.lower, p.upper)))
     return np.array(row)
-
-
-def _one_deviation_away(parameters: ParameterSet, fit: Optimum) -> FloatArray:
-    """SI values (2 f, p) one standard deviation from a fit to both sides along each axis of its covariance."""
-    sizes, axes = np.linalg.eigh(fit.covariance)
-    steps = (axes * np.sqrt(np.maximum(sizes, 0.0))).T
-    low, high = parameters.box
-    rows = np.repeat(fit.coordinates[np.newaxis], 2 * len(fit.free), axis=0)
-    rows[:, list(fit.free)] += np.concatenate((steps, -steps))
-    return parameters.from_search(np.clip(rows, low, high))

@@ -120,10 +120,10 @@ def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatMo
         )
         flat = set_parameter(flat, f"{at}.{p.name}", Name(placed.names[p.name]))
     if port.balance is not None:
-        flat = _add_to_balance(flat, port, acts, 1.0)
+        flat = add_to_balance(flat, port, acts, 1.0)
     if placed.neighbour is not None:
         out = Name(f"{at}.q_2") if placed.law.kind == "overflow" else acts
-        flat = _add_to_balance(flat, placed.neighbour, out, -1.0)
+        flat = add_to_balance(flat, placed.neighbour, out, -1.0)
     return flat
 
 
@@ -141,7 +141,7 @@ def _with_nominals(flat: FlatModel, instance: str, nominals: Mapping[str, float]
     return replace(flat, variables=tuple(map(sized, flat.variables)))
 
 
-def _add_to_balance(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatModel:
+def add_to_balance(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatModel:
     """Add a term to the balance of a port, or to its potential; it opposes a change, or drives it with ``sign`` -1."""
     if port.balance is None:
         raise InputError(f"the port {port.id!r} has no balance")
@@ -212,7 +212,7 @@ def with_probes(flat: FlatModel, ports: Sequence[Port]) -> tuple[FlatModel, dict
             flat = _with_start_moved(add_variable(flat, inner, port.unit), signal, inner)
             flat = equate(flat, signal, Call("+", (Name(inner), Name(name))))
         else:
-            flat = _add_to_balance(flat, port, Name(name), -1.0)
+            flat = add_to_balance(flat, port, Name(name), -1.0)
             if port.kind == "motion" and port.neighbours:
-                flat = _add_to_balance(flat, next(p for p in ports if p.id == port.neighbours[0]), Name(name), 1.0)
+                flat = add_to_balance(flat, next(p for p in ports if p.id == port.neighbours[0]), Name(name), 1.0)
     return flat, names

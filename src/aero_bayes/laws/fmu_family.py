@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.export.embedded import export_flat
 from aero_bayes.files import whole_file
 from aero_bayes.language.edits import unified_diff
-from aero_bayes.laws.fmu_coupling import couple, state_name
+from aero_bayes.laws.attach import OpenModel, attached
+from aero_bayes.laws.coupled_fmu import UNREAD_SUFFIX, couple
 from aero_bayes.laws.fmu_places import FmuPlaces
 from aero_bayes.laws.fmu_ports import LawCoupling
 from aero_bayes.laws.fmu_wrapper import wrapper_text, write_ssp
@@ -91,14 +92,11 @@ class FmuFamily(ModelicaFamily):
                 }
         return nominals
 
+    def _opened(self) -> OpenModel:
+        return self.places.boundary.opened()
+
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
-        coupling = self._coupling(placed_laws)
-        key = hashlib.sha256(f"{coupling!r}{self.inner.sha256}".encode()).hexdigest()[:16]
-        out = self.folder / f"{self.title}-candidates-{key}.fmu"
-        if not out.exists():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            couple(self.inner, coupling, out, self.folder / f"{self.title}-laws-{key}.fmu")
-        return Model.load(out)
+        return self._attached(placed_laws)
 
     def _coupling(self, placed_laws: Sequence[PlacedLaw]) -> LawCoupling:
         return self.places.boundary.coupling(placed_laws, self.places.law_models)
@@ -117,7 +115,8 @@ class FmuFamily(ModelicaFamily):
             temporary.write_text(text, encoding="utf-8")
         laws = self.folder / f"{name}-laws.fmu"
         self.folder.mkdir(parents=True, exist_ok=True)
-        couple(self.inner, coupling, folder / f"{name}.fmu", laws)
+        export_flat(coupling.flat, laws)
+        couple(attached(self._opened(), placed_laws, self.blocks), folder / f"{name}.fmu")
         write_ssp(self.inner, laws, coupling, values, folder / f"{name}.ssp")
         before = wrapper_text(self.inner, none, (), values, name)
         return WrittenModel(name, path, text, unified_diff(before, text, f"{self.title}.mo", path.name)), Model.load(
@@ -127,4 +126,4 @@ class FmuFamily(ModelicaFamily):
     def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
         """Return names in a coupled model of states that are outputs, which may have others there."""
         there = {s.name for s in model.states}
-        return {s.name: state_name(s.name, [s.name]) for s in self.inner.states if s.name not in there}
+        return {s.name: f"{s.name}{UNREAD_SUFFIX}" for s in self.inner.states if s.name not in there}

@@ -9,8 +9,10 @@ from functools import cached_property
 from aero_bayes.export.compose import add_output
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.language.syntax import Name, Number
+from aero_bayes.laws.attach import OpenModel
 from aero_bayes.laws.candidates import with_applicable_laws
 from aero_bayes.laws.compose import LawModels, compose_laws
+from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, Source, Terms
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.placed_law import PlacedLaw, identifier
 from aero_bayes.ports import Balance, Port
@@ -104,6 +106,21 @@ class FmuBoundary:
         return next(
             (v.name for v in self.fmu_model.outputs if self.fmu_model.copied_state(v.name) == index), state.name
         )
+
+    def opened(self) -> OpenModel:
+        """Return the FMU with its inputs, outputs and states under the names by which laws know them."""
+        model, signals = self.fmu_model, dict[str, Terms]()
+        states = {s.value_reference: k for k, s in enumerate(model.states)}
+        for k, v in enumerate(model.inputs):
+            signals[self.names[v.name]] = ((Source(INPUT, k), 1.0),)
+        for v in model.outputs:
+            state = states.get(v.value_reference)
+            source = Source(BASE, v.value_reference) if state is None else Source(STATE, state)
+            signals[self.names[v.name]] = ((source, 1.0),)
+        for k, s in enumerate(model.states):
+            signals[self.state_signal(s)] = ((Source(STATE, k), 1.0),)
+        probes = {p.id: model.inputs[p.balance.equation].name for p in self.ports if p.balance is not None}
+        return OpenModel(model, tuple(v.name for v in model.inputs), probes, signals, gain=-1.0)
 
     def coupling(self, placed_laws: Sequence[PlacedLaw], models: LawModels) -> LawCoupling:
         """Return the flat model of laws at ports of this FMU, with only those signals of the FMU that they need."""

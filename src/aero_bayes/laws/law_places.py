@@ -25,9 +25,8 @@ from aero_bayes.laws.candidates import (
 from aero_bayes.laws.compose import LawModels, law_models
 from aero_bayes.laws.law import Law, read_laws, shipped_laws
 from aero_bayes.laws.model_sources import read_sources, reserved_names
-from aero_bayes.laws.placed_law import (
-    place_law,
-)
+from aero_bayes.laws.open_replaceables import effect_models
+from aero_bayes.laws.placed_law import place_law
 from aero_bayes.laws.replaceable_laws import laws_for_constraint
 from aero_bayes.laws.write_model import can_be_written
 from aero_bayes.ports import (
@@ -115,7 +114,17 @@ class LawPlaces:
 
     @cached_property
     def law_models(self) -> LawModels:
-        return law_models(self.laws)
+        """Each law as a flat model of its own."""
+        found = dict(law_models(self.laws))
+        if self.replaceable_laws:
+            inputs = {law.constraint: self._inputs_of(law.constraint) for law in self.replaceable_laws}
+            effects = effect_models(self.replaceable_laws, inputs, self.sources, self.libraries)
+            found |= {("replaceable", id_): flat for id_, flat in effects.items()}
+        return found
+
+    def _inputs_of(self, constraint: str) -> list[str]:
+        chain = self._sources.lineage(*self._sources.find(constraint))
+        return [c.name for _, cls in chain for c in cls.components() if "input" in c.prefixes]
 
     def check(self) -> None:
         """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""

@@ -20,12 +20,14 @@ from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library import declared_members
 from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.laws.candidate_groups import candidate_groups, refinements
+from aero_bayes.laws.attach import AlgebraicLoopError, OpenModel, attached
 from aero_bayes.laws.candidates import (
     is_possible,
     ports_with_laws,
 )
 from aero_bayes.laws.compose import compose_laws
+from aero_bayes.laws.coupled_fmu import couple
+from aero_bayes.laws.law_blocks import LawBlocks, can_be_attached
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.learned_curve import curve_basis, curve_variable, isolated_curve, with_curve_inputs
 from aero_bayes.laws.model_family import (
@@ -37,6 +39,7 @@ from aero_bayes.laws.model_family import (
     calibration_on,
     to_significant_digits,
 )
+from aero_bayes.laws.open_ports import open_model
 from aero_bayes.laws.placed_law import (
     PlacedLaw,
     PlacedTerms,
@@ -46,7 +49,8 @@ from aero_bayes.laws.placed_law import (
     place_laws,
     with_moved_input,
 )
-from aero_bayes.laws.redeclare import can_be_combined, load_with_redeclarations, split_by_replaceable
+from aero_bayes.laws.redeclare import load_with_redeclarations, split_by_replaceable
+from aero_bayes.laws.refinements import refinements
 from aero_bayes.laws.starting_values import fitted_parameters, starting_values
 from aero_bayes.laws.state_names import state_aliases, state_names, states_by_base_name
 from aero_bayes.laws.write_model import WrittenModel, write_laws
@@ -57,8 +61,6 @@ from aero_bayes.ports import (
 )
 from aero_bayes.simulation.model import Model, ModelicaSource
 
-#: Models that are fitted a few times and dropped: compiling them quickly saves more than their slower runs cost.
-_TRIED = ("candidates", "curves")
 #: Nominal values of the signals at ports, by the ids of the ports.
 PortNominals = Mapping[str, Mapping[str, float]]
 
@@ -69,6 +71,7 @@ class ModelicaFamily:
 
     places: LawPlaces
     folder: Path
+    _open: list[OpenModel] = field(default_factory=list, compare=False, repr=False)
     terms: PlacedTerms = field(default_factory=PlacedTerms, compare=False, repr=False)
     _curve_nominals_pending: list[Callable[[], Mapping[str, float]]] = field(
         default_factory=list, compare=False, repr=False
@@ -99,8 +102,8 @@ class ModelicaFamily:
 
     @property
     def extra_terms_are_free(self) -> bool:
-        """Whether one model can have all candidates at once, because all of them are replaceable models."""
-        return all(can_be_combined(placed) for placed in self.terms.placed.values())
+        """Never: a structure costs what its own terms cost."""
+        return False
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
@@ -112,8 +115,10 @@ class ModelicaFamily:
         experiments = calibration.data.experiments
         highest = max((float(np.abs(s.values).max()) for e in experiments for s in e.inputs), default=1.0)
         self.terms.placed.clear()
+        self._open.clear()
         recorded = set.intersection(*({s.name for s in e.inputs} for e in experiments))
-        for placed in (with_moved_input(p, recorded) for p in place_laws(kept, self.places.taken_names(), nominals)):
+        laws = place_laws(kept, self.places.taken_names(), nominals, free_starts=True)
+        for placed in (with_moved_input(p, recorded) for p in laws):
             declared = self.places.declared.effects.get(placed.id)
             self.terms.add(placed, starting_values(placed, declared, highest))
         self._curve_nominals_pending[:] = [partial(self._curve_nominals, calibration, fit, open_simulator)]
@@ -124,7 +129,7 @@ class ModelicaFamily:
 
     def candidate_groups(self) -> tuple[tuple[str, ...], ...]:
         """Return ids of candidates that are best tried on one model together."""
-        return candidate_groups(self.terms.placed)
+        return tuple((id_,) for id_ in self.terms.placed)
 
     def refinements(self) -> Mapping[str, str]:
         """Return, for each law that refines another one at the same port, that one."""
@@ -150,11 +155,8 @@ class ModelicaFamily:
         return self.terms.starts[id_]
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
-        """Return the model with some laws switched off, and with all that can be combined in its replaceable models."""
-        curves = self.curves()
-        inside = any(self.terms.placed[id_].port.replaceable is not None for id_ in ids)
-        also = {id_ for id_, placed in self.terms.placed.items() if can_be_combined(placed) and id_ not in curves}
-        placed_laws = self._ordered(id_ for id_ in self.terms.placed if id_ in ids or (inside and id_ in also))
+        """Return the model with some laws, switched off."""
+        placed_laws = self._ordered(id_ for id_ in self.terms.placed if id_ in ids)
         model = self._simulated(placed_laws)
         own = [
             (CandidateTerm(u.id, self.places.port_name(u.port), self.starts(u.id)), self.parameters(u.id))
@@ -162,12 +164,39 @@ class ModelicaFamily:
         ]
         return ModelWithCandidates(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
 
+    @cached_property
+    def blocks(self) -> LawBlocks:
+        return LawBlocks(self.places.law_models, self.folder)
+
+    def _opened(self) -> OpenModel:
+        """Return the model with its ports open for all laws that are placed and can be attached."""
+        if not self._open:
+            placed_laws = [p for p in self.terms.placed.values() if can_be_attached(p)]
+            export = partial(self._export, what="open")
+            self._open.append(open_model(self.base_model(), placed_laws, self.places.flat, export))
+        return self._open[0]
+
+    def _attached(self, placed_laws: Sequence[PlacedLaw]) -> Model:
+        """Return the model with laws attached. Raises AlgebraicLoopError where they have to be compiled with it."""
+        if not all(map(can_be_attached, placed_laws)):
+            raise AlgebraicLoopError
+        base = self._opened()
+        given = [(u.id, u.instance, u.names, u.all_nominals) for u in placed_laws]
+        key = hashlib.sha256(f"{base.model.sha256}{given}".encode()).hexdigest()[:16]
+        out = self.folder / f"{self.title}-attached-{key}.fmu"
+        if not out.exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            couple(attached(base, placed_laws, self.blocks), out)
+        return Model.load(out)
+
     def _simulated(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         """Return the model with those laws whose equations are solved."""
         solved = [placed for placed in placed_laws if not placed.moved_input]
         return self._with(solved) if solved else self.base_model()
 
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
+        with suppress(AlgebraicLoopError):
+            return self._attached(placed_laws)
         inside, others = split_by_replaceable(placed_laws)
         flat = self._redeclared(inside)
         if others:
@@ -229,7 +258,8 @@ class ModelicaFamily:
         placed_laws: list[PlacedLaw] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
         for old in self._ordered(ids):
-            own = {p.name: to_significant_digits(values[old.names[p.name]], 6) for p in old.parameters()}
+            known = {p.name: values[old.names[p.name]] for p in old.parameters() if old.names[p.name] in values}
+            own = {name: to_significant_digits(value, 6) for name, value in known.items()}
             placed = place_law(
                 old.law,
                 old.port,
@@ -282,5 +312,5 @@ class ModelicaFamily:
         out = self.folder / f"{self.title}-{what}-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            export_flat(flat, out, quick=what in _TRIED, members=declared_members(self.base, self.places.sources))
+            export_flat(flat, out, members=declared_members(self.base, self.places.sources))
         return Model.load(out)

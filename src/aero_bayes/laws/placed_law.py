@@ -114,14 +114,23 @@ def place_law(
 
 
 def place_laws(
-    found: Iterable[Candidate], taken: Collection[str], nominals: Mapping[str, Mapping[str, float]]
+    found: Iterable[Candidate],
+    taken: Collection[str],
+    nominals: Mapping[str, Mapping[str, float]],
+    *,
+    free_starts: bool = False,
 ) -> tuple[PlacedLaw, ...]:
-    """Place candidates in one model, in the given order."""
+    """Place candidates in one model, in the given order; with ``free_starts`` those at inputs start where the data say.
+
+    What an input was before a recording begins is not known; a state of the model itself is estimated anyway."""
     placed_laws: list[PlacedLaw] = []
     used = set(taken)
     for c in found:
         own = nominals.get(c.port.id, {})
-        placed_laws.append(place_law(c.law, c.port, used, nominals=own, neighbour=c.neighbour, alias=c.alias))
+        free = free_starts and c.law.kind == "input"
+        placed_laws.append(
+            place_law(c.law, c.port, used, nominals=own, neighbour=c.neighbour, alias=c.alias, with_starts=free)
+        )
         used |= {placed_laws[-1].instance, *placed_laws[-1].names.values()}
     return tuple(placed_laws)
 

@@ -52,7 +52,7 @@ def starting_values(
     if effect is not None and (effect.starts or effect.inverse_shares):
         return _declared(placed, effect, highest)
     choices: list[Collection[float]] = []
-    parameters = list(placed.parameters())
+    parameters = [p for p in placed.parameters() if p not in placed.law.starts]
     for k, p in enumerate(parameters):
         limits = placed.limits(p)
         low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
@@ -76,7 +76,7 @@ def starting_values(
 
 def _declared(placed: PlacedLaw, effect: DeclaredEffect, highest: float) -> tuple[tuple[float, ...], ...]:
     choices: list[tuple[float, ...]] = []
-    parameters = list(placed.parameters())
+    parameters = [p for p in placed.parameters() if p not in placed.law.starts]
     for p in parameters:
         limits = placed.limits(p)
         values = effect.starts.get(p.name, (limits["nominal"],))

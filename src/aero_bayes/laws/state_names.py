@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from xml.etree import ElementTree
 
 from aero_bayes.export.compose import TRUE_SUFFIX
+from aero_bayes.laws.coupled_fmu import UNREAD_SUFFIX
 from aero_bayes.ports import AliasStructure
 from aero_bayes.simulation.model import Model
 
@@ -27,7 +28,7 @@ def states_by_base_name(
     found: dict[str, str] = {}
     for s in model.states:
         # the variable that a law at an output reads has the value that the output had without the law
-        before_law = s.name.removesuffix(TRUE_SUFFIX).replace(f"{TRUE_SUFFIX}[", "[")
+        before_law = s.name.removesuffix(UNREAD_SUFFIX).removesuffix(TRUE_SUFFIX).replace(f"{TRUE_SUFFIX}[", "[")
         base = outputs.get(s.name, before_law if s.name not in aliases else s.name)
         found.setdefault(aliases.get(base, base), s.name)
         if base in structure.variables:

@@ -1,4 +1,4 @@
-"""From a residual to the effect that the model lacks: residual, search, choice, extension, judgement.
+"""From a residual to the effect that the model lacks: first fit, search, decision, extension, judgement.
 
 >>> from aero_bayes.loop import LoopSettings, close_loop
 >>> settings = LoopSettings(parameters=("M",), exclude=("backlash",))
@@ -6,20 +6,9 @@
 >>> loop.sentence, loop.diff  # doctest: +SKIP
 """
 
-from aero_bayes.estimate.local_fit import LocalFitSettings
-from aero_bayes.loop.base_fit import fit_base_model
 from aero_bayes.loop.context import LoopContext, LoopStatistics
+from aero_bayes.loop.first_fit import first_fit
 from aero_bayes.loop.loop import LoopSettings, close_loop
 from aero_bayes.loop.result import LoopResult
-from aero_bayes.search.settings import StructureSettings
 
-__all__ = [
-    "LocalFitSettings",
-    "LoopContext",
-    "LoopResult",
-    "LoopSettings",
-    "LoopStatistics",
-    "StructureSettings",
-    "close_loop",
-    "fit_base_model",
-]
+__all__ = ["LoopContext", "LoopResult", "LoopSettings", "LoopStatistics", "close_loop", "first_fit"]

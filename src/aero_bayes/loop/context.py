@@ -5,22 +5,19 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.judge.unseen import Unseen
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.progress import Progress, Watched
-from aero_bayes.simulation import Model, WorkerPool, open_simulator
+from aero_bayes.simulation import WorkerPool, open_simulator
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 
 
@@ -31,9 +28,7 @@ class LoopStatistics:
 
     def __init__(self, watched: Watched | None = None) -> None:
         self.watched = watched or Watched()
-        self.written: list[Path] = []
         self.seconds: dict[str, float] = {}
-        self.simulations = self.failures = 0
         self.outcomes: Counter[Outcome] = Counter()
         self._clock = time.perf_counter()
         self._until = math.inf
@@ -46,32 +41,11 @@ class LoopStatistics:
         """Whether the time limit has passed, or the search is asked to end."""
         return time.perf_counter() > self._until or self.watched.again()
 
-    @contextmanager
-    def time_kept(self, seconds: float) -> Iterator[None]:
-        """Keep some seconds of the time for what comes after this."""
-        self._until -= seconds
-        try:
-            yield
-        finally:
-            self._until += seconds
-
     def end_stage(self, stage: str) -> None:
         """Add the time since the last stage ended to this stage."""
         now = time.perf_counter()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._clock
         self._clock = now
-
-    def keep_only(self, chosen: Path | None) -> None:
-        """Remove what was written of models that were not chosen."""
-        for name in {path.with_suffix("") for path in self.written if path != chosen}:
-            for path in name.parent.glob(f"{name.name}.*"):
-                path.unlink()
-
-    def add_simulations(self, objective: Objective) -> None:
-        """Add the simulations of an objective."""
-        self.simulations += objective.simulations
-        self.failures += objective.failures
-        self.outcomes.update(objective.outcomes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +68,6 @@ class LoopContext:
         """Units of the model's outputs."""
         return {v.name: v.unit for v in self.family.base_model().outputs}
 
-    def calibrate(self, model: Model, shared: ParameterSet, fixed: Mapping[str, float] | None = None) -> Calibration:
-        """The fitted recordings held against a model; ``fixed`` overrides the fixed values of the settings."""
-        own = self.settings.fitting
-        values = {**own.fixed, **(fixed or {})}
-        settings = replace(own.calibration, outputs=self.recordings.outputs)
-        return calibrate(self.recordings.fitted, model, shared, fixed=values, settings=settings)
-
     def open(self, problem: Problem) -> Simulator:
         """A simulator on the loop's workers."""
         return open_simulator(problem, pool=self.pool)
@@ -110,8 +77,10 @@ class LoopContext:
         return self.objective(calibration, self.open(calibration.problem()))
 
     def objective(self, calibration: Calibration, simulator: Simulator) -> Objective:
-        """A calibration on a simulator that is open."""
-        return objective_of(calibration, simulator)
+        """A calibration on a simulator that is open; its simulations are counted."""
+        found = objective_of(calibration, simulator)
+        found.outcomes = self.statistics.outcomes
+        return found
 
     @property
     def map(self) -> ParallelMap:

@@ -2,112 +2,116 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from aero_bayes.check.residual_tests import ResidualReport, check_residuals
-from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.finished_fit import finished_fit
-from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
-from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
-from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.result import Fit
-from aero_bayes.judge.choice import Choice
 from aero_bayes.judge.prediction import Prediction
 from aero_bayes.laws.model_family import CurveBasis, ExtendedModel
-from aero_bayes.loop.base_fit import BaseFit
 from aero_bayes.loop.context import LoopContext
-from aero_bayes.loop.found_effect import FoundEffect, LearnedCurve, NewParameter
+from aero_bayes.loop.decide import Decision
+from aero_bayes.loop.first_fit import FirstFit, refitted
+from aero_bayes.loop.found_effect import Alternative, FoundEffect, LearnedCurve, NewParameter
+from aero_bayes.search.search import Search
+from aero_bayes.search.table import Table, law_of
 
 
 @dataclass(frozen=True, eq=False)
 class ExtendedFit:
-    """The model with the chosen terms, fitted: source, parameters, what it leaves and what it predicts.
+    """The model with the chosen terms, fitted: what was written, its parameters, what it leaves and what it predicts.
 
-    ``found`` is ``fit`` with what is told of a fit."""
+    ``written`` is None where only values that were held fixed were wrong."""
 
-    written: ExtendedModel
+    written: ExtendedModel | None
+    added: tuple[Parameter, ...]
     effects: tuple[FoundEffect, ...]
-    smaller: tuple[FoundEffect, ...]
-    calibration: Calibration
-    fit: Optimum
+    fit: Fit
     reports: tuple[ResidualReport, ...]
     after: Prediction
-    found: Fit
+
+    @property
+    def calibration(self) -> Calibration:
+        return self.fit.calibration
 
 
-def extend(context: LoopContext, base: BaseFit, choice: Choice) -> ExtendedFit:
-    """Write the chosen structure into the model, with smaller effects where these are wanted, and
-    fit it at its best."""
+def extend(context: LoopContext, first: FirstFit, search: Search, decision: Decision) -> ExtendedFit:
+    """Write the chosen terms into the model, and fit it at its best."""
     context.progress("writing the extended model", 0.75)
-    smaller = choice.smaller if context.settings.include_smaller else ()
-    terms, chosen = (*choice.terms, *smaller), choice.explored.fits[choice.structure.plus(*smaller)]
-    values = dict(chosen.values)
-    written = context.family.extend(terms, values, context.folder)
-    context.statistics.written.append(written.path)
-    values |= {new: values[old] for pairs in written.names.values() for old, new in pairs}
+    held = search.source.held
+    laws = [t for t in decision.model if t not in held]
+    values = dict(search.fits[decision.model].values)
+    written = context.family.extend(laws, values, context.folder) if laws else None
+    names: dict[str, tuple[tuple[str, str], ...]] = dict(written.names) if written is not None else {}
+    values |= {new: values[old] for pairs in names.values() for old, new in pairs if old in values}
+    names |= {t: ((held[t].name, held[t].name),) for t in decision.model if t in held}
+    added = (*(written.parameters if written is not None else ()), *(held[t] for t in decision.model if t in held))
     context.statistics.end_stage("extension")
     context.progress("refitting the extended model", 0.85)
-    calibration = base.with_terms(context, written.model, written.parameters)
-    with context.open(calibration.problem()) as simulator:
-        objective = context.objective(calibration, simulator)
-        si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
-        start = calibration.parameters.to_search(si)
-        free = [j for j, p in enumerate(calibration.parameters) if not p.free_if_identified]
-        search = GlobalSearch(objective, context.settings.global_search)
-        fit = search.refit(start, free, base.fit.noise)
-        found = finished_fit(
-            search, GlobalSearchResult(fit, None, (), search.iterations), context.settings.fitting, 0.0
-        )
-        reports = check_residuals(calibration, objective.series, fit, base.floors)
-        context.statistics.add_simulations(objective)
-    after = context.unseen.predict(calibration, fit)
+    model = written.model if written is not None else first.plain.model
+    calibration = first.with_terms(context, model, added)
+    known = {first.plain.parameters.names[j] for j in first.fit.free}
+    old = set(first.plain.parameters.names) - {p.name for p in added}
+    free = [j for j, p in enumerate(calibration.parameters) if p.name in known or p.name not in old]
+    si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
+    fit = refitted(context, calibration, si, free, first.fit.optimum.noise)
+    reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
+    after = context.unseen.predict(calibration, fit.optimum)
+    found = fitted_parameters(calibration.parameters, fit.optimum)
     effects = []
-    for id_ in terms:
-        effect = _effect(context, choice, id_, (written, calibration.parameters, fit))
-        effects.append(replace(effect, width_influence=_width_influence(context, effect, calibration, fit)))
+    for id_ in decision.model:
+        own = [new for _, new in names[id_]]
+        effects.append(_effect(context, search.table, decision, id_, own, found, fit))
+        if written is not None and id_ in written.widths:
+            object.__setattr__(effects[-1], "widths", dict(written.widths[id_]))
     context.statistics.end_stage("judgement")
-    named = len(choice.terms)
-    return ExtendedFit(written, tuple(effects[:named]), tuple(effects[named:]), calibration, fit, reports, after, found)
-
-
-def smaller_effects(context: LoopContext, choice: Choice) -> tuple[FoundEffect, ...]:
-    """Effects that help beside the chosen ones and are not material, as the search fitted them."""
-    if not choice.smaller:
-        return ()
-    fitted = choice.explored.fits[choice.structure.plus(*choice.smaller)]
-    parameters, found = fitted_parameters(fitted.model.objective.parameters, fitted.optimum), []
-    for id_ in choice.smaller:
-        share, names = choice.share_of_smaller(id_), fitted.term_values(id_)
-        found.append(
-            FoundEffect(
-                id_, choice.explored.ports[id_], "catalogue", tuple(parameters[n] for n in names), share.value,
-                share.sd, share.output, choice.wins_of_smaller(id_), context.family.describe(id_),
-            )
-        )  # fmt: skip
-    return tuple(found)
+    return ExtendedFit(written, added, tuple(effects), fit, reports, after)
 
 
 def _effect(
-    context: LoopContext, choice: Choice, id_: str, made: tuple[ExtendedModel, ParameterSet, Optimum]
+    context: LoopContext,
+    table: Table,
+    decision: Decision,
+    id_: str,
+    names: list[str],
+    found: Mapping[str, NewParameter],
+    fit: Fit,
 ) -> FoundEffect:
-    written, parameters, fit = made
-    named = fitted_parameters(parameters, fit)
+    """What is said of a term in the model that came out."""
     over = context.family.curves().get(id_, "")
-    columns = [parameters.index(new) for _, new in written.names[id_]]
-    small = id_ in choice.smaller
-    share = choice.share_of_smaller(id_) if small else choice.share(id_)
+    claim = decision.claims.get(id_)
+    share = (
+        (claim.share, claim.share_sd, claim.share_of)
+        if claim
+        else table.share(decision.model, table.without(decision.model, id_))
+    )
+    others = claim.alternatives if claim is not None else ()
+    curve = _learned(context.family.basis(id_), names, fit) if over else None
+    ports = table.ports
     return FoundEffect(
-        id_, choice.explored.ports[id_], "free_form" if over else "catalogue",
-        tuple(named[new] for _, new in written.names[id_]), share.value, share.sd, share.output,
-        choice.wins_of_smaller(id_) if small else choice.wins, context.family.describe(id_),
-        dict(written.widths[id_]), over=over, looks_like=choice.looks_like(id_) if over else "",
-        curve=_learned(context.family.basis(id_), columns, parameters, fit) if over else None,
+        id_, ports.get(id_, ""), "free_form" if over else "catalogue", tuple(found[n] for n in names if n in found),
+        *share, claim.kind if claim is not None else None,
+        tuple(Alternative(o, ports.get(o, ""), ratio) for o, ratio in others), describe(context, id_),
+        over=over, looks_like=_looks_like(table, decision, id_) if over else "", curve=curve,
     )  # fmt: skip
+
+
+def describe(context: LoopContext, id_: str) -> str:
+    """A phrase about a term."""
+    name = id_.removeprefix("value@")
+    return f"another value of {name} than the fixed one" if name != id_ else context.family.describe(id_)
+
+
+def _looks_like(table: Table, decision: Decision, curve: str) -> str:
+    """The law at the port of a curve that does best in its place."""
+    port = table.ports.get(curve)
+    laws = (o for o in table.swaps(decision.model, curve) if o not in table.curves and table.ports.get(o) == port)
+    return law_of(next(laws, ""))
 
 
 def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewParameter]:
@@ -128,37 +132,18 @@ def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewPa
     return found
 
 
-def _learned(basis: CurveBasis, columns: list[int], parameters: ParameterSet, fit: Optimum) -> LearnedCurve:
+def _learned(basis: CurveBasis, names: list[str], fit: Fit) -> LearnedCurve:
     """Return a curve at the fit, and how sure it is."""
-    values = parameters.from_search(fit.coordinates)
+    parameters, optimum = fit.calibration.parameters, fit.optimum
+    columns = [parameters.index(name) for name in names]
+    values = parameters.from_search(optimum.coordinates)
     heights, scale = values[columns], parameters.jacobian(values)[columns]
-    rows = [fit.free.index(j) for j in columns]
-    covariance = fit.covariance[np.ix_(rows, rows)] * np.outer(scale, scale)
+    inside = [k for k, j in enumerate(columns) if j in optimum.free]
+    rows = [optimum.free.index(columns[k]) for k in inside]
+    covariance = np.zeros((len(columns), len(columns)))
+    covariance[np.ix_(inside, inside)] = optimum.covariance[np.ix_(rows, rows)]
+    covariance *= np.outer(scale, scale)
     variance = np.einsum("kn,kl,ln->n", basis.rows, covariance, basis.rows)
     return LearnedCurve(
         basis.x, basis.plain + heights @ basis.rows, np.sqrt(np.maximum(variance, 0.0)), basis.x_unit, basis.unit
     )
-
-
-def _width_influence(context: LoopContext, effect: FoundEffect, calibration: Calibration, fit: Optimum) -> float | None:
-    """Return by how many standard deviations an effect's parameters move when its smoothing widths are doubled."""
-    doubled: Mapping[str, float] = {
-        variable.name: 2.0 * width
-        for name, width in effect.widths.items()
-        for variable in calibration.model.parameters
-        if variable.name.rpartition(".")[2] == name
-    }
-    if not doubled:
-        return None
-    wider = calibration.with_fixed(doubled)
-    settings = LocalFitSettings(hold_noise=True).with_limits(4, 0.02)
-    try:
-        with context.open(wider.problem()) as simulator:
-            again = local_fit(
-                context.objective(wider, simulator), fit.coordinates, fit.free, noise=fit.noise, settings=settings
-            )
-    except CannotFinishError:
-        return None
-    columns = [calibration.parameters.index(p.name) for p in effect.parameters]
-    moved = [abs(again.coordinates[j] - fit.coordinates[j]) / max(fit.sd(j), 1e-300) for j in columns]
-    return max(moved, default=math.nan)

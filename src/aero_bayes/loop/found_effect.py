@@ -1,4 +1,4 @@
-"""An effect that the loop added to the model: its parameters, its evidence and its curve."""
+"""An effect that the loop added to the model: its parameters, what is claimed of it, and its curve."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.loop.decide import ClaimKind
 
 
 @dataclass(frozen=True)
@@ -25,14 +26,8 @@ class NewParameter:
         return self.value
 
     def to_dict(self) -> dict[str, object]:
-        return {
-            "value": self.value,
-            "sd": self.sd,
-            "q05": self.q05,
-            "q50": self.value,
-            "q95": self.q95,
-            "unit": self.unit,
-        }
+        numbers = {name: getattr(self, name) for name in ("value", "sd", "q05", "q95", "unit")}
+        return {**numbers, "q50": self.value}
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +46,21 @@ class LearnedCurve:
 
 
 @dataclass(frozen=True)
+class Alternative:
+    """What does as well in the place of an effect: ``error_ratio`` is the left-out error with it over that with the
+    effect."""
+
+    id: str
+    port: str
+    error_ratio: float
+
+
+@dataclass(frozen=True)
 class FoundEffect:
-    """An effect that earned its place.
+    """An effect that was added, and what is claimed of it.
 
     ``share`` is the error on left-out readings with it over that without it, in the output ``share_of`` where it falls
-    most, and ``share_sd`` its standard error."""
+    most, and ``share_sd`` its standard error. ``claim`` is None for one that the configuration requires."""
 
     id: str
     port: str
@@ -64,32 +69,18 @@ class FoundEffect:
     share: float
     share_sd: float
     share_of: str
-    wins: float | None
+    claim: ClaimKind | None
+    alternatives: tuple[Alternative, ...]
     summary: str
     widths: Mapping[str, float] = field(default_factory=dict)
-    width_influence: float | None = None
     over: str = ""
     looks_like: str = ""
     curve: LearnedCurve | None = None
 
     def to_dict(self, modelica: str) -> dict[str, object]:
-        found: dict[str, object] = {
-            "id": self.id,
-            "port": self.port,
-            "kind": self.kind,
-            "parameters": {p.name: p.to_dict() for p in self.parameters},
-            "share": self.share,
-            "share_sd": self.share_sd,
-            "share_of": self.share_of,
-            "wins": self.wins,
-            "modelica": modelica,
-            "summary": self.summary,
-            "widths": dict(self.widths),
-            "width_influence_sd": self.width_influence,
-        }
-        if self.over:
-            found["over"] = self.over
-            found["looks_like"] = self.looks_like
-        if self.curve is not None:
-            found["curve"] = self.curve.to_dict()
+        """Return the entry of result.json; ``modelica`` is the file that holds it."""
+        found: dict[str, object] = {**vars(self), "modelica": modelica, "widths": dict(self.widths)}
+        found["parameters"] = {p.name: p.to_dict() for p in self.parameters}
+        found["alternatives"] = [vars(one) for one in self.alternatives]
+        found["curve"] = None if self.curve is None else self.curve.to_dict()
         return found

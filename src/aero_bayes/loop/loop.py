@@ -1,8 +1,10 @@
-"""The closed loop: fit, search over model structures, choose, write the missing terms into the model, judge."""
+"""The closed loop: fit, search, decide, write the missing terms into the model, refit, judge."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,13 +13,13 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.data import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
-from aero_bayes.errors import InputError
-from aero_bayes.estimate.local_fit import LocalFitSettings
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.parameters import Parameter, parameters_from_model
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.step_budget import steps_taken, with_step_budget
 from aero_bayes.files import ScratchFolder
-from aero_bayes.judge.choice import Choice
-from aero_bayes.judge.choose import Chooser, worth_all_readings
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
 from aero_bayes.laws.candidate_filter import CandidateFilter
@@ -26,27 +28,26 @@ from aero_bayes.laws.fmu_places import FmuPlaces
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.model_family import ModelFamily
 from aero_bayes.laws.modelica_family import ModelicaFamily
-from aero_bayes.loop.base_fit import BaseFit, fit_base_model
-from aero_bayes.loop.conclude import conclude, diagnosed, other_cause
 from aero_bayes.loop.context import LoopContext, LoopStatistics
+from aero_bayes.loop.decide import Decision
+from aero_bayes.loop.extend import ExtendedFit, extend
+from aero_bayes.loop.first_fit import FirstFit, beginning_share, first_fit
 from aero_bayes.loop.from_fit import recordings_of, settings_of
-from aero_bayes.loop.long_recordings import on_beginnings
 from aero_bayes.loop.make_result import result_of
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.settings import LoopSettings
+from aero_bayes.loop.settle import settled
 from aero_bayes.progress import Progress, watching
-from aero_bayes.search.beam import StructureSearch
-from aero_bayes.search.explored import Library, SearchControl
-from aero_bayes.search.informative_part import informative_share
-from aero_bayes.search.models import FitNoise, FittedModel, ModelCache, ModelSource
-from aero_bayes.search.structure import Structure
+from aero_bayes.search.models import VALUE, FittedModel, ModelSource
+from aero_bayes.search.search import Control, Library, Search
 from aero_bayes.simulation import PythonModel, WorkerPool
+from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 
 __all__ = ["LoopSettings", "close_loop"]
 
-#: Share of the time limit that is kept for fits to all readings where structures are explored on a part of them.
-TIME_FOR_ALL_READINGS = 0.3
+#: Fixed values that may be wrong; an FMU may have hundreds.
+MOST_VALUES = 40
 
 
 def close_loop(
@@ -77,7 +78,7 @@ def close_loop(
     workers : int, optional
         Worker processes; all cores by default, 0 for none beside this one.
     out_dir : path, optional
-        Where the extended model's Modelica file is written.
+        Where the extended model's Modelica file and ``structures.json`` are written.
     progress : callable, optional
         Told what happens and how far it is (0 to 1); a sentence with a full stop is for the reader to keep. Where it
         returns True, the search for terms ends, and the loop concludes from what was tried. By default a bar in a
@@ -86,7 +87,8 @@ def close_loop(
     Returns
     -------
     LoopResult
-        The outcome, the named effects, the models before and after, and their errors on unseen data.
+        The outcome, the effects with what is claimed of each, the models before and after, and their errors on unseen
+        data.
 
     Raises
     ------
@@ -133,64 +135,86 @@ def close_loop(
 
 
 def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
-    """Fit the first model from some values, search over structures, and conclude."""
-    settings = context.settings
-    base = fit_base_model(context, begin)
-    cache, choice = search_structures(*on_beginnings(context, base, begin))
-    conclusion = diagnosed(conclude(context, base, choice), base, settings)
-    context.statistics.keep_only(conclusion.written.path if conclusion.written is not None else None)
-    cache.close(context.statistics.add_simulations)
-    return result_of(context, conclusion)
+    """Fit the first model from some values, search over structures, decide, extend, and judge."""
+    settings, statistics = context.settings, context.statistics
+    first = first_fit(context, begin)
+    cause = None if settings.require else first.fit.diagnosis.explanation
+    search = searched(context, first, explained=cause is not None)
+    context.progress("leaving out blocks of readings", 0.7)
+
+    def unseen(fitted: FittedModel) -> dict[str, float]:
+        return context.unseen.predict(fitted.model.objective.calibration, fitted.optimum).pooled("test")
+
+    decision = settled(search, unseen, statistics.time_is_up)
+    if cause is None:
+        search.screen(decision.model, _not_in(search, decision))
+    statistics.end_stage("search")
+    extended: ExtendedFit | None = None
+    if decision.model:
+        with suppress(CannotFinishError):
+            extended = extend(context, first, search, decision)
+    if extended is None and decision.model:
+        raise CannotFinishError(f"the model with {', '.join(decision.model)} cannot be written or simulated")
+    context.folder.mkdir(parents=True, exist_ok=True)
+    (context.folder / "structures.json").write_text(json.dumps(search.table.to_dict(), separators=(",", ":")))
+    found = result_of(context, first, search, decision, extended, cause)
+    search.models.close()
+    return found
 
 
-def search_structures(context: LoopContext, base: BaseFit) -> tuple[ModelCache, Choice]:
-    """Search over structures from the first model at its best, and choose."""
-    settings, family = context.settings, context.family
-    plain = base.plain
-    family.prepare(plain, base.fit, context.open)
-    interpolation_is_free = settings.fitting.calibration.interpolation == "auto"
-    source = ModelSource(family, plain, base.fit.free, context.open_objective, context.open, interpolation_is_free)
-    cache, curves = ModelCache(source), tuple(family.curves())
-    groups = family.candidate_groups()
-    searched = other_cause(base, settings) is None
-    library = Library(groups, family.refinements(), curves) if searched else Library((), {}, ())
-    fit = replace(settings.local_fit, floors=plain.data.floors)
-    work = SearchControl(
-        context.statistics.time_is_up, context.map, lambda what, share: context.progress(what, 0.2 + 0.5 * share)
+def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) -> Search:
+    """Search over structures from the first model; not where another cause has ``explained`` what it leaves."""
+    settings, family, statistics = context.settings, context.family, context.statistics
+    placed = family.prepare(first.plain, first.fit.optimum, context.open)
+    lengths = [e.time.size for e in first.plain.data.experiments]
+    share = beginning_share(lengths, first.fit.series, first.fit.optimum.whitened)
+    plain = first.plain if share >= 1.0 else replace(first.plain, data=first.plain.data.beginning(share))
+    with context.open(plain.problem()) as simulator:
+        plain = with_step_budget(plain, steps_taken(plain, simulator, first.fit.optimum.coordinates))
+    held = {} if explained else _held_values(first.plain, settings)
+    source = ModelSource(family, plain, first.fit.free, context.open_objective, context.open, held)
+    laws = () if explained else placed
+    library = Library(
+        (*laws, *held), family.refinements(), frozenset(family.curves()), settings.require, settings.max_effects
     )
     context.progress("trying each candidate", 0.15)
-    root = _first_model(cache, groups[0], base, fit)
-    context.statistics.end_stage("models")
-    context.statistics.set_time_limit(60.0 * settings.max_minutes)
-    parts, structures = settings.search_parts, replace(settings.structures, min_share=settings.min_share)
-
-    def search_on(models: ModelCache) -> StructureSearch:
-        return StructureSearch(models, library, structures, fit, base.floors, parts, work)
-
-    searching, share = search_on(cache), informative_share(root)
-    if share < 1.0:
-        seen = cache.on_beginning(share)
-        with context.statistics.time_kept(60.0 * settings.max_minutes * TIME_FOR_ALL_READINGS):
-            on_part = search_on(seen).run(_first_model(seen, groups[0], base, fit))
-        explored = searching.go_on(root, on_part, worth_all_readings(on_part, settings.choice))
-        seen.close(context.statistics.add_simulations)
-    else:
-        explored = searching.run(root)
-    chooser = Chooser(
-        settings.choice, fit, searching.complete, searching.alone, context.map,
-        lambda share: context.progress("leaving out blocks of readings", 0.7 + 0.05 * share),
-    )  # fmt: skip
-    choice = chooser.choose(explored)
-    context.statistics.end_stage("search")
-    return cache, choice
-
-
-def _first_model(models: ModelCache, terms: Collection[str], base: BaseFit, fit: LocalFitSettings) -> FittedModel:
-    """The first model, fitted from its values, on a model that has some terms at hand."""
-    model = models.of(Structure(), terms)
-    return model.fit(
-        Structure(), model.coordinates_of(base.values, ()), FitNoise(base.fit.noise), replace(fit, hold_noise=True)
+    statistics.set_time_limit(60.0 * settings.max_minutes)
+    control = Control(
+        context.map,
+        statistics.outcomes,
+        statistics.time_is_up,
+        lambda what, done: context.progress(what, 0.2 + 0.5 * done),
     )
+    search = Search(source, library, first.floors, control)
+    search.begin(first.values)
+    statistics.end_stage("models")
+    search.run()
+    return search
+
+
+def _not_in(search: Search, decision: Decision) -> list[str]:
+    """Laws that may be added to the model, of which it is told which size would have been seen."""
+    out = {*decision.model, *search.library.curves, *search.source.held}
+    return [t for t in search.library.offered if t not in out]
+
+
+def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parameter]:
+    """Values that a fit leaves fixed and that may be wrong, by the ids of their terms."""
+    model, fixed = plain.model, plain.simulated.fixed
+    narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, settings.require)
+    searched = {p.target.name for p in plain.parameters if isinstance(p.target, ParameterTarget)}
+    found = [p for p in plain.parameters if p.free_if_identified and p.recording is None]
+    for variable in model.parameters:
+        start = fixed.get(variable.name, variable.start)
+        if variable.name not in searched and start and isinstance(start, float):
+            with suppress(InputError):
+                (one,) = parameters_from_model(model, [variable.name])
+                found.append(replace(one, start=start) if one.lower < start < one.upper else one)
+
+    def wanted(p: Parameter) -> bool:
+        return p.free_if_identified or narrowed.accepts(f"{VALUE}{p.name}", "value", p.name)
+
+    return {f"{VALUE}{p.name}": p for p in found[:MOST_VALUES] if wanted(p)}
 
 
 def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: LoopSettings) -> ModelFamily:
@@ -202,8 +226,7 @@ def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: 
     if not isinstance(model, ModelicaSource):
         (path,) = paths_of((model,), "model")
         model = ModelicaSource(main_class(path), (path,)) if path.suffix == ".mo" else ModelicaSource(str(model))
-    require = settings.structures.require
-    narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, require)
+    narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, settings.require)
     given = model.files, model.libraries, narrowed
     if (fmu := Path(model.name)).suffix == ".fmu":
         family: ModelicaFamily = FmuFamily(FmuPlaces(fmu.stem, *given, fmu=fmu), folder)

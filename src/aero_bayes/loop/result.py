@@ -23,8 +23,10 @@ from aero_bayes.files import ScratchFolder
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.found_effect import FoundEffect, NewParameter
-from aero_bayes.loop.ranking import Step
+from aero_bayes.loop.limits import Limit
+from aero_bayes.loop.steps import Step
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
+from aero_bayes.search.table import Table, Terms
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
@@ -52,11 +54,13 @@ class LoopResult:
     base, model : str
         Class of the model as it stood, and of the one that came out.
     effects : tuple of FoundEffect
-        What was added.
-    smaller : tuple of FoundEffect
-        Effects that help beside these and are not material: no claim is made of them.
+        What was added, and what is claimed of each.
     equivalent : tuple of tuples of str
-        Ids that the data do not tell apart.
+        Each effect with what does as well in its place.
+    limits : tuple of Limit
+        The smallest size of each law at each port that these recordings would have shown.
+    refused : tuple of tuples of str
+        Models, by their terms, that the unseen recordings refused.
     before, after : Fit
         Of the model as it stood and of the one that came out (the same where nothing was added).
     predicted_before, predicted_after : Prediction
@@ -94,6 +98,8 @@ class LoopResult:
         The model as it stood.
     calibrated : CalibratedModel, optional
         The model that came out with all its values, as Modelica; none where the model came as an FMU.
+    table : Table, optional
+        All structures with their errors, on which the decision was made.
     blocks : int
         Blocks of readings that were left out in turn.
     scratch : ScratchFolder, optional
@@ -128,7 +134,9 @@ class LoopResult:
     base: str
     model: str
     effects: tuple[FoundEffect, ...]
-    equivalent: tuple[tuple[str, ...], ...]
+    equivalent: tuple[Terms, ...]
+    limits: tuple[Limit, ...]
+    refused: tuple[Terms, ...]
     before: Fit
     after: Fit
     predicted_before: Prediction
@@ -157,7 +165,7 @@ class LoopResult:
     recordings: Recordings | None = None
     plain: Model | None = None
     calibrated: CalibratedModel | None = None
-    smaller: tuple[FoundEffect, ...] = ()
+    table: Table | None = None
     blocks: int = 0
     scratch: ScratchFolder | None = field(default=None, repr=False)
 
@@ -220,7 +228,7 @@ class LoopResult:
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each candidate of each round.
 
-        Port, share of the left-out error, wins, whether it was chosen.
+        Port, share of the left-out error, whether it was chosen.
 
         Examples
         --------
@@ -230,11 +238,11 @@ class LoopResult:
         import pandas
 
         rows = [
-            (step.number, rival.id, rival.port, rival.share, rival.wins, rival.id == step.chosen)
+            (step.number, rival.id, rival.port, rival.share, rival.id == step.chosen)
             for step in self.steps
             for rival in step.candidates
         ]
-        return pandas.DataFrame(rows, columns=["round", "candidate", "port", "share", "wins", "chosen"])
+        return pandas.DataFrame(rows, columns=["round", "candidate", "port", "share", "chosen"])
 
     def __repr__(self) -> str:
         found = ", ".join(effect.id for effect in self.effects)
@@ -266,8 +274,9 @@ class LoopResult:
             "base": self.base,
             "model": self.model,
             "effects": [effect.to_dict(self.modelica_path) for effect in self.effects],
-            "smaller": [effect.to_dict("") for effect in self.smaller],
             "equivalent": [list(ids) for ids in self.equivalent],
+            "limits": [vars(limit) for limit in self.limits],
+            "refused": [list(terms) for terms in self.refused],
             "before": {role: self.predicted_before.pooled(role) for role in ("train", "test")},
             "after": {role: self.predicted_after.pooled(role) for role in ("train", "test")},
             "before_sd": {role: self.predicted_before.uncertainty(role) for role in ("train", "test")},

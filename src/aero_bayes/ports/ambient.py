@@ -9,7 +9,7 @@ from aero_bayes.language.syntax import Expression, Name, children, names_in
 from aero_bayes.ports.aliases import AliasStructure, derived_names
 from aero_bayes.ports.port import DIFFERENCE, KELVIN, Port
 from aero_bayes.ports.quantities import unit_in
-from aero_bayes.ports.relative_motion import all_differences, differences_in
+from aero_bayes.ports.relative_motion import all_differences, balance_of, differences_in
 
 
 def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
@@ -21,7 +21,6 @@ def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator
     apart = all_differences(s)
     levels = {s.of(p.signals["h"]): p.units["h"] for p in balances if p.kind == "storage"}
     around = {(cls, unit) for level, unit in levels.items() for cls in fed if frozenset((level, cls)) in apart}
-    acting = {pair for e in s.flat.equations for side in (e.left, e.right) for pair in _inside(s, side)}
     for port in balances:
         if port.kind == "storage" and port.attachment in ("equation", "node"):
             unit = port.units["h"]
@@ -31,6 +30,7 @@ def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator
                         port, id=f"{port.id}-{name}", signals={**port.signals, "h_s": name}, neighbours=(),
                     )  # fmt: skip
         elif port.kind == "motion" and port.attachment == "equation":
+            acting = _acting(s, port)
             other = {
                 signal: next((name for cls, name in fed.items() if frozenset((s.of(own), cls)) in acting), "")
                 for signal, own in port.signals.items()
@@ -60,6 +60,19 @@ def _input_classes(s: AliasStructure) -> dict[str, str]:
                         found[s.of(one.name)] = min(members, key=lambda n: n.count("."))
                         grown = True
     return found
+
+
+def _acting(s: AliasStructure, port: Port) -> set[frozenset[str]]:
+    """Return pairs of variables whose difference is part of a motion's balance, or of what gives a force there.
+
+    A difference from which a controller forms a voltage is no place in the mechanics."""
+    own, unit = balance_of(s, port), port.units.get("f", "")
+
+    def gives_force(tree: Expression) -> bool:
+        return isinstance(tree, Name) and tree.name in s.same and unit_in(s, s.of(tree.name)) == unit
+
+    equations = [e for e in s.flat.equations if e is own or gives_force(e.left) or gives_force(e.right)]
+    return {pair for e in equations for side in (e.left, e.right) for pair in _inside(s, side)}
 
 
 def _inside(s: AliasStructure, tree: Expression) -> Iterator[frozenset[str]]:

@@ -181,7 +181,7 @@ class _AddedOutputs:
         flat = self.flat
         for expression in expressions:
             flat = add_output(flat, self.names[expression], Call("+", (expression, NEGLIGIBLE_TERM)))
-        return Model.load(export_flat(flat, path, quick=True))
+        return Model.load(export_flat(flat, path))
 
     def _can_be_exported(self, expression: Expression, path: Path) -> bool:
         try:

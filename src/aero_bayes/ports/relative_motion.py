@@ -60,13 +60,14 @@ def _distance(s: AliasStructure, one: Port, other: Port) -> tuple[str, bool] | N
     return None
 
 
-def _balance(s: AliasStructure, port: Port) -> FlatEquation:
+def balance_of(s: AliasStructure, port: Port) -> FlatEquation:
+    """Return the balance equation of a port."""
     assert port.balance is not None
     return next(e for e, o in zip(s.flat.equations, s.origins, strict=True) if o[0] == port.balance.equation)
 
 
 def _inside(s: AliasStructure, port: Port) -> bool:
-    return bool(_balance(s, port).component)
+    return bool(balance_of(s, port).component)
 
 
 def all_differences(s: AliasStructure) -> set[frozenset[str]]:

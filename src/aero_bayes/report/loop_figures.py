@@ -139,7 +139,6 @@ def _candidate_cell(found: CandidateJson | None, step: StepJson) -> Markup:
     notes = [
         "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
         "" if found.refitted else "by one Newton step",
-        "" if not found.wins else f"best in {100.0 * found.wins:.0f} % of the resampled blocks",
     ]
     return Markup("{}<small>{}</small>").format(fall_text(found), "; ".join(filter(None, notes)))
 

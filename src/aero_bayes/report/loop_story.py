@@ -55,24 +55,6 @@ def _effect(entry: EffectJson, elsewhere: Collection[str]) -> EffectSection:
     return EffectSection(entry.id, entry.summary or kind, where, evidence, table, curve_plate(entry))
 
 
-def smaller_table(loop: LoopJson) -> Markup | None:
-    """Return effects that help beside the named ones and are not material; None if there are none."""
-    rows = [
-        (
-            Markup("<code>{}</code><small>{}</small>").format(entry.id, entry.summary), entry.port, fall_text(entry),
-            "; ".join(
-                f"{name} = {parameter_quantity(stated)[0].value} {stated.unit}".strip()
-                for name, stated in entry.parameters.items()
-            ),
-        )
-        for entry in loop.smaller
-    ]  # fmt: skip
-    if not rows:
-        return None
-    columns = ("effect", "port", Column("fall of the left-out error", "right"), "parameters")
-    return html_table(columns, rows, "Smaller effects, of which no claim is made")
-
-
 def before_after_table(run: RunDirectory, loop: LoopJson) -> Markup | None:
     """Return RMS error before and after, on training and on unseen recordings, against the noise floor."""
     rows = []

@@ -198,7 +198,6 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "rounds": loop_figures.rounds_plates(loop, run.result.effect_words()),
         "errors": loop_story.before_after_table(run, loop), "shift": loop_story.shift_table(run, loop),
         "equivalents": loop.equivalent, "separate": loop.separate,
-        "smaller": loop_story.smaller_table(loop),
         "diff": loop_story.diff_lines(loop), "source": loop.modelica_source,
     }  # fmt: skip
 

@@ -18,11 +18,29 @@ class CurveJson(JsonTable):
     unit: str = ""
 
 
-class EffectJson(JsonTable):
-    """An effect; ``id`` is ``law@port`` or an id of a library.
+class AlternativeJson(JsonTable):
+    """What does as well in the place of an effect: the left-out error with it over that with the effect."""
 
-    ``share`` is the error on left-out readings with it over that without it, in the output ``share_of``; ``wins`` the
-    share of resampled blocks in which its structure is the best; ``looks_like`` the law that comes near a curve."""
+    id: str
+    port: str = ""
+    error_ratio: JsonNumber = None
+
+
+class LimitJson(JsonTable):
+    """The smallest size of a law at a port that would have been named: a value of its first parameter."""
+
+    law: str
+    port: str
+    parameter: str
+    smallest: JsonNumber
+    unit: str = ""
+
+
+class EffectJson(JsonTable):
+    """An effect; ``id`` is ``law@port``, ``value@parameter`` or an id of a library.
+
+    ``share`` is the error on left-out readings with it over that without it, in the output ``share_of``; ``claim`` what
+    is known of it; ``looks_like`` the law that comes near a curve."""
 
     id: str
     port: str
@@ -31,11 +49,11 @@ class EffectJson(JsonTable):
     share: JsonNumber = None
     share_sd: JsonNumber = None
     share_of: str = ""
-    wins: JsonNumber = None
+    claim: Literal["law", "place", "one of"] | None = None
+    alternatives: list[AlternativeJson] = []
     modelica: str = ""
     summary: str = ""
     widths: dict[str, JsonNumber] = {}
-    width_influence_sd: JsonNumber = None
     over: str = ""
     looks_like: str = ""
     curve: CurveJson | None = None
@@ -48,7 +66,6 @@ class CandidateJson(JsonTable):
     port: str
     share: JsonNumber = None
     share_sd: JsonNumber = None
-    wins: JsonNumber = None
     refitted: bool = True
 
 
@@ -78,15 +95,16 @@ RmsByRole = dict[str, dict[str, JsonNumber]]
 class LoopJson(JsonTable):
     """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
 
-    ``smaller`` are effects that help and are not material; ``blocks`` of readings were left out in turn."""
+    ``blocks`` of readings were left out in turn; ``refused`` are models that unseen recordings refused."""
 
     outcome: Literal["adequate", "extended", "unexplained"]
     sentence: str = ""
     base: str = ""
     model: str = ""
     effects: list[EffectJson] = []
-    smaller: list[EffectJson] = []
     equivalent: list[list[str]] = []
+    limits: list[LimitJson] = []
+    refused: list[list[str]] = []
     before: RmsByRole = {}
     after: RmsByRole = {}
     before_sd: RmsByRole = {}

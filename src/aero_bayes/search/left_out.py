@@ -1,13 +1,14 @@
 """Squared errors on readings that were left out: the one measure by which structures are compared.
 
-All structures are held against the same blocks of readings. The closed form (one Newton step) ranks all structures; it
-is wrong where a block decides a parameter, so the finalists are fitted again without each block.
+All structures are held against the same blocks of readings. One Newton step, simulated, ranks all of them; it is wrong
+where a block decides a parameter, so what the decision hangs on is fitted again without each block.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,70 +16,71 @@ from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.leave_out import BLOCK_COUNT, MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
+from aero_bayes.estimate.leave_out import MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.search.models import FittedModel
+from aero_bayes.sensors.noise import OutputNoise
 
 Readings = NDArray[np.int_]
 
-#: Recordings from which on whole recordings are left out: of two, the one that is left says too little alone.
+#: Blocks of time that are left out in turn: fewer say nothing of the spread, more cost a fit each.
+BLOCKS = 10
+#: Recordings from which on whole ones are left out: of two, the one that is left says too little alone.
 MIN_WHOLE_RECORDINGS = 3
 #: Error that counts as none, as a share of an output's range: the accuracy of the solver in a search.
 ROUNDING_SHARE = 1e-5
-#: Steps of a fit without a block, which starts near its end.
-MAX_REFIT_STEPS = 8
+#: Rise of what the other readings leave with a Newton step, above which the step says nothing.
+MAX_RISE = 1.05
 
 
 @dataclass(frozen=True, eq=False)
-class CommonBlocks:
-    """The readings that are left out in turn, the same for all structures."""
+class Blocks:
+    """The readings (columns of the whitened slopes) that are left out in turn, the same for all structures.
+
+    ``owner`` (N,) is the output of each reading, ``least`` (m,) the squared error that counts as none."""
 
     outputs: tuple[str, ...]
-    folds: tuple[tuple[Readings, ...], ...]
+    folds: tuple[Readings, ...]
     owner: Readings
     least: FloatArray
     whole: bool
 
     @classmethod
-    def of(cls, fits: Sequence[FittedModel]) -> CommonBlocks:
-        """Cut the readings so that no structure's parameters hang on one block.
+    def of(cls, first: FittedModel) -> Blocks:
+        """Cut the readings so that the parameters of the first model do not hang on one block.
 
-        Blocks of time hold equal shares of readings and of leverage, averaged over the structures. Whole recordings
-        are left out where there are three or more."""
-        objective, noise = fits[0].model.objective, fits[0].optimum.noise
-        series, calibration = objective.series, objective.calibration
+        Blocks of time hold equal shares of readings and of leverage. Of three recordings each is one block."""
+        objective, calibration = first.model.objective, first.model.objective.calibration
+        series, free = objective.series, first.optimum.free
         recordings = sorted({s.experiment for s in series})
         whole = len(recordings) >= MIN_WHOLE_RECORDINGS
-        leverage = sum((_leverage(f) for f in fits), np.zeros(objective.readings))
-        folds: list[tuple[Readings, ...]] = []
-        for cells in blocks_of_time(series, leverage, BLOCK_COUNT // len(recordings), MIN_BLOCK_READINGS):
-            folds += [tuple(cells)] if whole else [(cell,) for cell in cells]
+        leverage = LinearisedFit.of(first.optimum, objective.parameters, range(len(free))).leverage
+        leverage = leverage if np.all(np.isfinite(leverage)) else np.zeros(objective.readings)
+        count = max(BLOCKS // len(recordings), 1)
+        folds: list[Readings] = []
+        for cells in blocks_of_time(series, leverage, count, MIN_BLOCK_READINGS):
+            folds += [np.concatenate(cells)] if whole else cells
         outputs = objective.outputs
         owner = np.repeat([outputs.index(s.output) for s in series], [s.sampling.size for s in series])
-        rounding = [
-            ROUNDING_SHARE * float(calibration.data.scale[calibration.data.outputs.index(o)]) / noise[o].sd
-            for o in outputs
-        ]
-        least = np.bincount(owner).astype(np.float64) * np.square(rounding)
+        scale = [float(calibration.data.scale[calibration.data.outputs.index(o)]) for o in outputs]
+        least = np.bincount(owner, minlength=len(outputs)) * np.square(ROUNDING_SHARE * np.array(scale))
         return cls(outputs, tuple(folds), owner, least, whole)
 
-    def readings(self, fold: int) -> Readings:
-        """Return all readings that are left out together."""
-        return np.concatenate(self.folds[fold])
-
-    def squares(self, fold: int, residual: FloatArray) -> FloatArray:
-        """Sums of squares (blocks, m) of the residual (n,) of a fold's readings, by block and output."""
-        first = np.concatenate(([0], np.cumsum([block.size for block in self.folds[fold]])))
+    def sums(self, residual: FloatArray, readings: Readings | None = None) -> FloatArray:
+        """Sums of squares (m,) by output of a whitened residual (N,), of some readings or all."""
+        own = slice(None) if readings is None else readings
         with np.errstate(over="ignore"):  # a prediction may grow without bounds: its error is infinite
-            square = residual**2
-        return np.array(
-            [
-                np.bincount(self.owner[block], weights=square[a : a + block.size], minlength=len(self.outputs))
-                for a, block in zip(first[:-1].tolist(), self.folds[fold], strict=True)
-            ],
-            dtype=np.float64,
-        )
+            return np.bincount(self.owner[own], weights=residual[own] ** 2, minlength=len(self.outputs))
+
+    def score(self, residual: FloatArray, noise: FloatArray) -> float:
+        """Sum over outputs of the logarithm of the error of a residual (N,) in units of a noise (m,)."""
+        squares = np.maximum(self.sums(residual) * noise**2, np.maximum(self.least, 1e-300))
+        return float(np.sum(0.5 * np.log(squares)))
+
+    def on_fitted(self, fitted: FittedModel) -> float:
+        """Score of a fit on the readings that it was fitted to."""
+        return self.score(fitted.optimum.whitened.residual, fitted.noise)
 
     def moving(self, fitted: FittedModel) -> list[int]:
         """Places among the free columns of those that move when a block is left out.
@@ -87,90 +89,71 @@ class CommonBlocks:
         items = fitted.model.objective.parameters.items
         return [k for k, j in enumerate(fitted.optimum.free) if not self.whole or items[j].recording is None]
 
-    def linearised(self, fitted: FittedModel) -> LinearisedFit:
-        """Return the fit to first order in what moves."""
-        return LinearisedFit.of(fitted.optimum, fitted.model.objective.parameters, self.moving(fitted))
+
+def newton_errors(fitted: FittedModel, blocks: Blocks) -> FloatArray:
+    """Squared errors (blocks, m) of each block, predicted after one Newton step without it.
+
+    Where the step leaves more of the other readings than the fit to all does, the errors of the fit stand."""
+    optimum, objective = fitted.optimum, fitted.model.objective
+    residual, found = optimum.whitened.residual, []
+    for fold, row in zip(blocks.folds, objective.residuals(_newton_points(fitted, blocks)), strict=True):
+        moved = residual if row is None else objective.whiten(row, optimum.noise).residual
+        with np.errstate(over="ignore"):
+            before, after = (float(np.sum(np.delete(r, fold) ** 2)) for r in (residual, moved))
+        found.append(blocks.sums(moved if after <= MAX_RISE * before else residual, fold))
+    return np.array(found) * fitted.noise**2
 
 
-def newton_errors(fitted: FittedModel, common: CommonBlocks) -> FloatArray:
-    """Squared errors (blocks, m) of each block, predicted by a fit without it: one Newton step, kept in the bounds."""
-    optimum, parameters, moving = fitted.optimum, fitted.model.objective.parameters, common.moving(fitted)
-    columns, linear = [optimum.free[k] for k in moving], common.linearised(fitted)
+def refitted_errors(fitted: FittedModel, blocks: Blocks, settings: LocalFitSettings) -> FloatArray:
+    """Squared errors (blocks, m) of each block, predicted by a fit to all other readings; infinite where it fails.
+
+    Where a simulation after the Newton step is what was predicted, as closely as a fit would end, it is that fit."""
+    optimum, own = fitted.optimum, fitted.model.objective
+    moving = blocks.moving(fitted)
+    columns, slopes = [optimum.free[k] for k in moving], optimum.whitened.slopes[moving]
+    residual, found = optimum.whitened.residual, []
+    points = _newton_points(fitted, blocks)
+    for fold, point, row in zip(blocks.folds, points, own.residuals(points), strict=True):
+        moved = residual if row is None else own.whiten(row, optimum.noise).residual
+        with np.errstate(over="ignore"):
+            predicted = residual - (point - optimum.coordinates)[columns] @ slopes
+            is_linear = row is not None and float(np.sum((moved - predicted) ** 2)) <= settings.local.tolerance
+            better = float(np.sum(np.delete(moved, fold) ** 2)) < float(np.sum(np.delete(residual, fold) ** 2))
+        if not is_linear:
+            moved = _refit(own, fold, point if better else optimum.coordinates, columns, optimum.noise, settings)
+        found.append(blocks.sums(moved, fold))
+    return np.array(found) * fitted.noise**2
+
+
+def _refit(
+    own: Objective,
+    fold: Readings,
+    start: FloatArray,
+    columns: list[int],
+    noise: Mapping[str, OutputNoise],
+    settings: LocalFitSettings,
+) -> FloatArray:
+    """Whitened residual (N,) of all readings after a fit without some; infinite where that fails."""
+    with suppress(CannotFinishError):
+        held = replace(settings, hold_noise=True)
+        end = local_fit(_without(own, fold), start, columns, noise=noise, settings=held)
+        there = own.residuals(end.coordinates[np.newaxis])[0]
+        if there is not None:
+            return own.whiten(there, noise).residual
+    return np.full(own.readings, math.inf)
+
+
+def _newton_points(fitted: FittedModel, blocks: Blocks) -> FloatArray:
+    """Search coordinates (blocks, p) after the Newton step of a fit without each block, kept in the bounds."""
+    optimum, moving = fitted.optimum, blocks.moving(fitted)
+    parameters = fitted.model.objective.parameters
+    columns, linear = [optimum.free[k] for k in moving], LinearisedFit.of(optimum, parameters, moving)
     low, high = (bound[columns] for bound in parameters.box)
-    at, found = optimum.coordinates[columns], []
-    every = [common.readings(k) for k in range(len(common.folds))]
-    for k, left in enumerate(linear.without(every)):
-        step = np.clip(at + left.step, low, high) - at
-        found.append(common.squares(k, linear.residual[left.readings] - linear.slopes[:, left.readings].T @ step))
-    return np.concatenate(found)
-
-
-def refitted_errors(fitted: FittedModel, common: CommonBlocks, fold: int, settings: LocalFitSettings) -> FloatArray:
-    """Squared errors (blocks, m) of one fold, predicted by a fit to all other readings.
-
-    Where a simulation after the Newton step meets what was predicted there, as closely as a fit would end, that is the
-    fit. Else it starts there, or at the optimum of all readings where the step leaves more."""
-    optimum, readings, moving = fitted.optimum, common.readings(fold), common.moving(fitted)
-    own, failed = fitted.model.objective, np.full((len(common.folds[fold]), len(common.outputs)), math.inf)
-    columns = [optimum.free[k] for k in moving]
-    fit = replace(settings, hold_noise=True).with_limits(MAX_REFIT_STEPS, settings.local.tolerance)
-    moved = _after_newton_step(fitted, common, fold)
-    if moved is not None and moved.remaining_decrease <= settings.local.tolerance * moved.unit:
-        return common.squares(fold, moved.residual[readings])
-    start = moved.coordinates if moved is not None and moved.is_better else optimum.coordinates
-    try:
-        end = local_fit(_without(own, readings), start, columns, noise=optimum.noise, settings=fit)
-    except CannotFinishError:
-        return failed
-    found = own.evaluate(end.coordinates)
-    if found is None:
-        return failed
-    return common.squares(fold, own.whiten(found, optimum.noise).residual[readings])
-
-
-@dataclass(frozen=True, eq=False)
-class _Moved:
-    """A simulation after the Newton step of a fit without a fold."""
-
-    coordinates: FloatArray
-    residual: FloatArray
-    is_better: bool
-    remaining_decrease: float
-    unit: float
-
-
-def _after_newton_step(fitted: FittedModel, common: CommonBlocks, fold: int) -> _Moved | None:
-    """Simulate after the Newton step of a fit without a fold; None where that fails."""
-    optimum, own, moving = fitted.optimum, fitted.model.objective, common.moving(fitted)
-    columns, linear = [optimum.free[k] for k in moving], common.linearised(fitted)
-    out = common.readings(fold)
-    others = np.setdiff1d(np.arange(common.owner.size), out)
-    (left,) = linear.without([out, others], [slice(0, 1)])
-    low, high = (bound[columns] for bound in own.parameters.box)
-    at, moved = optimum.coordinates[columns], optimum.coordinates.copy()
-    moved[columns] = np.clip(at + left.step, low, high)
-    (there,) = own.residuals(moved[np.newaxis])
-    if there is None:
-        return None
-    after, before = own.whiten(there, optimum.noise).residual, optimum.whitened.residual
-    first = own.parameters.prior_derivatives(optimum.coordinates)[0][columns]
-    gradient = linear.slopes @ before + first
-    curvature = linear.slopes @ linear.slopes.T + linear.prior
-    with np.errstate(over="ignore"):  # the step may end where the model grows without bounds
-        better = bool(np.sum(after[others] ** 2) < np.sum(before[others] ** 2))
-        error = float(np.sum((after - before + left.step @ linear.slopes) ** 2))
-    short = float(gradient @ np.linalg.pinv(curvature, hermitian=True) @ gradient)
-    inside = bool(np.all((at > low) & (at < high) & (moved[columns] > low) & (moved[columns] < high)))
-    unit = min(float(before @ before) / max(before.size, 1), 1.0)
-    return _Moved(moved, after, better, 0.5 * (error + short) if inside else math.inf, unit)
-
-
-def _leverage(fitted: FittedModel) -> FloatArray:
-    """Share of the leverage of a fit that each reading has (N,); zero where no parameter is determined."""
-    optimum = fitted.optimum
-    own = LinearisedFit.of(optimum, fitted.model.objective.parameters, range(len(optimum.free))).leverage
-    whole = float(own.sum())
-    return own / whole if whole > 0.0 and math.isfinite(whole) else np.zeros(own.size)
+    rows = np.repeat(optimum.coordinates[np.newaxis], len(blocks.folds), axis=0)
+    if columns:
+        for row, left in zip(rows, linear.without(blocks.folds), strict=True):
+            row[columns] = np.clip(row[columns] + left.step, low, high)
+    return rows
 
 
 def _without(objective: Objective, readings: Readings) -> Objective:

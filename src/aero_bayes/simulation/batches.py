@@ -20,7 +20,7 @@ from aero_bayes.simulation.workers import WorkerPool
 #: What a batch computes; the numbers of ``MODE_...`` in native/engine.h.
 TRAJECTORY, LIKELIHOOD, GAUSS_NEWTON = 0, 1, 2
 FILTER, FILTER_LIKELIHOOD, FILTER_STATES = 3, 4, 5
-_JOB_WORDS = 15
+_JOB_WORDS = 16
 BLOCK_BYTES = 32 << 20
 MAX_ROWS = 16384
 
@@ -31,6 +31,7 @@ class Block:
 
     result: FloatArray
     outcomes: NDArray[np.uint8]
+    steps: NDArray[np.int64]
     outputs: list[FloatArray]
     sensitivities: list[FloatArray]
 
@@ -79,13 +80,14 @@ class Batches:
         outputs = tuple(np.empty((n, *shape)) for shape in shapes)
         sensitivities = tuple(np.empty((n, *shape, q)) for shape in shapes)
         outcomes = np.zeros((n, len(shapes)), dtype=np.uint8)
+        steps = np.zeros((n, len(shapes)), dtype=np.int64)
         per_row = 8 * (1 + q) * sum(a * b for a, b in shapes)
         rows = max(1, min(MAX_ROWS, BLOCK_BYTES // max(1, per_row)))
         for start in range(0, n, rows):
             part = slice(start, min(n, start + rows))
             with self.pool.lock:
                 block = self.run(mode, values[part], columns, None)
-                outcomes[part] = block.outcomes
+                outcomes[part], steps[part] = block.outcomes, block.steps
                 for e in range(len(shapes)):
                     bad = block.outcomes[:, e] != Outcome.OK
                     outputs[e][part] = block.outputs[e]
@@ -93,7 +95,7 @@ class Batches:
                     if q:
                         sensitivities[e][part] = block.sensitivities[e]
                         sensitivities[e][part][bad] = np.nan
-        return Trajectories(outputs, sensitivities if active is not None else None, outcomes)
+        return Trajectories(outputs, sensitivities if active is not None else None, outcomes, steps)
 
     def run(self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None) -> Block:
         """Lay one block out in shared memory and run it; the pool's lock is held."""
@@ -124,7 +126,8 @@ class Batches:
         stride = {LIKELIHOOD: 1, FILTER_LIKELIHOOD: 1, GAUSS_NEWTON: 2 + q + q * q}.get(mode, 0)
         shapes = self._shapes(mode)
         header = _JOB_WORDS + 4 * experiments
-        sizes = [header, n * p, noise_size, q, (n * experiments + 7) // 8, n * experiments * stride]
+        sizes = [header, n * p, noise_size, q, (n * experiments + 7) // 8, n * experiments]
+        sizes += [n * experiments * stride]
         sizes += [n * a * b for a, b in shapes] + [n * a * b * q for a, b in shapes]
         at = list(accumulate(((size + 7) // 8 * 64 for size in sizes), initial=0))
         start = self.pool.reserve(at[-1])
@@ -138,15 +141,16 @@ class Batches:
         per_experiment = (per_row if varies else noise_size) // experiments
         table = at[0] + 8 * _JOB_WORDS
         job = [0, n * experiments, mode, experiments, p, q, per_row, per_experiment]
-        job += [at[1], at[2], at[3], at[4], at[5], stride, table]
-        last = 6 + len(shapes)
+        job += [at[1], at[2], at[3], at[4], at[5], at[6], stride, table]
+        last = 7 + len(shapes)
         for e, (a, b) in enumerate(shapes):
-            job += [at[6 + e], a * b, at[last + e], a * b * q]
+            job += [at[7 + e], a * b, at[last + e], a * b * q]
         job += [0] * (header - len(job))
         block = Block(
-            words(5).reshape(n, experiments, stride),
+            words(6).reshape(n, experiments, stride),
             memory[at[4] : at[4] + n * experiments].reshape(n, experiments),
-            [words(6 + e).reshape(n, a, b) for e, (a, b) in enumerate(shapes)],
+            words(5, np.int64).reshape(n, experiments),
+            [words(7 + e).reshape(n, a, b) for e, (a, b) in enumerate(shapes)],
             [words(last + e).reshape(n, a, b, q) for e, (a, b) in enumerate(shapes)],
         )
         job_words = np.array(job, dtype=np.int64)

@@ -34,6 +34,7 @@ class Outcome(IntEnum):
     STATES_SELECTED_ANEW = 6
     NOT_REPEATABLE = 7
     STATES_JUMP = 8
+    TOO_SLOW = 9
 
     @property
     def key(self) -> str:
@@ -53,6 +54,7 @@ class Outcome(IntEnum):
             Outcome.STATES_SELECTED_ANEW: "the model chose other states while it ran, which is not supported",
             Outcome.NOT_REPEATABLE: "equal runs of the model gave different results",
             Outcome.STATES_JUMP: "a state jumps at an event, over which process noise cannot be followed",
+            Outcome.TOO_SLOW: "it needed more steps than it may",
         }[self]
 
 
@@ -68,7 +70,9 @@ class InputSignal:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One run: when outputs are sampled, what drives the model, where it starts, and what was measured."""
+    """One run: when outputs are sampled, what drives the model, where it starts, and what was measured.
+
+    ``most_steps`` ends a run that needs more steps of the solver; 0 for no limit of its own."""
 
     time: FloatArray
     outputs: tuple[str, ...]
@@ -77,6 +81,7 @@ class Experiment:
     measured: FloatArray | None = None
     start_sd: Mapping[str, float] = field(default_factory=dict)
     spread: FloatArray | None = None
+    most_steps: int = 0
 
     def at_samples(self, chosen: slice | NDArray[np.int_]) -> Experiment:
         """Return the experiment at some of its sample times, with what was measured there."""
@@ -168,11 +173,13 @@ class Trajectories:
     """Sampled outputs of a batch.
 
     ``outputs[e]`` has shape (n, n_time_e, m_e); ``sensitivities[e]`` (n, n_time_e, m_e, p) or is None;
-    ``outcomes`` has shape (n, E) and holds :class:`Outcome` codes. Failed runs hold NaN."""
+    ``outcomes`` has shape (n, E) and holds :class:`Outcome` codes. Failed runs hold NaN.
+    ``steps`` (n, E) are those that the solver took, where the engine counts them."""
 
     outputs: tuple[FloatArray, ...]
     sensitivities: tuple[FloatArray, ...] | None
     outcomes: NDArray[np.uint8]
+    steps: NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True)

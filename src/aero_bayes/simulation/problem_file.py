@@ -25,7 +25,7 @@ from aero_bayes.simulation.interface import (
 from aero_bayes.simulation.model_description import ModelDescription
 from aero_bayes.simulation.problem_checks import signal_index, target_scale
 
-_MAGIC = 0x4142535045430005
+_MAGIC = 0x4142535045430006
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
 
 
@@ -109,6 +109,7 @@ def _write_experiment(
     w.reals(list(experiment.start.values()))
     w.reals(experiment.measured.T if experiment.measured is not None else [])
     w.reals(experiment.spread.T if experiment.spread is not None else [])
+    w.integer(experiment.most_steps)
     for target in row:
         kind, a, b, scale = _target(model, experiment, target)
         w.integer(kind, a, b)

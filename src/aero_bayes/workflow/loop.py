@@ -87,7 +87,6 @@ def loop_settings(job: Job) -> LoopSettings:
     settings = LoopSettings(
         fit=replace(fitting, method=method, staged=staged, fixed=fixed),
         parameters=searched.extended(later),
-        structures=filled(defaults.structures, section),
         solver=solver,
         cache=job.options.cache,
     )

@@ -14,6 +14,7 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.config import load_config
 from aero_bayes.data.noise import output_noise_floor
+from aero_bayes.display import with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
@@ -31,6 +32,7 @@ from aero_bayes.laws.law import SIGNAL_DEFAULTS
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.modelica_family import ModelicaFamily
 from aero_bayes.laws.placed_law import describe_law, identifier
+from aero_bayes.loop.limits import limits_of_fit
 from aero_bayes.ports.nominal_values import port_nominals
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_expression
 from aero_bayes.ports.signal_statistics import NOMINAL_QUANTILE
@@ -53,7 +55,9 @@ MIN_BARELY_VISIBLE_RESPONSE, MIN_VISIBLE_RESPONSE = 3.0, 30.0
 RESPONSE_NOTE = (
     "response: change of the outputs, in standard deviations of their noise, by a term as large as all else at "
     "the port, less what the free parameters imitate.\n"
-    f"visible in these data: yes from {MIN_VISIBLE_RESPONSE:g}, barely from {MIN_BARELY_VISIBLE_RESPONSE:g}."
+    f"visible in these data: yes from {MIN_VISIBLE_RESPONSE:g}, barely from {MIN_BARELY_VISIBLE_RESPONSE:g}.\n"
+    "limits: the smallest size of each law, a value of its first parameter, that would be named beside what the model "
+    "leaves now."
 )
 #: Share of a signal's size over which what changes with its direction changes.
 TRANSITION_SHARE = 0.1
@@ -95,10 +99,13 @@ def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -
         job = open_job(data, options)
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, again=True)
-        responses = _port_responses(ModelicaFamily(places, options.out), found)
+        family = ModelicaFamily(places, options.out)
+        responses = _port_responses(family, found)
+        limits = limits_of_fit(found, family)
         for row in rows:
             row["response"] = responses.get(row["id"])
             row["visible"] = visibility(row["response"])
+            row["limits"] = [vars(one) for one in limits if one.port == row["id"]]
     return rows
 
 
@@ -259,6 +266,8 @@ def _cells(row: PortRow) -> dict[str, str]:
         if key == "line":
             continue
         text = f"{path_in_library(value)}:{row['line']}" if key == "file" and value else value
+        if key == "limits":
+            text = ", ".join(f"{one['law']} {with_unit(format(one['smallest'], '.2g'), one['unit'])}" for one in value)
         if key == "response":
             text = "" if value is None else f"{value:.3g}"
         cells[key] = " ".join(text) if isinstance(text, list) else str(text) or "-"

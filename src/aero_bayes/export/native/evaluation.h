@@ -17,7 +17,6 @@ static inline void invalidate(Model *m, int flags) { m->fresh &= ~flags; }
 static inline void need_constants(Model *m) {
     if (m->fresh & FRESH_K) return;
     INFO.k(m);
-    memset(group(m, WANTED), 0, sizeof(double) * INFO.np);
     m->fresh |= FRESH_K;
 }
 /* A loop without a solution says so to the importer, and the next attempt starts from the start values. */

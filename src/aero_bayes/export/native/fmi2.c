@@ -205,13 +205,14 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
         const double *column;
         if (k < AT_DX) { need_jacobian(m); column = group(m, JX) + (size_t)k * NROW; }
         else if (k >= AT_U && k < AT_P) { need_jacobian(m); column = group(m, JX) + (size_t)(k - NX) * NROW; }
-        else if (k >= AT_P && k < AT_Q) { need_parameter_jacobian(m, (int)(k - AT_P)); column = group(m, JP) + (size_t)(k - AT_P) * NROW; }
+        else if (k >= AT_P && k < AT_Q) { need_parameter_jacobian(m); column = group(m, JP) + (size_t)(k - AT_P) * NROW; }
         else return fail(s, fmi2Error, "fmi2GetDirectionalDerivative: no derivative by value reference %u", k);
         if (seed[j] == 0) continue;
         for (size_t i = 0; i < n_unknown; i++) {
             unsigned v = unknown[i];
             if (v >= AT_DX && v < AT_U) result[i] += seed[j] * column[v - AT_DX];
-            else if (v >= AT_Q && v < NREAL) result[i] += seed[j] * column[v - AT_Q + NX];
+            else if (v >= AT_Y && v < NREAL) result[i] += seed[j] * column[v - AT_Y + NX];
+            else if (v >= AT_Q && v < AT_Y) result[i] += seed[j] * column[v - AT_Q + NX + INFO.ny];
             else if (v < AT_DX) result[i] += v == k ? seed[j] : 0;
             else return fail(s, fmi2Error, "fmi2GetDirectionalDerivative: no derivative of value reference %u", v);
         }

@@ -2,14 +2,13 @@
  *
  * Value references index the group R: states, derivatives, inputs, free parameters, dependent parameters, outputs.
  * The Jacobian is dense, by columns: inputs and states in JX, free parameters in JP; what is structurally zero is
- * never written. WANTED is 1 for parameters by which a derivative was asked for since one of them changed. W are the
- * unknowns of algebraic loops, D the discrete values (conditions of when clauses last).
+ * never written. W are the unknowns of algebraic loops, D the discrete values (conditions of when clauses last).
  */
 #ifndef AERO_BAYES_MODEL_H
 #define AERO_BAYES_MODEL_H
 #include <math.h>
 
-enum Group { R, K, W, D, PRE, REL, ROUND, SAMPLE, LAST, INITIAL, STARTED, JX, JP, WANTED, JW, FW, FX, FP, DIFF, TICK, DUE, SLOPE, START,
+enum Group { R, K, W, D, PRE, REL, ROUND, SAMPLE, LAST, INITIAL, STARTED, JX, JP, JW, FW, FX, FP, DIFF, TICK, DUE, SLOPE, START,
              RISE, RISE_RATE, RISE_X, RISE_P, SIDES, ACROSS, SHARE, CONTACT, NEAR, GROUPS };
 
 typedef struct Model {

@@ -216,10 +216,9 @@ static void need_jacobian(Model *m) {
     else plain_jacobian(m);
     m->fresh |= FRESH_JX;
 }
-static void need_parameter_jacobian(Model *m, int column) {
+static void need_parameter_jacobian(Model *m) {
     need_constants(m);
-    if (m->fresh & FRESH_JP && group(m, WANTED)[column] != 0) return;
-    group(m, WANTED)[column] = 1;
+    if (m->fresh & FRESH_JP) return;
     if (slides(m)) slide_jacobian(m, JP, INFO.np, plain_parameter_jacobian, RISE_P);
     else plain_parameter_jacobian(m);
     m->fresh |= FRESH_JP;

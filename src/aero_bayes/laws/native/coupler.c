@@ -17,28 +17,41 @@ static char *path_of_uri(const char *uri)
     return path;
 }
 
-/* Passes values along a transfer, from one part to the other. */
-static int transfer_values(CoupledFmu *s, int k, int from, int to)
+static int pass_on(CoupledFmu *s, int k)
 {
-    Transfer *transfer = &s->transfer[k];
-    if (!transfer->n) return FMI_OK;
-    Part *a = &s->part[from], *b = &s->part[to];
-    TRY(a->fmu->get_real(a->c, transfer->from, transfer->n, transfer->value));
-    return b->fmu->set_real(b->c, transfer->to, transfer->n, transfer->value);
+    const Transfer *o = &s->transfer[k];
+    const Part *p = &s->part[o->part];
+    if (!o->sets) {
+        /* some FMUs solve their algebraic loops only when derivatives are asked for */
+        if (!o->part && p->nx && s->phase != INITIALIZING && k >= p->ready)
+            TRY(p->fmu->get_derivatives(p->c, s->rates, (size_t)p->nx));
+        return p->fmu->get_real(p->c, o->reference, o->n, s->slot + o->slot);
+    }
+    for (size_t i = 0; i < o->n; i++) {
+        o->value[i] = 0.0;
+        for (int j = o->first[i]; j < o->first[i + 1]; j++) o->value[i] += o->gain[j] * s->slot[o->source[j]];
+    }
+    return p->fmu->set_real(p->c, o->reference, o->n, o->value);
 }
 
-int propagate(CoupledFmu *s)
+int propagate(CoupledFmu *s, int transfers)
 {
-    if (s->propagated) return FMI_OK;
-    const Part *p = &s->part[INNER];
-    TRY(transfer_values(s, STATES_TO_LAWS, INNER, LAWS));
-    TRY(transfer_values(s, LAWS_TO_INPUTS, LAWS, INNER));
-    /* some FMUs solve their algebraic loops only when derivatives are asked for */
-    if (s->phase != INITIALIZING && p->nx) TRY(p->fmu->get_derivatives(p->c, s->rates, (size_t)p->nx));
-    TRY(transfer_values(s, OUTPUTS_TO_LAWS, INNER, LAWS));
-    s->propagated = s->phase == RUNNING;
+    const Part *p = &s->part[0];
+    if (!s->knows_states && p->nx) {
+        double *x = s->slot + s->n_inputs;
+        if (s->phase >= FIRST_EVENTS)
+            TRY(p->fmu->get_states(p->c, x, (size_t)p->nx));
+        else
+            TRY(p->fmu->get_real(p->c, p->state, (size_t)p->nx, x));
+    }
+    s->knows_states = s->phase == RUNNING;
+    if (s->phase != RUNNING) s->done = 0;
+    for (; s->done < transfers; s->done++) TRY(pass_on(s, s->done));
     return FMI_OK;
 }
+
+/* What holds at this instant is not known any more. */
+static void forget(CoupledFmu *s) { s->done = s->knows_states = 0; }
 
 /* ---- instances and modes ---- */
 
@@ -50,21 +63,34 @@ FMI int fmi2SetDebugLogging(fmi_component c, fmi_boolean on, size_t n, const cha
     return FMI_OK;
 }
 
+/* Parameters that the coupled model does not show, and the inputs' start values. */
+static int give_values(CoupledFmu *s)
+{
+    memcpy(s->slot, s->start, sizeof *s->slot * (size_t)s->n_inputs);
+    for (int k = 0; k < s->n_parts; k++) {
+        const Part *p = &s->part[k];
+        if (p->n_given) TRY(p->fmu->set_real(p->c, p->given, p->n_given, p->given_value));
+    }
+    return FMI_OK;
+}
+
 FMI void fmi2FreeInstance(fmi_component c)
 {
     CoupledFmu *s = c;
     if (!s) return;
-    for (int k = 0; k < PARTS; k++) {
+    for (int k = 0; s->part && k < s->n_parts; k++) {
         Part *p = &s->part[k];
         if (p->c) p->fmu->free_instance(p->c);
         if (p->fmu) fmu_shut(p->fmu);
-        free(p->guid);
-        free(p->resources);
-        free(p->state);
+        free(p->guid), free(p->resources), free(p->state), free(p->given), free(p->given_value), free(p->nominal),
+            free(p->known), free(p->seed);
     }
-    for (int k = 0; k < TRANSFERS; k++) free(s->transfer[k].from), free(s->transfer[k].to), free(s->transfer[k].value);
-    free(s->owner);
-    free(s->reference);
+    for (int k = 0; k < s->n_transfers; k++) {
+        Transfer *o = &s->transfer[k];
+        free(o->reference), free(o->first), free(o->source), free(o->gain), free(o->value);
+    }
+    for (int k = 0; k < s->n_variables; k++) free(s->variable[k].part), free(s->variable[k].reference);
+    free(s->part), free(s->transfer), free(s->variable), free(s->start), free(s->slot), free(s->tangent);
     free(s->late_start);
     free(s->has_late_start);
     free(s->late_start_value);
@@ -80,17 +106,14 @@ FMI fmi_component fmi2Instantiate(const char *name, int type, const char *guid, 
     CoupledFmu *s = calloc(1, sizeof *s);
     char *folder = path_of_uri(resources);
     int bad = read_coupling(s, folder);
-    for (int k = 0; k < PARTS && !bad; k++) {
+    for (int k = 0; k < s->n_parts && !bad; k++) {
         Part *p = &s->part[k];
         p->fmu->callbacks = (fmi_callbacks){fmu_quiet, calloc, free, NULL, p->fmu->environment};
         p->c = p->fmu->instantiate(name, type, p->guid, p->resources, &p->fmu->callbacks, 0, 0);
         bad = !p->c;
     }
     free(folder);
-    const size_t n = (size_t)s->part[INNER].nx + 1;
-    s->has_late_start = calloc(n, sizeof *s->has_late_start);
-    s->late_start_value = calloc(n, sizeof *s->late_start_value);
-    s->rates = calloc(n, sizeof *s->rates);
+    bad = bad || is_error(give_values(s));
     if (!bad) return s;
     fmi2FreeInstance(s);
     return NULL;
@@ -100,25 +123,24 @@ FMI int fmi2SetupExperiment(fmi_component c, fmi_boolean defined, double toleran
                             double end)
 {
     CoupledFmu *s = c;
-    IN_BOTH_PARTS(setup(p->c, defined, tolerance, start, ends, end));
+    IN_ALL_PARTS(setup(p->c, defined, tolerance, start, ends, end));
     return FMI_OK;
 }
 
 FMI int fmi2EnterInitializationMode(fmi_component c)
 {
     CoupledFmu *s = c;
-    IN_BOTH_PARTS(enter_initialization(p->c));
+    IN_ALL_PARTS(enter_initialization(p->c));
     s->phase = INITIALIZING;
     return FMI_OK;
 }
 
-/* The laws stay in initialization mode until the inner FMU has its start values: those of the laws may depend on them. */
+/* The laws stay in initialization mode until the base has its start values: those of the laws may depend on them. */
 FMI int fmi2ExitInitializationMode(fmi_component c)
 {
     CoupledFmu *s = c;
-    const Part *p = &s->part[INNER];
-    TRY(transfer_values(s, STATES_TO_LAWS, INNER, LAWS));
-    TRY(transfer_values(s, LAWS_TO_INPUTS, LAWS, INNER));
+    const Part *p = &s->part[0];
+    TRY(propagate(s, p->ready));
     TRY(p->fmu->exit_initialization(p->c));
     s->phase = FIRST_EVENTS;
     return FMI_OK;
@@ -126,66 +148,75 @@ FMI int fmi2ExitInitializationMode(fmi_component c)
 
 static int finish_initialization(CoupledFmu *s)
 {
-    Part *p = &s->part[INNER], *laws = &s->part[LAWS];
+    Part *base = &s->part[0];
     int any = 0;
-    for (int i = 0; i < p->nx; i++) any |= s->has_late_start[i];
+    for (int i = 0; i < base->nx; i++) any |= s->has_late_start[i];
     if (any) {
-        double x[p->nx];
-        TRY(p->fmu->get_states(p->c, x, (size_t)p->nx));
-        for (int i = 0; i < p->nx; i++)
+        double x[base->nx];
+        TRY(base->fmu->get_states(base->c, x, (size_t)base->nx));
+        for (int i = 0; i < base->nx; i++)
             if (s->has_late_start[i]) x[i] = s->late_start_value[i];
-        TRY(p->fmu->set_states(p->c, x, (size_t)p->nx));
+        TRY(base->fmu->set_states(base->c, x, (size_t)base->nx));
     }
-    TRY(propagate(s));
-    TRY(laws->fmu->exit_initialization(laws->c));
-    fmi_event_info info;
-    do {
-        memset(&info, 0, sizeof info);
-        TRY(laws->fmu->new_discrete(laws->c, &info));
-    } while (info.new_discrete_states_needed);
+    TRY(propagate(s, s->n_transfers));
+    for (int k = 1; k < s->n_parts; k++) {
+        const Part *p = &s->part[k];
+        TRY(p->fmu->exit_initialization(p->c));
+        fmi_event_info info;
+        do {
+            memset(&info, 0, sizeof info);
+            TRY(p->fmu->new_discrete(p->c, &info));
+        } while (info.new_discrete_states_needed);
+        TRY(p->fmu->enter_continuous(p->c));
+    }
     return FMI_OK;
 }
 
 FMI int fmi2EnterContinuousTimeMode(fmi_component c)
 {
     CoupledFmu *s = c;
-    const Part *p = &s->part[INNER], *laws = &s->part[LAWS];
-    TRY(p->fmu->enter_continuous(p->c));
-    if (s->phase == FIRST_EVENTS) TRY(finish_initialization(s));
+    const Part *base = &s->part[0];
+    TRY(base->fmu->enter_continuous(base->c));
+    if (s->phase == FIRST_EVENTS)
+        TRY(finish_initialization(s));
+    else
+        for (int k = 1; k < s->n_parts; k++) TRY(s->part[k].fmu->enter_continuous(s->part[k].c));
     s->phase = RUNNING;
-    s->propagated = 0;
-    return laws->fmu->enter_continuous(laws->c);
+    forget(s);
+    return FMI_OK;
 }
 
 FMI int fmi2EnterEventMode(fmi_component c)
 {
     CoupledFmu *s = c;
-    TRY(propagate(s));
-    IN_BOTH_PARTS(enter_event(p->c));
-    s->propagated = 0;
+    TRY(propagate(s, s->n_transfers));
+    IN_ALL_PARTS(enter_event(p->c));
+    forget(s);
     return FMI_OK;
 }
 
 FMI int fmi2NewDiscreteStates(fmi_component c, fmi_event_info *info)
 {
     CoupledFmu *s = c;
-    const Part *p = &s->part[INNER], *laws = &s->part[LAWS];
-    TRY(propagate(s));
-    TRY(p->fmu->new_discrete(p->c, info));
-    s->propagated = 0;
+    const Part *base = &s->part[0];
+    TRY(propagate(s, s->n_transfers));
+    TRY(base->fmu->new_discrete(base->c, info));
+    forget(s);
     if (s->phase != RUNNING) return FMI_OK;
-    fmi_event_info more;
-    memset(&more, 0, sizeof more);
-    TRY(propagate(s));
-    TRY(laws->fmu->new_discrete(laws->c, &more));
-    info->new_discrete_states_needed |= more.new_discrete_states_needed;
-    info->states_changed |= more.states_changed;
-    if (more.next_event_time_defined &&
-        (!info->next_event_time_defined || more.next_event_time < info->next_event_time)) {
-        info->next_event_time_defined = 1;
-        info->next_event_time = more.next_event_time;
+    TRY(propagate(s, s->n_transfers));
+    for (int k = 1; k < s->n_parts; k++) {
+        fmi_event_info more;
+        memset(&more, 0, sizeof more);
+        TRY(s->part[k].fmu->new_discrete(s->part[k].c, &more));
+        info->new_discrete_states_needed |= more.new_discrete_states_needed;
+        info->states_changed |= more.states_changed;
+        if (more.next_event_time_defined &&
+            (!info->next_event_time_defined || more.next_event_time < info->next_event_time)) {
+            info->next_event_time_defined = 1;
+            info->next_event_time = more.next_event_time;
+        }
     }
-    s->propagated = 0;
+    forget(s);
     return FMI_OK;
 }
 
@@ -193,8 +224,8 @@ FMI int fmi2CompletedIntegratorStep(fmi_component c, fmi_boolean keep, fmi_boole
 {
     CoupledFmu *s = c;
     fmi_boolean events = 0, stops = 0;
-    TRY(propagate(s));
-    for (int k = 0; k < PARTS; k++) {
+    TRY(propagate(s, s->n_transfers));
+    for (int k = 0; k < s->n_parts; k++) {
         const Part *p = &s->part[k];
         TRY(p->fmu->completed(p->c, keep, event, stop));
         events |= *event;
@@ -208,7 +239,7 @@ FMI int fmi2CompletedIntegratorStep(fmi_component c, fmi_boolean keep, fmi_boole
 FMI int fmi2Terminate(fmi_component c)
 {
     CoupledFmu *s = c;
-    IN_BOTH_PARTS(terminate(p->c));
+    IN_ALL_PARTS(terminate(p->c));
     return FMI_OK;
 }
 
@@ -216,10 +247,10 @@ FMI int fmi2Reset(fmi_component c)
 {
     CoupledFmu *s = c;
     s->phase = STARTING;
-    s->propagated = 0;
-    memset(s->has_late_start, 0, sizeof *s->has_late_start * (size_t)s->part[INNER].nx);
-    IN_BOTH_PARTS(reset(p->c));
-    return FMI_OK;
+    forget(s);
+    memset(s->has_late_start, 0, sizeof *s->has_late_start * (size_t)s->part[0].nx);
+    IN_ALL_PARTS(reset(p->c));
+    return give_values(s);
 }
 
 /* ---- values ---- */
@@ -227,52 +258,62 @@ FMI int fmi2Reset(fmi_component c)
 FMI int fmi2GetReal(fmi_component c, const fmi_reference vr[], size_t n, double value[])
 {
     CoupledFmu *s = c;
-    if (s->phase != STARTING) TRY(propagate(s));
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= s->n_variables) return FMI_ERROR;
-        const Part *p = &s->part[s->owner[vr[i]]];
-        TRY(p->fmu->get_real(p->c, &s->reference[vr[i]], 1, &value[i]));
+        if (vr[i] >= (fmi_reference)s->n_variables) return FMI_ERROR;
+        const Variable *v = &s->variable[vr[i]];
+        if (!v->n) {
+            value[i] = s->slot[v->slot];
+            continue;
+        }
+        const Part *p = &s->part[v->part[0]];
+        if (s->phase != STARTING) TRY(propagate(s, p->ready));
+        TRY(p->fmu->get_real(p->c, &v->reference[0], 1, &value[i]));
     }
     return FMI_OK;
 }
 
-/* Keeps the start value of a state that the inner FMU does not accept before it runs. Returns whether it did. */
-static int defer_start(CoupledFmu *s, fmi_reference vr, double value)
+/* Keeps the start value of a state that the base does not accept before it runs. Returns whether it did. */
+static int defer_start(CoupledFmu *s, const Variable *v, double value)
 {
-    const Part *p = &s->part[INNER];
-    for (int i = 0; i < p->nx; i++)
-        if (s->owner[vr] == INNER && s->late_start[i] && p->state[i] == s->reference[vr]) {
-            s->has_late_start[i] = 1;
-            s->late_start_value[i] = value;
-            return 1;
-        }
-    return 0;
+    const int i = v->slot - s->n_inputs;
+    if (i < 0 || i >= s->part[0].nx || !s->late_start[i]) return 0;
+    s->has_late_start[i] = 1;
+    s->late_start_value[i] = value;
+    return 1;
 }
 
 FMI int fmi2SetReal(fmi_component c, const fmi_reference vr[], size_t n, const double value[])
 {
     CoupledFmu *s = c;
-    s->propagated = 0;
+    int states = 0;
     for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= s->n_variables) return FMI_ERROR;
-        if (s->phase < FIRST_EVENTS && defer_start(s, vr[i], value[i])) continue;
-        const Part *p = &s->part[s->owner[vr[i]]];
-        TRY(p->fmu->set_real(p->c, &s->reference[vr[i]], 1, &value[i]));
+        if (vr[i] >= (fmi_reference)s->n_variables) return FMI_ERROR;
+        const Variable *v = &s->variable[vr[i]];
+        if (s->phase < FIRST_EVENTS && defer_start(s, v, value[i])) continue;
+        if (!v->n) s->slot[v->slot] = value[i];
+        states |= v->n > 0;
+        for (int k = 0; k < v->n; k++) {
+            const Part *p = &s->part[v->part[k]];
+            TRY(p->fmu->set_real(p->c, &v->reference[k], 1, &value[i]));
+        }
     }
+    s->done = 0;
+    if (states) s->knows_states = 0;
     return FMI_OK;
 }
 
-#define GET_DISCRETE(name, function)                                                             \
-    FMI int name(fmi_component c, const fmi_reference vr[], size_t n, int value[])              \
-    {                                                                                           \
-        CoupledFmu *s = c;                                                                        \
-        const Part *p = &s->part[INNER];                                                        \
-        if (s->phase != STARTING) TRY(propagate(s));                                               \
-        for (size_t i = 0; i < n; i++) {                                                        \
-            if (vr[i] >= s->n_variables || s->owner[vr[i]] != INNER || !p->fmu->function) return FMI_ERROR; \
-            TRY(p->fmu->function(p->c, &s->reference[vr[i]], 1, &value[i]));                    \
-        }                                                                                       \
-        return FMI_OK;                                                                          \
+#define GET_DISCRETE(name, function)                                                                                  \
+    FMI int name(fmi_component c, const fmi_reference vr[], size_t n, int value[])                                    \
+    {                                                                                                                 \
+        CoupledFmu *s = c;                                                                                            \
+        const Part *p = &s->part[0];                                                                                  \
+        if (s->phase != STARTING) TRY(propagate(s, p->ready));                                                        \
+        for (size_t i = 0; i < n; i++) {                                                                              \
+            const Variable *v = vr[i] < (fmi_reference)s->n_variables ? &s->variable[vr[i]] : NULL;                   \
+            if (!v || !v->n || v->part[0] || !p->fmu->function) return FMI_ERROR;                                     \
+            TRY(p->fmu->function(p->c, &v->reference[0], 1, &value[i]));                                              \
+        }                                                                                                             \
+        return FMI_OK;                                                                                                \
     }
 GET_DISCRETE(fmi2GetInteger, get_integer)
 GET_DISCRETE(fmi2GetBoolean, get_boolean)
@@ -291,3 +332,8 @@ UNSUPPORTED(fmi2SerializedFMUstateSize, void *state, size_t *size)
 UNSUPPORTED(fmi2SerializeFMUstate, void *state, char bytes[], size_t size)
 UNSUPPORTED(fmi2DeSerializeFMUstate, const char bytes[], size_t size, void **state)
 _Pragma("GCC diagnostic pop")
+
+#ifdef EVENTLESS
+/* Not of FMI: tells the engine that the equations hold without events. */
+FMI int ab_eventless(void) { return 1; }
+#endif

@@ -1,15 +1,17 @@
-/* Two FMUs coupled into one FMI 2.0 model: the inner FMU, of which only the binary is known, and the laws around it,
- * compiled from Modelica. Both lie in the resources of the coupled FMU, with coupling.txt, which says which value goes
- * where. The states of the coupled model are those of the inner FMU, then those of the laws.
+/* Several FMUs coupled into one FMI 2.0 model: a base, and the laws that are attached to it, each an FMU of its own. All
+ * lie in the resources of the coupled FMU, with coupling.txt, which says which value goes where (laws/coupled_fmu.py
+ * writes it). The states of the coupled model are those of the base, then those of the laws.
  *
- * A value reference of the coupled model counts the variables of its description.
+ * Values pass through slots: first the inputs of the coupled model, then the base's states, then what transfers get. A
+ * transfer gets variables of a part into slots, or sets inputs of a part to sums of slots. They stand in an order in which each finds
+ * what it needs; derivatives take the same way by the chain rule. A value reference of the coupled model counts the
+ * variables of its description.
  *
  * coupling_file.c reads coupling.txt. coupler.c has instances, modes and values, coupled_equations.c the states, the
  * derivatives and the directional derivatives. */
 #ifndef COUPLER_H
 #define COUPLER_H
 
-#include <stdarg.h>
 #include <stdio.h>
 
 #include "fmu_library.h"
@@ -18,11 +20,9 @@
 #define TRY(call)                              \
     do {                                       \
         const int status_ = (call);            \
-        if (is_error(status_)) return status_;    \
+        if (is_error(status_)) return status_; \
     } while (0)
 
-enum { INNER, LAWS, PARTS };
-enum { STATES_TO_LAWS, LAWS_TO_INPUTS, OUTPUTS_TO_LAWS, TRANSFERS };
 enum { STARTING, INITIALIZING, FIRST_EVENTS, RUNNING };
 
 typedef struct {
@@ -30,39 +30,60 @@ typedef struct {
     fmi_component c;
     char *guid, *resources;
     int nx, nz;
+    int ready; /* transfers after which all its inputs are set */
     fmi_reference *state;
+    size_t n_given; /* parameters that it has beside those of the coupled model */
+    fmi_reference *given;
+    double *given_value;
+    int n_nominals; /* of its states, where the FMU's own do not count */
+    double *nominal;
+    size_t n_known; /* by what a directional derivative is asked for */
+    fmi_reference *known;
+    double *seed;
 } Part;
 
-/* Variables of one part whose values are set as variables of the other part. */
 typedef struct {
+    int part, sets;
     size_t n;
-    fmi_reference *from, *to;
+    fmi_reference *reference;
+    int slot;        /* of the first value that it gets */
+    int *first;      /* of each input that it sets: its terms */
+    int *source;     /* and of each term, the slot */
+    double *gain;    /* and the factor */
     double *value;
 } Transfer;
 
 typedef struct {
-    Part part[PARTS];
-    Transfer transfer[TRANSFERS];
-    size_t n_variables;
-    int *owner;               /* by value reference of the coupled model: the part that has the variable */
-    fmi_reference *reference; /* and its value reference there */
-    int *late_start, *has_late_start; /* inner states whose start value is set once the model runs; if they have one */
+    int slot; /* where its value is, or -1 */
+    int n;
+    int *part; /* whose variables it stands for */
+    fmi_reference *reference;
+} Variable;
+
+typedef struct {
+    int n_parts, n_inputs, n_slots, n_transfers, n_variables;
+    Part *part; /* the base is the first */
+    Transfer *transfer;
+    Variable *variable;
+    double *start;                    /* of the inputs */
+    double *slot, *tangent;           /* values, and their derivatives in a direction */
+    int *late_start, *has_late_start; /* states of the base whose start value is set once the model runs; if they have one */
     double *late_start_value, *rates;
-    int phase, propagated; /* propagated: whether both parts agree at this instant */
+    int phase, done, knows_states; /* done: transfers that hold at this instant */
 } CoupledFmu;
 
-#define IN_BOTH_PARTS(call)                  \
-    do {                                     \
-        for (int k_ = 0; k_ < PARTS; k_++) { \
-            const Part *p = &s->part[k_];    \
-            TRY(p->fmu->call);               \
-        }                                    \
+#define IN_ALL_PARTS(call)                           \
+    do {                                             \
+        for (int k_ = 0; k_ < s->n_parts; k_++) {    \
+            const Part *p = &s->part[k_];            \
+            TRY(p->fmu->call);                       \
+        }                                            \
     } while (0)
 
-/* Reads coupling.txt in a folder and opens both FMUs. Returns 0 if it succeeds. */
+/* Reads coupling.txt in a folder and opens all FMUs. Returns 0 if it succeeds. */
 int read_coupling(CoupledFmu *s, const char *folder);
 
-/* Evaluates the inner FMU at this instant and passes its values to the laws, unless that is done already. */
-int propagate(CoupledFmu *s);
+/* Passes values on until so many transfers hold at this instant. */
+int propagate(CoupledFmu *s, int transfers);
 
 #endif

@@ -1,4 +1,4 @@
-/* Reads coupling.txt, which laws/fmu_coupling.py writes. */
+/* Reads coupling.txt. */
 #include "coupler.h"
 
 static char *line(FILE *f)
@@ -10,26 +10,39 @@ static char *line(FILE *f)
     return n > 0 ? text : NULL;
 }
 
-static void *numbers(FILE *f, size_t *n, int columns)
+static int number(FILE *f, int *broken)
 {
-    int count = 0;
-    if (fscanf(f, "%d", &count) != 1 || count < 0) return NULL;
-    unsigned *all = calloc((size_t)(count * columns) + 1, sizeof *all);
-    for (int i = 0; all && i < count * columns; i++)
-        if (fscanf(f, "%u", &all[i]) != 1) return NULL;
-    *n = (size_t)count;
-    return all;
+    int v = 0;
+    if (fscanf(f, "%d", &v) != 1) *broken = 1;
+    return v;
 }
 
-static int read_part(FILE *f, Part *p, const char *folder)
+static double real(FILE *f, int *broken)
+{
+    double v = 0.0;
+    if (fscanf(f, "%lf", &v) != 1) *broken = 1;
+    return v;
+}
+
+static int count(FILE *f, int *broken)
+{
+    const int n = number(f, broken);
+    if (n >= 0 && n < 1 << 24) return n;
+    *broken = 1;
+    return 0;
+}
+
+static void read_part(FILE *f, Part *p, const char *folder, int *broken)
 {
     char path[4096], error[256];
-    int version;
-    if (fscanf(f, "%d %d", &version, &p->nz) != 2) return 1;
+    const int version = number(f, broken);
+    p->nz = count(f, broken);
+    p->ready = count(f, broken);
     free(line(f));
     char *library = line(f), *resources = line(f);
     p->guid = line(f);
-    if (!library || !resources || !p->guid) return 1;
+    *broken |= !library || !resources || !p->guid;
+    if (*broken) return;
     snprintf(path, sizeof path, "%s/%s", folder, library);
     p->fmu = fmu_open(path, version, error, sizeof error);
     const size_t size = strlen(folder) + strlen(resources) + 16;
@@ -38,10 +51,60 @@ static int read_part(FILE *f, Part *p, const char *folder)
     snprintf(p->resources, size, version == 3 ? "%s/%s/" : "file://%s/%s", folder, resources);
     free(library);
     free(resources);
-    size_t n;
-    p->state = numbers(f, &n, 1);
-    p->nx = p->state ? (int)n : 0;
-    return !p->fmu || !p->state;
+    *broken |= !p->fmu;
+    p->nx = count(f, broken);
+    p->state = calloc((size_t)p->nx + 1, sizeof *p->state);
+    for (int i = 0; i < p->nx; i++) p->state[i] = (fmi_reference)number(f, broken);
+    p->n_given = (size_t)count(f, broken);
+    p->given = calloc(p->n_given + 1, sizeof *p->given);
+    p->given_value = calloc(p->n_given + 1, sizeof *p->given_value);
+    for (size_t i = 0; i < p->n_given; i++) {
+        p->given[i] = (fmi_reference)number(f, broken);
+        p->given_value[i] = real(f, broken);
+    }
+    p->n_nominals = count(f, broken);
+    p->nominal = calloc((size_t)p->n_nominals + 1, sizeof *p->nominal);
+    for (int i = 0; i < p->n_nominals; i++) p->nominal[i] = real(f, broken);
+    *broken |= p->n_nominals && p->n_nominals != p->nx;
+}
+
+static void read_transfer(FILE *f, Transfer *o, const CoupledFmu *s, int *broken)
+{
+    o->part = count(f, broken);
+    o->slot = number(f, broken);
+    o->sets = o->slot < 0;
+    o->n = (size_t)count(f, broken);
+    *broken |= o->part >= s->n_parts || (!o->sets && o->slot + (int)o->n > s->n_slots);
+    if (*broken) return;
+    o->reference = calloc(o->n + 1, sizeof *o->reference);
+    o->value = calloc(o->n + 1, sizeof *o->value);
+    o->first = calloc(o->n + 1, sizeof *o->first);
+    for (size_t i = 0; i < o->n; i++) {
+        o->reference[i] = (fmi_reference)number(f, broken);
+        if (!o->sets) continue;
+        const int begin = o->first[i], end = o->first[i + 1] = begin + count(f, broken);
+        o->source = realloc(o->source, sizeof *o->source * (size_t)(end + 1));
+        o->gain = realloc(o->gain, sizeof *o->gain * (size_t)(end + 1));
+        for (int k = begin; k < end; k++) {
+            o->source[k] = count(f, broken);
+            o->gain[k] = real(f, broken);
+            *broken |= o->source[k] >= s->n_slots;
+        }
+    }
+}
+
+static void read_variable(FILE *f, Variable *v, const CoupledFmu *s, int *broken)
+{
+    v->slot = number(f, broken);
+    v->n = count(f, broken);
+    *broken |= v->slot >= s->n_slots;
+    v->part = calloc((size_t)v->n + 1, sizeof *v->part);
+    v->reference = calloc((size_t)v->n + 1, sizeof *v->reference);
+    for (int k = 0; k < v->n; k++) {
+        v->part[k] = count(f, broken);
+        v->reference[k] = (fmi_reference)number(f, broken);
+        *broken |= v->part[k] >= s->n_parts;
+    }
 }
 
 int read_coupling(CoupledFmu *s, const char *folder)
@@ -50,26 +113,39 @@ int read_coupling(CoupledFmu *s, const char *folder)
     snprintf(path, sizeof path, "%s/coupling.txt", folder);
     FILE *f = fopen(path, "r");
     if (!f) return 1;
-    int bad = read_part(f, &s->part[INNER], folder) || read_part(f, &s->part[LAWS], folder);
-    size_t n = 0;
-    bad = bad || !(s->late_start = numbers(f, &n, 1)) || n != (size_t)s->part[INNER].nx;
-    for (int k = 0; k < TRANSFERS && !bad; k++) {
-        Transfer *transfer = &s->transfer[k];
-        fmi_reference *pairs = numbers(f, &transfer->n, 2);
-        transfer->from = calloc(transfer->n + 1, sizeof *transfer->from);
-        transfer->to = calloc(transfer->n + 1, sizeof *transfer->to);
-        transfer->value = calloc(transfer->n + 1, sizeof *transfer->value);
-        bad = !pairs;
-        for (size_t i = 0; i < transfer->n && !bad; i++) transfer->from[i] = pairs[2 * i], transfer->to[i] = pairs[2 * i + 1];
-        free(pairs);
+    int broken = 0;
+    const int n_parts = count(f, &broken);
+    s->n_inputs = count(f, &broken);
+    s->n_slots = count(f, &broken);
+    const int n_transfers = count(f, &broken), n_variables = count(f, &broken);
+    s->part = calloc((size_t)n_parts + 1, sizeof *s->part);
+    s->transfer = calloc((size_t)n_transfers + 1, sizeof *s->transfer);
+    s->variable = calloc((size_t)n_variables + 1, sizeof *s->variable);
+    s->slot = calloc((size_t)s->n_slots + 1, sizeof *s->slot);
+    s->tangent = calloc((size_t)s->n_slots + 1, sizeof *s->tangent);
+    s->start = calloc((size_t)s->n_inputs + 1, sizeof *s->start);
+    for (int i = 0; i < s->n_inputs; i++) s->start[i] = real(f, &broken);
+    for (; s->n_parts < n_parts && !broken; s->n_parts++) read_part(f, &s->part[s->n_parts], folder, &broken);
+    const int n = broken || !n_parts ? 0 : s->part[0].nx;
+    broken |= !n_parts || s->n_inputs + n > s->n_slots;
+    s->late_start = calloc((size_t)n + 1, sizeof *s->late_start);
+    s->has_late_start = calloc((size_t)n + 1, sizeof *s->has_late_start);
+    s->late_start_value = calloc((size_t)n + 1, sizeof *s->late_start_value);
+    s->rates = calloc((size_t)n + 1, sizeof *s->rates);
+    for (int i = 0; i < n; i++) s->late_start[i] = number(f, &broken);
+    size_t most = 1;
+    for (; s->n_transfers < n_transfers && !broken; s->n_transfers++) {
+        read_transfer(f, &s->transfer[s->n_transfers], s, &broken);
+        most += s->transfer[s->n_transfers].n;
     }
-    unsigned *pairs = bad ? NULL : numbers(f, &s->n_variables, 2);
-    bad |= !pairs;
-    s->owner = calloc(s->n_variables + 1, sizeof *s->owner);
-    s->reference = calloc(s->n_variables + 1, sizeof *s->reference);
-    for (size_t i = 0; i < s->n_variables && !bad; i++)
-        s->owner[i] = (int)pairs[2 * i], s->reference[i] = pairs[2 * i + 1];
-    free(pairs);
+    for (; s->n_variables < n_variables && !broken; s->n_variables++) {
+        read_variable(f, &s->variable[s->n_variables], s, &broken);
+        most += (size_t)s->variable[s->n_variables].n;
+    }
+    for (int k = 0; k < s->n_parts; k++) {
+        s->part[k].known = calloc(most, sizeof *s->part[k].known);
+        s->part[k].seed = calloc(most, sizeof *s->part[k].seed);
+    }
     fclose(f);
-    return bad;
+    return broken;
 }

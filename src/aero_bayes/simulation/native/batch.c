@@ -14,7 +14,7 @@ enum { TODO = 255 };
 typedef struct {
     int64_t next, total, mode, experiments, p, q;
     int64_t noise_row, noise_experiment; /* strides in doubles, zero where broadcast */
-    int64_t values, noise, active, outcome, result, result_stride, table;
+    int64_t values, noise, active, outcome, steps, result, result_stride, table;
 } Job;
 
 static int all_finite(const double *v, int64_t count)
@@ -77,6 +77,11 @@ static int close_task(const Run *r, char *base, const Job *job, int64_t index)
     return all_finite(result, job->result_stride) ? AB_OK : AB_NOT_FINITE;
 }
 
+static void count_steps(const Run *r, char *base, const Job *job, int64_t index)
+{
+    ((int64_t *)(void *)(base + job->steps))[index] = r->taken + r->rejected;
+}
+
 static int do_task(Problem *p, char *base, const Job *job, int64_t index)
 {
     const int64_t *active = (const int64_t *)(void *)(base + job->active);
@@ -84,6 +89,7 @@ static int do_task(Problem *p, char *base, const Job *job, int64_t index)
     if (!r) return AB_SOLVER_FAILED;
     const double *noise = set_task(r, base, job, index);
     const int outcome = all_finite(r->values, job->p) ? run_repeatable(r, (int)job->mode, noise) : AB_NOT_FINITE;
+    count_steps(r, base, job, index);
     return outcome ? outcome : close_task(r, base, job, index);
 }
 
@@ -176,6 +182,7 @@ static int run_lanes(Lanes *s, char *base, Job *job, Slot *mine, int64_t first)
         for (int l = 0; l < WIDE; l++) {
             Lane *lane = &s->lane[l];
             if (lane->run && lane->ended) {
+                count_steps(lane->run, base, job, task[l]);
                 outcome[task[l]] = (unsigned char)(lane->outcome ? lane->outcome : close_task(lane->run, base, job, task[l]));
                 lane->run = NULL;
                 full |= leaks();

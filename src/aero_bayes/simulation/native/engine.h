@@ -48,7 +48,7 @@
 /* The numbers of interface.Outcome. */
 enum {
     AB_OK, AB_SOLVER_FAILED, AB_NOT_FINITE, AB_TIMED_OUT, AB_CRASHED, AB_MODEL_ERROR, AB_STATES_ANEW, AB_NOT_REPEATABLE,
-    AB_STATES_JUMP
+    AB_STATES_JUMP, AB_TOO_SLOW
 };
 
 enum {
@@ -99,7 +99,7 @@ typedef struct {
     int64_t *start_state;
     const double *start_value;
     Target *targets; /* one a column */
-    int64_t n_breaks;
+    int64_t n_breaks, most_steps; /* steps that a run may take, or 0 for as many as it needs */
     signed char *start_matters; /* per column: whether x(t0) depends on it; -1 not known yet */
 } Experiment;
 

@@ -11,8 +11,8 @@ int fmu_load(Problem *p)
         if (!strcmp(f->path, p->library)) p->fmu = f;
     if (p->fmu) return 0;
     if (!(p->fmu = fmu_open(p->library, p->version, p->load_error, sizeof p->load_error))) return 1;
-    void *lanes; /* functions that are exported for such models alone (lanes.h) */
-    p->fmu->eventless = !p->nz && !p->step_callback && !fmu_symbol(p->fmu, "ab_lanes", &lanes);
+    void *mark; /* a function that is exported for such models alone */
+    p->fmu->eventless = !p->nz && !p->step_callback && !fmu_symbol(p->fmu, "ab_eventless", &mark);
     p->fmu->next = loaded;
     loaded = p->fmu;
     return 0;

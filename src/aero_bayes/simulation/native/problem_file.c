@@ -6,7 +6,7 @@
 
 #include "lanes.h"
 
-#define SPEC_MAGIC 0x4142535045430005LL
+#define SPEC_MAGIC 0x4142535045430006LL
 
 typedef struct {
     const char *at, *end;
@@ -137,6 +137,7 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
     e->spread = array(r, &count);
     r->broken |= count != 0 && count != e->n * e->m;
     if (count == 0) e->spread = NULL;
+    e->most_steps = integer(r);
     e->targets = calloc((size_t)p + 1, sizeof *e->targets);
     for (int64_t j = 0; j < p; j++) {
         e->targets[j].kind = (int)integer(r);

@@ -75,6 +75,7 @@ int reject_step(Run *r, Segment *g, double h, double error)
 int exceeds_limits(Run *r)
 {
     if (r->taken + r->rejected > r->problem->max_steps) return AB_SOLVER_FAILED;
+    if (r->e->most_steps && r->taken + r->rejected > r->e->most_steps) return AB_TOO_SLOW;
     if ((r->taken + r->rejected) % 32) return AB_OK;
     /* The thread's own clock is a system call, as long as several steps; the other is not. */
     if (now_ns() > r->earliest && thread_ns() > r->deadline) return AB_TIMED_OUT;

@@ -1,0 +1,156 @@
+"""Laws attached to a model: against closed forms, and against the same laws in the model's own equations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_rigs import RIGS
+
+from aero_bayes.export import export_flat
+from aero_bayes.export.embedded import export_embedded
+from aero_bayes.laws import LawPlaces, ModelicaFamily, compose_laws, place_laws
+from aero_bayes.laws.redeclare import load_with_redeclarations
+from aero_bayes.simulation import (
+    Experiment,
+    InputSignal,
+    Model,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    WorkerPool,
+    open_simulator,
+)
+
+TIME = np.linspace(0.0, 4.0, 201)
+SIZES = {"u_n": 1.5, "f_n": 2.0, "v_n": 0.5, "x_n": 0.3, "x_w": 0.3, "q_n": 0.8, "h_n": 0.7, "i_n": 2.0, "t_n": 0.4}
+
+
+@pytest.fixture(scope="module")
+def here() -> Iterator[WorkerPool]:
+    with WorkerPool(0) as pool:
+        yield pool
+
+
+def family(name: str, folder: Path, *sources: Path) -> ModelicaFamily:
+    """All laws at all ports of a model, placed with the same sizes."""
+    found = ModelicaFamily(LawPlaces(name, sources), folder / "built")
+    sizes = {p.id: SIZES for p in found.places.ports}
+    for placed in place_laws(found.places.candidates, found.places.taken_names(), sizes):
+        found.terms.add(placed, ())
+    return found
+
+
+def values_of(found: ModelicaFamily, ids: Sequence[str]) -> dict[str, float]:
+    """Of the parameters of laws: the magnitudes at their nominal values, the others at their defaults."""
+    given = {}
+    for placed in (found.terms.placed[id_] for id_ in ids):
+        for k, p in enumerate(placed.parameters()):
+            given[placed.names[p.name]] = placed.limits(p)["nominal"] if k == 0 else placed.value(p)
+    return given
+
+
+def run(model: Model, given: dict[str, float], pool: WorkerPool, level: float = 1.0):
+    """Outputs, and their sensitivities to the parameters."""
+    inputs = tuple(
+        InputSignal(
+            v.name, TIME, (v.start or 0.0) + level * (np.sign(np.sin(2.0 * TIME + k)) + 0.3 * np.sin(5.0 * TIME))
+        )
+        for k, v in enumerate(model.inputs)
+    )
+    experiment = Experiment(TIME, tuple(v.name for v in model.outputs), inputs)
+    targets = tuple(map(ParameterTarget, given))
+    problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9, 100_000, 30.0))
+    with open_simulator(problem, pool=pool) as simulator:
+        found = simulator.simulate(np.array([[*given.values()]]), active=range(len(given)))
+    assert found.outcomes[0, 0] == Outcome.OK
+    return dict(zip(experiment.outputs, found.outputs[0][0].T, strict=True)), found.sensitivities[0][0]
+
+
+def assert_equal(one, other, tolerance: float = 1e-7) -> None:
+    for name, y in other[0].items():
+        np.testing.assert_allclose(one[0][name], y, atol=tolerance * np.abs(y).max())
+    size = np.abs(other[1]).max(axis=(0, 1))
+    assert np.all(np.abs(one[1] - other[1]).max(axis=(0, 1)) <= 1e3 * tolerance * size + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rig", "ids"),
+    [
+        ("Cart", ["rate_limit@F", "lag@q", "coulomb_friction@v"]),
+        ("Cart", ["dead_zone@F", "lag@F", "gain@q", "delay@q", "presliding_friction@v"]),
+        ("TankPair", ["overflow@h1", "exchange@h1", "square_loss@h2", "second_storage@h1"]),
+        ("Rlc", ["gain@u", "lag@u_C"]),
+    ],
+)
+def test_an_attached_law_is_the_law_in_the_equations(rig: str, ids: list[str], here, tmp_path: Path) -> None:
+    found = family(rig, tmp_path, RIGS / f"{rig}.mo")
+    ids = [id_ for id_ in found.terms.placed if id_ in ids]
+    offer = found.with_candidates(ids)
+    placed_laws = [found.terms.placed[id_] for id_ in ids]
+    assert len(offer.model.states) == len(found.base_model().states) + sum(
+        len(found.blocks.model(placed).states) for placed in placed_laws
+    )
+    inside = compose_laws(found.places.flat, placed_laws, found.places.law_models)
+    given = values_of(found, ids) | {v.name: v.start or 0.0 for v in found.base_model().parameters[:3]}
+    assert_equal(run(offer.model, given, here), run(Model.load(export_flat(inside, tmp_path / "in.fmu")), given, here))
+
+
+def test_laws_in_replaceable_models_are_attached_at_each_component(here, tmp_path: Path) -> None:
+    """Both motors have the law: one parameter, two copies of it."""
+    base = "Aero.Systems.OneDof"
+    found = family(base, tmp_path)
+    ids = ["amplifier_deadzone", "thrust_lag", "pitch_delay", "pivot_coulomb_friction"]
+    placed_laws = [found.terms.placed[id_] for id_ in ids]
+    given = values_of(found, ids) | {"R_a": 8.4, "k_t": 1e-7}
+    attached = found.with_candidates(ids).model
+    assert len(attached.states) == 6 + 2 + 2
+    assert attached.copied_state("omega_m") is not None
+    flat = load_with_redeclarations(base, "Redeclared", placed_laws, (), ())
+    inside = Model.load(export_flat(flat, tmp_path / "in.fmu"))
+    assert_equal(run(attached, given, here, 8.0), run(inside, given, here, 8.0))
+
+
+SLIDE = """model Slide
+  parameter Real m(unit = "kg") = 2;
+  input Real F(unit = "N");
+  output Real w(unit = "m/s") = v;
+  Real v(unit = "m/s", start = 1, fixed = true);
+equation
+  m * der(v) = F;
+end Slide;
+"""
+
+
+def test_friction_attached_to_a_mass_slows_it_as_the_closed_form_says(here, tmp_path: Path) -> None:
+    source = tmp_path / "Slide.mo"
+    source.write_text(SLIDE)
+    model = family("Slide", tmp_path, source).with_candidates(["viscous_friction@v"]).model
+    assert [v.name for v in model.parameters] == ["m", "d"]
+    outputs, slopes = run(model, {"d": 0.8}, here, level=0.0)
+    expected = np.exp(-0.4 * TIME)
+    np.testing.assert_allclose(outputs["w"], expected, rtol=1e-7)
+    np.testing.assert_allclose(slopes[:, 0, 0], -0.5 * TIME * expected, atol=1e-7)
+
+
+DEPENDENT = """model Dependent
+  parameter Real k = 3;
+  parameter Real twice = 2 * k;
+  input Real u;
+  output Real y = twice * x + u;
+  Real x(start = 1, fixed = true);
+equation
+  der(x) = -x;
+end Dependent;
+"""
+
+
+def test_the_derivative_of_an_output_is_its_own_where_a_parameter_depends_on_others(here, tmp_path: Path) -> None:
+    source = tmp_path / "Dependent.mo"
+    source.write_text(DEPENDENT)
+    model = Model.load(export_embedded("Dependent", tmp_path / "d.fmu", [source]))
+    _, slopes = run(model, {"k": 3.0}, here)
+    np.testing.assert_allclose(slopes[:, 0, 0], 2.0 * np.exp(-TIME), rtol=1e-6)
