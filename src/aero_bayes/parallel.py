@@ -9,7 +9,7 @@ import sys
 import threading
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
@@ -33,14 +33,6 @@ class Task(Generic[R]):
 
     work: Callable[[], R]
     counts: Counter[Any] = field(default_factory=Counter)
-
-
-def doubling_batches(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
-    """Yield items in batches that double in size: what one batch tells the next does not depend on the workers."""
-    begin, size = 0, max(first, 1)
-    while begin < len(items):
-        yield items[begin : begin + size]
-        begin, size = begin + size, 2 * size
 
 
 @dataclass(frozen=True, eq=False)

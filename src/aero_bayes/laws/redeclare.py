@@ -19,11 +19,6 @@ def split_by_replaceable(placed_laws: Iterable[PlacedLaw]) -> tuple[list[PlacedL
     return [u for u in every if u.port.replaceable is not None], [u for u in every if u.port.replaceable is None]
 
 
-def can_be_combined(placed: PlacedLaw) -> bool:
-    """Return whether a law is in a replaceable model that can hold several laws."""
-    return placed.port.replaceable is not None and placed.port.replaceable.combination is not None
-
-
 def load_with_redeclarations(
     base: str, name: str, placed_laws: Sequence[PlacedLaw], sources: Sequence[Path], libraries: Sequence[Path]
 ) -> FlatModel:
