@@ -54,6 +54,7 @@ KEYS: Mapping[str, str] = {
     "declares (the AERO: `hold`), else `auto`",
     "data.constants": "inputs without a column, and the value that each has throughout, in the model's unit: "
     "`{T_amb = 293.15}`",
+    "data.batch": "column of a table that says which run a row is of; each run is a recording",
     "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file; left out: NAME",
     "data.columns.NAME.unit": "unit in the file (s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, "
     "rpm, count, count/s); left out: SI",
@@ -62,7 +63,8 @@ KEYS: Mapping[str, str] = {
     "data.columns.NAME.counts_per_revolution": "of the encoder, for the units `count` and `count/s`",
     "data.columns.NAME.unwrap": "an angle that is recorded modulo one turn: its jumps of a turn are taken out",
     "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
-    "parameters.NAME.value": "start of the search; value of a parameter that is held (SI)",
+    "parameters.NAME.value": "start of the search; value of a parameter that is held (SI); "
+    "`{light = 1.0, heavy = 2.5}`: known values by recording",
     "parameters.NAME.per_recording": "fit a value of its own for each recording, which results call `NAME@recording`",
     "parameters.NAME.values": "`[1, 2, 3]`, `[true, false]` or names of enumeration literals: each is fitted, the "
     "likeliest is reported; for parameters that no search can move, and Real ones (`fit`, `posterior`)",
@@ -82,6 +84,7 @@ KEYS: Mapping[str, str] = {
     "fit.max_input_delay": "largest delay of the inputs that is searched, in s: one number for all of them together, "
     "anew in each recording, or `{heater = 1200}` for a dead time of single ones; left out: what the package declares "
     "(the AERO: 0.02), else none",
+    "priors_from": "`posterior.nc` of an earlier experiment, whose draws are the prior of this one",
     "fit.stages[].parameters": "parameters of this stage",
     "fit.stages[].outputs": "outputs of this stage",
     "fit.pso.particles": "particles of the swarm",
@@ -170,14 +173,15 @@ def _section(section: type[BaseModel], path: str) -> Iterator[str]:
         if inner is not None:
             below.append((inner, f"{path}.{name}".lstrip(".") + {"dict": ".NAME", "list": "[]", "": ""}[many]))
         else:
-            rows.append((f"`{name}`", _type(field.annotation), _default(field), _meaning(f"{path}.{name}", field)))
+            rows.append((f"`{name}`", _type(field.annotation), _default(field),
+                         _meaning(f"{path}.{name}".lstrip("."), field)))  # fmt: skip
     if "__pydantic_extra__" in section.__annotations__:  # a table of any other name
         inner, _ = _inner(typing.get_type_hints(section)["__pydantic_extra__"])
         assert inner is not None
         below.append((inner, f"{path}.NAME"))
     if rows:
-        title = f"[[{path[:-2]}]]" if path.endswith("[]") else f"[{path}]"
-        yield f"## `{title}`\n\n" + _table(("key", "value", "default", "meaning"), rows)
+        title = f"`[[{path[:-2]}]]`" if path.endswith("[]") else f"`[{path}]`" if path else "Above all tables"
+        yield f"## {title}\n\n" + _table(("key", "value", "default", "meaning"), rows)
     for inner, place in below:
         yield from _section(inner, place)
 

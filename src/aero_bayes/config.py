@@ -39,10 +39,11 @@ class PriorSection(Section):
 class ParameterSection(Section):
     """``[parameters.R_a]``: whether it is fitted, from where, and within which bounds (SI units).
 
-    ``values`` are each fitted and compared, in place of a search."""
+    ``value = {light = 1.0, heavy = 2.5}`` is known by recording. ``values`` are each fitted and compared, in place of a
+    search."""
 
     free: bool | Literal["auto", "later"] | None = None
-    value: float | None = None
+    value: float | dict[str, float] | None = None
     lower: float | None = None
     upper: float | None = None
     prior: PriorSection | None = None
@@ -75,13 +76,14 @@ class ColumnSection(Section):
 class DataSection(Section):
     """``[data]``: names of inputs and outputs (default: as declared, else the model's), and their columns.
 
-    ``constants`` are inputs without a column."""
+    ``constants`` are inputs without a column; ``batch`` names the column that says which run a row of a table is of."""
 
     inputs: tuple[str, ...] | None = None
     outputs: tuple[str, ...] | None = None
     interpolation: Literal["auto", "hold", "linear"] | dict[str, Literal["hold", "linear"]] | None = None
     constants: dict[str, float] = Field(default_factory=dict)
     columns: dict[str, ColumnSection] = Field(default_factory=dict)
+    batch: str | None = None
 
 
 class PsoSection(Section):
@@ -187,7 +189,7 @@ class SolverSection(Section):
 
 
 class Config(Section):
-    """The whole file."""
+    """The whole file; ``priors_from`` is the ``posterior.nc`` of an earlier experiment, the prior of this one."""
 
     model: ModelSection = ModelSection()
     data: DataSection = DataSection()
@@ -198,6 +200,7 @@ class Config(Section):
     prediction: PredictionSection = PredictionSection()
     loop: LoopSection = LoopSection()
     solver: SolverSection = SolverSection()
+    priors_from: Path | None = None
     _file: Path | None = PrivateAttr(None)
 
     def place(self, name: str) -> str:
@@ -247,7 +250,8 @@ def resolve_paths(config: Config, folder: Path) -> Config:
             "libraries": tuple(folder / library for library in model.libraries),
         }
     )
-    return config.model_copy(update={"model": resolved})
+    prior = folder / config.priors_from if config.priors_from is not None else None
+    return config.model_copy(update={"model": resolved, "priors_from": prior})
 
 
 def _first_problem(error: ValidationError, whole: type[BaseModel]) -> str:

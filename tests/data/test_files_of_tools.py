@@ -60,6 +60,7 @@ def excel(path: Path) -> None:
     rows = [["Test bench 3", None, None, None, None], [None] * 5, ["time", "P", "Q", "T", "T status"],
             ["s", "kW", "W", "degC", None]]  # fmt: skip
     rows += [[t, p / 1e3, q, y - 273.15, "Good"] for t, p, q, y in zip(TIME, P, Q, T, strict=True)]
+    rows += [[None] * 5, ["Mean", 1.5, -5.0, 20.0, None]]
     pandas.DataFrame(rows).to_excel(path, header=False, index=False)
 
 
@@ -210,19 +211,29 @@ def test_dates_of_historians_and_german_spreadsheets(header: str, row: str, last
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("head", "row", "names"),
     [
-        "format,ControlDesk measurement,1.0\ndescription,run 3\n\npath,,F,y\nunit,s,N,m\n,0.0,1.0,2.0\n",
-        "Record Length,60,,\nSample Interval,0.1,,\nSource,CH1,CH2,\nSecond,Volt,Volt,\n0.0,1.0,2.0,\n",
+        (
+            "format,ControlDesk measurement,1.0\ndescription,run 3\n\npath,,F,y\nunit,s,N,m\n",
+            ",{0},{1},{2}\n", ["path [unit]", "s", "F [N]", "y [m]"],
+        ),
+        (
+            "Record Length,60,,\nSample Interval,0.1,,\nSource,F,y,\nSecond,N,m,\n",
+            "{0},{1},{2},\n", ["Source [s]", "F [N]", "y [m]"],
+        ),
     ],
     ids=["dSPACE", "oscilloscope"],
-)
-def test_what_stands_above_the_names_is_refused_in_one_line(text: str, tmp_path: Path) -> None:
-    (tmp_path / "run.csv").write_text(text, encoding="utf-8")
-    for read in (column_names, lambda path: read_recording(path, layout=Layout.of(["F"], ["y"]))):
-        with pytest.raises(InputError, match=r"run\.csv, row \d") as refused:
-            read(tmp_path / "run.csv")
-        assert "\n" not in str(refused.value)
+)  # fmt: skip
+def test_what_stands_above_the_names_is_left_out(head: str, row: str, names: list[str], tmp_path: Path) -> None:
+    rows = "".join(row.format(0.1 * k, 1.5, float(k)) for k in range(6))
+    (tmp_path / "run.csv").write_text(head + rows, encoding="utf-8")
+    assert column_names(tmp_path / "run.csv") == names
+    time = next(n for n in names if n not in ("F [N]", "y [m]") and n != "path [unit]")
+    columns = {"time": ColumnMap(time, unit="s")}
+    found = read_recording(tmp_path / "run.csv", columns, layout=Layout.of(["F"], ["y"], {"F": "N", "y": "m"}))
+    assert found.time == pytest.approx(0.1 * np.arange(6))
+    assert found.outputs["y"].tolist() == list(range(6))
+    assert "row" in found.notes[0]
 
 
 @pytest.mark.long

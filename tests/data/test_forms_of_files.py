@@ -40,6 +40,11 @@ def summer_time(t: float) -> str:
     return (start + pandas.Timedelta(seconds=t)).isoformat()
 
 
+def late(t: float, form: str) -> str:
+    """A time of the night from the first to the second of March."""
+    return (pandas.Timestamp("2026-03-01T23:30") + pandas.Timedelta(seconds=t)).strftime(form)
+
+
 FORMS = {
     "sep.csv": lines("sep=;\ntime;P;Q;T", lambda *r: ";".join(f"{x:.3f}".replace(".", ",") for x in r)),
     "spaces.csv": lines("  time    P   Q     T", lambda *r: "  ".join(f"{x:12.4f}" for x in r)),
@@ -59,6 +64,11 @@ FORMS = {
         "#1\n# of CombiTimeTable\ndouble tab(40,4) # P, Q, T",
         lambda *r: " ".join(map(str, r)) + ("  # start" if r[0] == 0 else ""),
     ),
+    "day first.csv": lines("time,P,Q,T", lambda t, *r: f"{late(t, '%d/%m/%Y %H:%M:%S')},{','.join(map(str, r))}"),
+    "month first.csv": lines("time,P,Q,T", lambda t, *r: f"{late(t, '%m/%d/%Y %H:%M:%S')},{','.join(map(str, r))}"),
+    "am and pm.csv": lines("time,P,Q,T", lambda t, *r: f"{late(t, '%m/%d/%y %I:%M:%S %p')},{','.join(map(str, r))}"),
+    "rigol.csv": lines("time,P,Q,T,Increment\ns,W,W,K,1e-6", lambda *r: ",".join(map(str, r)) + ","),
+    "names of numbers.csv": lines("time,P,Q,T,1,2,3,4,5", lambda *r: ",".join(map(str, (*r, 1, 2, 3, 4, 5)))),
     "zones.csv": lines("time,P,Q,T", lambda t, *r: f"{summer_time(t)},{','.join(map(str, r))}"),
 }
 
@@ -98,6 +108,17 @@ def test_readings_that_are_marked_as_bad_are_not_fitted(column: str, tmp_path: P
     assert "rows 5, 11" in found.findings[0].where
 
 
+@pytest.mark.parametrize("first", [1, 4])
+def test_rows_that_are_marked_as_bad_may_hold_words_only(first: int, tmp_path: Path) -> None:
+    layout = Layout.of([], ["P", "T"], {"P": "W", "T": "K"})
+    rows = [f"{t},{p},{y},Good" if not first <= k < first + 3 else f"{t},Bad Input,No Data,Bad"
+            for k, (t, p, _, y) in enumerate(ROWS, 1)]  # fmt: skip
+    (tmp_path / "run.csv").write_text("\n".join(["time,P,T,Quality", *rows]))
+    found = read_recording(tmp_path / "run.csv", layout=layout)
+    assert found.rows == 40
+    assert np.flatnonzero(np.isnan(found.outputs["T"])).tolist() == [first - 1, first, first + 1]
+
+
 def test_signals_with_clocks_of_their_own_come_to_one_time(tmp_path: Path) -> None:
     """Inputs hold until their next reading, outputs are missing between theirs."""
     rows = [f"P,{t},{t}" for t in range(0, 60, 3)] + [f"Q,{t},1" for t in (1, 30)] + [f"T,{t},{t}" for t in range(50)]
@@ -125,6 +146,10 @@ def test_a_repeated_time_without_an_event_is_an_error(tmp_path: Path) -> None:
             ("one reading a row", "tag"),
         ),
         (lines("tag,time,value", lambda t, p, q, y: f"P,{t},{p}\nT,{t},{y}"), ("no reading of Q", "tag")),
+        (
+            lines("tag,time,value", lambda t, p, q, y: f"P,{t},{p}\nP,{t},{p + 1}\nQ,{t},{q}\nT,{t},{y}"),
+            ("row 3", "second reading of P", "batch"),
+        ),
         (lines("#1\ndouble tab(41,4)", lambda *r: " ".join(map(str, r))), ("row 2", "tab", "expected 164")),
         (lines("LabVIEW Measurement\nSeparator\tTab\ntime\tP", lambda *r: "1\t2"), ("End_of_Header",)),
         (lines("time_P,P,time_T,Q,T", lambda t, p, q, y: f"{t},{p},{t + 7},{q},{y}"), ("time_P", "time_T", "resample")),

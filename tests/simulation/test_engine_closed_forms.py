@@ -23,6 +23,7 @@ from aero_bayes.simulation import (
     SolverSettings,
     StartTarget,
     WorkerPool,
+    open_simulator,
 )
 
 pytestmark = pytest.mark.fast
@@ -97,6 +98,23 @@ def test_decay_with_a_driven_input(test_fmu, here, drive, variant):
     expected = np.stack([(exact(given + h) - exact(given - h)) / 2e-6 for h in step], axis=2)
     np.testing.assert_allclose(slopes[..., :5], expected, atol=4e-6)
     np.testing.assert_array_equal(slopes[..., 5], 0.0)
+
+
+@pytest.mark.parametrize("engine", ["native", "fmpy"])
+def test_values_that_are_known_in_each_run(test_fmu, here, engine):
+    """Each run has its own k and starts anew, whichever ran before; what is searched or fixed for all stays so."""
+    time = np.linspace(0.0, 4.0, 41)
+    signal = InputSignal("u", np.array([0.0, 1.0]), np.array([1.0, 3.0]))
+    rates, targets = (0.4, 1.3, 0.9), (ParameterTarget("b"), StartTarget("x"))
+    runs = tuple(Experiment(time, ("x",), (signal,), known={"k": k}) for k in rates)
+    problem = Problem(test_fmu("Dahlquist"), runs, (targets,) * 3, {"k": 7.0, "c": 0.0}, SolverSettings(1e-9, 1e-9))
+    with open_simulator(problem, engine, pool=here if engine == "native" else None) as simulator:
+        found = simulator.simulate(np.array([[0.7, 1.5], [0.2, 0.5]]), active=[0])
+    for e, k in enumerate(rates):
+        for row, (b, x) in enumerate(((0.7, 1.5), (0.2, 0.5))):
+            np.testing.assert_allclose(found.outputs[e][row, :, 0], response(time, signal, k, b, x), atol=1e-6)
+            slope = response(time, signal, k, b + 0.5, x) - response(time, signal, k, b - 0.5, x)
+            np.testing.assert_allclose(found.sensitivities[e][row, :, 0, 0], slope, atol=1e-5)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -50,7 +50,7 @@ MISTAKES: dict[str, tuple[Callable[[], str], tuple[str, ...]]] = {
     "gap in the input": (lambda: "\n".join([HEADER, *replaced(rows(), 9, 1, "")]), ("row 11", "V_m")),
     "NaN block": (
         lambda: "\n".join([HEADER, *[replaced([line], 0, 4, "nan")[0] for line in rows()]]),
-        ("row 2", "theta", "nan"),
+        ("theta", "0 readings"),
     ),
     "time in ms": (lambda: "\n".join([HEADER, *[scaled(line, 0, 1000.0) for line in rows()]]), ("time", "s")),
     "pitch in mrad": (lambda: "\n".join([HEADER, *[scaled(line, 4, 1000.0) for line in rows()]]), ("theta", "rad")),

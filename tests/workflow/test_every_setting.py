@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray
 from click.testing import CliRunner
 from pydantic import BaseModel
 
@@ -38,6 +39,7 @@ CONCERNS: Mapping[str, tuple[str, ...]] = {
     "model": ALL,
     "data": ALL,
     "parameters": ALL,
+    "priors_from": ALL,
     "fit": ALL,
     "noise": ALL,
     "solver": ALL,
@@ -61,6 +63,8 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "data.inputs": (["u"], ["u", "w"], {"data.constants": {"w": 0.5}}),
     "data.constants": ({"w": 0.5}, {"w": 1.0}, {"data": {"inputs": ["u"], "outputs": ["y", "z"]}}),
     "data.outputs": (["y"], ["y", "z"]),
+    "data.batch": ("u", "w"),
+    "priors_from": ("one.nc", "two.nc"),
     "data.interpolation": ("hold", "linear"),
     "data.columns.*.source": ("y", "z"),
     "data.columns.*.unit": ("rad", "deg", {"data.columns.y": {"source": "y"}}),
@@ -122,7 +126,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
 }  # fmt: skip
 #: Keys that a loop refuses when they have their second value.
 REFUSED = {"fit.cost", "noise.process", "noise.initial_sd", "solver.engine"}
-READ_FIRST = ("model", "data", "parameters")
+READ_FIRST = ("model", "data", "parameters", "priors_from")
 
 RIG = """model {name}
   extends Lib.Base;
@@ -200,6 +204,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, k in (("one", 0.6), ("two", 0.7)):
         (place / name).mkdir()
         (place / name / "Lib.mo").write_text(LIBRARY.format(k=k))
+        draws = {
+            n: (("chain", "draw"), k + 0.01 * np.random.default_rng(1).normal(size=(4, 50))) for n in ("k", "gain")
+        }
+        xarray.Dataset(draws).to_netcdf(str(place / f"{name}.nc"), group="posterior", engine="h5netcdf")
     for name in ("Rig", "Other"):
         export_fmu(name, place / f"{name}.fmu", sources=[place / "Rig.mo", place / "Lib.mo"])
     time = np.arange(200) * 0.1

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import isfinite
-from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,40 +14,15 @@ from aero_bayes.data.layout import Layout
 from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
 
+if TYPE_CHECKING:
+    from aero_bayes.data.recording import Recording
+
 #: Smallest number of samples of a recording.
 MIN_SAMPLES = 4
 RowName = Callable[[int], str]
 
 
-class Recorded(Protocol):
-    """What the checks read of a recording (:class:`aero_bayes.data.Recording`)."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def path(self) -> Path | None: ...
-
-    @property
-    def time(self) -> FloatArray: ...
-
-    @property
-    def inputs(self) -> Mapping[str, FloatArray]: ...
-
-    @property
-    def outputs(self) -> Mapping[str, FloatArray]: ...
-
-    @property
-    def rows(self) -> int: ...
-
-    @property
-    def interval(self) -> float: ...
-
-    @property
-    def rate_hz(self) -> float: ...
-
-
-def check_recording(recording: Recorded, layout: Layout | None = None, where: RowName | None = None) -> None:
+def check_recording(recording: Recording, layout: Layout | None = None, where: RowName | None = None) -> None:
     """Raise InputError for the first error in a recording."""
     place = where or (lambda row: f"sample {row + 1}")
     name = str(recording.path or recording.name)
@@ -75,7 +49,7 @@ def _check_time(name: str, time: FloatArray, place: RowName) -> None:
         verb = "repeats" if step[bad[0]] == 0.0 else "runs backwards"
         raise InputError(
             f"{name}, {place(row)}, column time: {verb} ({time[row]:.9g} after {time[row - 1]:.9g}), "
-            "expected strictly increasing seconds"
+            "expected strictly increasing seconds (of several runs in one table, name their column: [data] batch)"
         )
 
 
@@ -109,7 +83,7 @@ def _run(bad: NDArray[np.bool_]) -> int:
     return int(np.argmin(rest)) if not rest.all() else int(rest.size)
 
 
-def _check_rate(name: str, recording: Recorded, layout: Layout) -> None:
+def _check_rate(name: str, recording: Recording, layout: Layout) -> None:
     low, high = layout.rates
     rate = recording.rate_hz
     if rate < low:
@@ -123,7 +97,7 @@ def _check_rate(name: str, recording: Recorded, layout: Layout) -> None:
         )
 
 
-def _check_sizes(name: str, recording: Recorded, layout: Layout, place: RowName) -> None:
+def _check_sizes(name: str, recording: Recording, layout: Layout, place: RowName) -> None:
     for quantity in (*layout.inputs, *layout.outputs):
         values = {**recording.inputs, **recording.outputs}.get(quantity.name)
         if values is None or not isfinite(quantity.largest):

@@ -41,6 +41,7 @@ def to_experiment(
         inputs=signals,
         start=dict(start or {}),
         measured=recording.measured(names),
+        known=recording.known,
     )
 
 

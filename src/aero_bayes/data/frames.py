@@ -7,10 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from aero_bayes.data.cells import is_number
-from aero_bayes.data.csv_text import with_units
+from aero_bayes.data.find_table import longest_run, with_header
 from aero_bayes.data.table import FileTable
 from aero_bayes.errors import InputError
 
@@ -30,8 +27,8 @@ REFUSED = {
     ".ods": "save it as .xlsx or CSV",
     ".pkl": "write it as CSV or Parquet",
 }
-#: Rows of a sheet in which its header is looked for.
-MOST_TITLES = 60
+#: Rows of a sheet in which its table is looked for.
+MOST_ROWS = 200
 
 
 def is_table(path: Path) -> bool:
@@ -53,7 +50,7 @@ class FrameTable:
         # Without its name pandas would ask the file for its engine first.
         options = {"engine": "openpyxl", "header": None, "sheet_name": None} if extra == "excel" else {}
         frame = _read_with_extra(path, extra, name, **options)
-        self.first_row, self.where = 1, str(path)
+        self.first_row, self.where, self._note = 1, str(path), ""
         if extra == "excel":
             frame = self._sheet(frame)
         elif frame.index.name is not None and frame.index.name not in frame.columns:
@@ -71,27 +68,25 @@ class FrameTable:
         if not len(found):
             raise InputError(f"{self.path}: holds a header but no data, expected one sample a row")
         digest, first = hashlib.sha256(self.path.read_bytes()).hexdigest(), self.first_row
-        return FileTable(found, digest, lambda row: f"row {row + first}", first)
+        return FileTable(found, digest, lambda row: f"row {row + first}", first, self._note)
 
     def _sheet(self, sheets: dict[str, pandas.DataFrame]) -> pandas.DataFrame:
-        """Return the first sheet with a header: a row of names above a row with numbers, or above one of units."""
+        """Return the table of the first sheet that has one; its columns are those with a name."""
         for title, sheet in sheets.items():
-            for row in range(min(MOST_TITLES, len(sheet) - 1)):
-                below = 1 if _has_numbers(sheet.iloc[row + 1]) else 2
-                units = sheet.iloc[row + 1]
-                if not _are_names(sheet.iloc[row]) or row + below >= len(sheet):
-                    continue
-                if below == 2 and not (_are_names(units, least=1) and _has_numbers(sheet.iloc[row + 2])):
-                    continue
-                used = [k for k, cell in enumerate(sheet.iloc[row]) if isinstance(cell, str) and cell.strip()]
-                names = [str(sheet.iloc[row, k]).strip() for k in used]
-                if below == 2:
-                    names = with_units(names, ["" if _empty(units.iloc[k]) else str(units.iloc[k]) for k in used])
-                data = sheet.iloc[row + below :, used].set_axis(names, axis=1).reset_index(drop=True)
-                self.first_row, self.where = row + below + 1, f"{self.path}, sheet {title}, row {row + 1}"
-                while len(data) and all(_empty(cell) for cell in data.iloc[-1]):
-                    data = data.iloc[:-1]
-                return data.infer_objects()
+            rows = [list(map(_text, row)) for row in sheet.head(MOST_ROWS).to_numpy()]
+            run = longest_run(rows)
+            if not run.stop:
+                continue
+            found = with_header(rows, run, f"{self.path}, sheet {title}")
+            stop = len(sheet)
+            while stop > found.first and not found.goes_on(list(map(_text, sheet.iloc[stop - 1]))):
+                stop -= 1
+            below = [r for r in range(stop, len(sheet)) if sheet.iloc[r].notna().any()]
+            self._note = found.note(f"{self.path.name}, sheet {title}", below)
+            self.first_row, self.where = found.first + 1, f"{self.path}, sheet {title}, row {found.header[0] + 1}"
+            data = sheet.iloc[found.first : stop, : len(found.names)].set_axis(found.names, axis=1)
+            used = [k for k, name in enumerate(found.names) if name]
+            return data.iloc[:, used].reset_index(drop=True).infer_objects()
         raise InputError(f"{self.path}: no sheet has a row of names above rows of numbers")
 
 
@@ -116,14 +111,5 @@ def missing_extra(path: Path, extra: str) -> InputError:
     )
 
 
-def _empty(cell: Any) -> bool:
-    return cell is None or (isinstance(cell, float) and np.isnan(cell)) or (isinstance(cell, str) and not cell.strip())
-
-
-def _are_names(row: pandas.Series, least: int = 2) -> bool:
-    given = [cell for cell in row if not _empty(cell)]
-    return len(given) >= least and all(isinstance(cell, str) and not is_number(cell.strip()) for cell in given)
-
-
-def _has_numbers(row: pandas.Series) -> bool:
-    return any(not _empty(cell) and (not isinstance(cell, str) or is_number(cell.strip())) for cell in row)
+def _text(cell: Any) -> str:
+    return "" if cell is None or cell != cell else str(cell).strip()

@@ -16,7 +16,7 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import seconds
 from aero_bayes.data.frames import missing_extra
-from aero_bayes.data.signals import Columns, Request, Signals, pick_signals
+from aero_bayes.data.signals import Signals
 from aero_bayes.data.table import is_time_name
 from aero_bayes.errors import InputError
 
@@ -32,17 +32,7 @@ def is_one(path: Path) -> bool:
     return head.startswith((*MDF, TDMS, LABVIEW))
 
 
-def names_of(path: Path) -> list[str]:
-    """Return names of the signals and of their times."""
-    return _signals(path).names
-
-
-def read(path: Path, request: Request) -> Columns:
-    """Return the signals that a recording asks for."""
-    return pick_signals(path, _signals(path), request)
-
-
-def _signals(path: Path) -> Signals:
+def signals_in(path: Path, memory: int | None = None) -> Signals:
     """Return all signals with their times.
 
     InputError for a file that cannot be read, or whose reader is not installed."""

@@ -30,15 +30,16 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from aero_bayes.data import matlab_process
-from aero_bayes.data.csv_text import free_memory
 from aero_bayes.data.matlab_process import HDF5
-from aero_bayes.data.signals import Columns, Request, Signals, pick_signals
+from aero_bayes.data.signals import Signals
+from aero_bayes.data.text_table import free_memory
 from aero_bayes.errors import InputError
 
 #: Seconds that reading may take, and for each MiB of the file; the readers can be made to run for ever.
@@ -65,9 +66,9 @@ def _is_hdf5(path: Path) -> bool:
     return HDF5 in (head[:8], head[512:])
 
 
-def read(path: Path, request: Request) -> Columns:
-    """Read the vectors of the file under the recording's names."""
-    size, free = path.stat().st_size, request.memory if request.memory is not None else free_memory()
+def signals_in(path: Path, memory: int | None = None) -> Signals:
+    """Return the vectors of the file, and in the hint what of it cannot be read."""
+    size, free = path.stat().st_size, memory if memory is not None else free_memory()
     # Read, flattened and converted: three copies; compressed files are seldom more than twice their size.
     if 6 * size > free:
         raise InputError(
@@ -75,17 +76,7 @@ def read(path: Path, request: Request) -> Columns:
             f"{free / 2**20:,.0f} MiB are free: write it as CSV, thin it, or run on a larger machine"
         )
     signals, opaque = _read(path, free)
-    if not opaque:
-        return pick_signals(path, signals, request)
-    return pick_signals(path, signals, request, f"; {_not_read(opaque)}")
-
-
-def names_of(path: Path) -> list[str]:
-    """Return names of the vectors in the file."""
-    signals, opaque = _read(path, free_memory())
-    if opaque and not signals.vectors:
-        raise InputError(f"{path}: holds only objects of MATLAB; {_not_read(opaque)}")
-    return signals.names
+    return replace(signals, hint=f"; {_not_read(opaque)}") if opaque else signals
 
 
 def _not_read(opaque: Sequence[str]) -> str:

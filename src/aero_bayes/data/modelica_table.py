@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.data.signals import Columns, Request, Signals, pick_signals
+from aero_bayes.data.signals import Signals
 from aero_bayes.errors import InputError
 
 MATRIX = re.compile(r"\s*(?:double|float)\s+(\w+)\s*\(\s*(\d+)\s*,\s*(\d+)\s*\)\s*(?:#.*)?")
@@ -25,17 +25,8 @@ def is_one(path: Path) -> bool:
         return bool(re.fullmatch(rb"(?:\xef\xbb\xbf)?#1\s*", file.readline(64)))
 
 
-def names_of(path: Path) -> list[str]:
-    """Return names of the columns of all matrices."""
-    return _signals(path).names
-
-
-def read(path: Path, request: Request) -> Columns:
-    """Return the columns that a recording asks for; InputError for a matrix that has not the size that it states."""
-    return pick_signals(path, _signals(path), request)
-
-
-def _signals(path: Path) -> Signals:
+def signals_in(path: Path, memory: int | None = None) -> Signals:
+    """Return all columns; InputError for a matrix that has not the size that it states."""
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     signals, row = Signals({}, {}), 1
     while row < len(lines):

@@ -2,31 +2,37 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import plain_seconds
-from aero_bayes.data.checks import check_recording
+from aero_bayes.data.checks import MIN_SAMPLES, check_recording
 from aero_bayes.data.clock import with_steady_clock
-from aero_bayes.data.file_forms import column_names, read_columns
+from aero_bayes.data.file_forms import column_names, data_files, read_columns
 from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import hide
-from aero_bayes.data.signals import Columns, Request, without_repeats
+from aero_bayes.data.signals import Columns, Request, column_called, joined, without_repeats
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.export.library import declaration_of
 from aero_bayes.files import whole_file
 from aero_bayes.unknown_names import known_names_hint
 
+#: How late after the first one's start a run in a table may start, as a share of the length of the one above it.
+MAX_LATE_START = 0.1
+
 
 def read_recording(
-    path: Path | str,
+    path: Path | str | Sequence[Path | str],
     columns: Mapping[str, ColumnMap] | None = None,
     *,
     layout: Layout | None = None,
@@ -36,10 +42,11 @@ def read_recording(
 
     Parameters
     ----------
-    path : path
+    path : path, or sequence of path
         A table of text with a header, a ``.mat`` file of MATLAB, Simulink, Dymola or OpenModelica, a table in Excel or
         Parquet, a log in MDF 4, TDMS or ``.lvm``, or a table of Modelica, told apart by content. An empty cell (NaN in
-        MATLAB) of an output is a gap; the text ``nan`` is an error.
+        MATLAB) of an output is a gap. Several files of one run, or the folder that they are in, are joined on time:
+        each signal is in one of them, and each file has times of its own.
     columns : mapping of str to ColumnMap, optional
         Where a column of the layout is found if not under its own name and in SI.
     layout : Layout, optional
@@ -55,7 +62,7 @@ def read_recording(
     Raises
     ------
     InputError
-        One line that names file, row (the line of a CSV file, the header being 1; the sample of a MATLAB file), column
+        One line that names file, row (the line of a text file, the first being 1; the sample of a MATLAB file), column
         and what was expected.
 
     Examples
@@ -65,66 +72,255 @@ def read_recording(
     <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
     """
     layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
-    file, maps = Path(path), dict(columns or {})
-    given = _read(file, maps, layout, memory)
-    values = {name: _in_unit(column, name, maps, given.named, layout) for name, column in given.columns.items()}
-    recording = Recording(
-        name=file.stem,
-        time=values["time"],
-        inputs={name: np.full(values["time"].size, value) for name, value in layout.constants.items()}
-        | {quantity.name: values[quantity.name] for quantity in layout.inputs},
-        outputs={quantity.name: values[quantity.name] for quantity in layout.outputs if quantity.name in values},
-        units={name: unit for name, unit in layout.units.items() if name in values},
-        sha256=given.sha256,
-        path=file,
-        first_row=given.first_row,
-    )
-    recording = with_steady_clock(recording)
-    for name, rows in given.bad.items():
-        what = f"{int(rows.sum())} readings of {name} are marked as bad by the column of its quality."
-        recording = hide(recording, name, rows, "quality", what)
-    check_recording(recording, layout, given.line)
-    return recording
+    asked = _Asked(layout, dict(columns or {}), memory=memory)
+    files = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
+    name, parts = asked.run(files)
+    return asked.recording(name, parts, asked.joined(parts) if len(parts) > 1 else asked.read(parts[0]))
 
 
-def _read(file: Path, maps: Mapping[str, ColumnMap], layout: Layout, memory: int | None) -> Columns:
-    """Read the columns of a layout, in their own units; the time in seconds where no unit is given."""
-    for column in maps:
-        if column not in layout.units:
+def read_recordings(
+    paths: Sequence[Path | str],
+    columns: Mapping[str, ColumnMap] | None = None,
+    *,
+    layout: Layout | None = None,
+    batch: str | None = None,
+    memory: int | None = None,
+) -> tuple[Recording, ...]:
+    """Read several recordings, of which one may stand in several files, and several in one.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        A file or a folder for each run. Files that have all signals only together are one run.
+    columns, layout, memory
+        As for :func:`read_recording`.
+    batch : str, optional
+        The column of a table that names the run of each row. Without it a table whose time runs back to its start
+        holds several runs. They are called by the file and the batch, ``"runs 3"``.
+
+    Returns
+    -------
+    tuple of Recording
+
+    Raises
+    ------
+    InputError
+        As :func:`read_recording`; and for files that may belong together in more than one way.
+
+    Examples
+    --------
+    >>> from aero_bayes.data import read_recordings
+    >>> layout = Layout.of(["F"], ["position"])
+    >>> [recording.name for recording in read_recordings(["train.csv"], layout=layout)]
+    ['train']
+    """
+    layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
+    asked = _Asked(layout, dict(columns or {}), batch, memory)
+    found: list[Recording] = []
+    for files in asked.runs([Path(p) for p in paths]):
+        name, parts = asked.run(files)
+        given = asked.joined(parts) if len(parts) > 1 else asked.read(parts[0])
+        batches = _batches(given, batch if len(parts) == 1 else None)
+        short = [label for label, rows in batches.items() if label and rows.size < MIN_SAMPLES]
+        for label, rows in batches.items():
+            if label in short:
+                continue
+            own = _at_rows(given, rows) if label else given
+            found.append(asked.recording(f"{name} {label}" if label else name, parts, own))
+        told = [f"{name}: the time runs back to its start {len(batches) - 1} times; each part is a recording, {name} 1 "
+                "and so on"] if len(batches) > 1 and batch is None else []  # fmt: skip
+        told += [f"{name}: {', '.join(short)} with fewer than {MIN_SAMPLES} rows are left out"] if short else []
+        if told and found:
+            found[-1] = replace(found[-1], notes=(*found[-1].notes, *told))
+    return tuple(found)
+
+
+def _batches(given: Columns, batch: str | None) -> dict[str, NDArray[np.intp]]:
+    """Return the rows of each run in a table, by its label; one without a label if there are not several."""
+    if batch is not None:
+        if given.batch is None:
+            raise InputError(f"[data] batch = {batch!r} needs a table with one time for all of its signals")
+        labels = np.asarray(given.batch)
+        return {str(label): np.flatnonzero(labels == label) for label in dict.fromkeys(labels.tolist())}
+    time = given.columns["time"]
+    starts = np.flatnonzero(np.diff(time) < 0.0) + 1
+    edges = [0, *starts.tolist(), time.size]
+    usual = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    begins = all(time[b] - time[0] <= MAX_LATE_START * (time[b - 1] - time[a]) for a, b in pairwise(edges[:-1]))
+    goes_on = any(0.0 < time[r + 1] - time[r - 1] < 3.0 * usual for r in starts if r + 1 < time.size)
+    if not starts.size or not np.isfinite(time).all() or not begins or goes_on:  # it goes on after one wrong number
+        return {"": np.arange(time.size)}
+    return {str(k + 1): rows for k, rows in enumerate(np.split(np.arange(time.size), starts))}
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is asked of files: the columns of a layout, where they stand, and the column that names batches."""
+
+    layout: Layout
+    maps: dict[str, ColumnMap]
+    batch: str | None = None
+    memory: int | None = None
+
+    def __post_init__(self) -> None:
+        for column in self.maps:
+            if column not in self.layout.units:
+                known = ", ".join(self.layout.units)
+                raise InputError(f"columns: {column} is not a column of the model, expected one of {known}")
+
+    @property
+    def held(self) -> list[str]:
+        """Names of inputs."""
+        return [quantity.name for quantity in self.layout.inputs]
+
+    @property
+    def outputs(self) -> list[str]:
+        """Names of outputs."""
+        return [quantity.name for quantity in self.layout.outputs]
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """What a file calls each column."""
+        return {name: self.maps[name].source if name in self.maps else name for name in self.layout.units}
+
+    def signals_in(self, file: Path) -> list[str]:
+        """Return the signals that a file has a column of."""
+        names = column_names(file)
+        return [n for n in (*self.held, *self.outputs) if column_called(self.sources[n], names) is not None]
+
+    def runs(self, paths: Sequence[Path]) -> list[list[Path]]:
+        """Return the files of each run: one each, unless only all of them together have every signal."""
+        files = [p for p in paths if not p.is_dir()]
+        if len(files) < 2 or not all(p.is_file() for p in files):
+            return [[p] for p in paths]
+        there = {p: self.signals_in(p) for p in files}
+        partial = [p for p, own in there.items()
+                   if own and not (set(self.held) <= set(own) and set(own) & set(self.outputs))]  # fmt: skip
+        if not partial:
+            return [[p] for p in paths]
+        owners = [n for own in there.values() for n in own]
+        once = len(set(owners)) == len(owners) and set(self.held) <= set(owners)
+        if once and len(partial) == len(files) == len(paths):
+            return [files]
+        lacking = [n for n in self.held if n not in there[partial[0]]] or self.outputs
+        raise InputError(
+            f"{partial[0]}: has {', '.join(there[partial[0]])} but not {lacking[0]}; if it is a part of a run, put the "
+            "files of each run in a folder of its own and give the folder"
+        )
+
+    def run(self, files: Sequence[Path]) -> tuple[str, list[Path]]:
+        """Return the name of a run and its files that hold a signal; those of a folder for the folder."""
+        for file in files:
+            if not file.exists():
+                raise InputError(f"{file}: no such file")
+        if len(files) > 1:
+            return "+".join(file.stem for file in files), list(files)
+        if not files[0].is_dir():
+            return files[0].stem, list(files)
+        parts = [p for p in data_files(files[0]) if self.signals_in(p)]
+        if not parts:
+            wanted = ", ".join([*self.held, *self.outputs])
+            raise InputError(f"{files[0]}: is a folder in which no file has a column of {wanted}")
+        return files[0].name, parts
+
+    def read(self, file: Path) -> Columns:
+        """Read all columns from a file, in their own units; the time in seconds where no unit is given."""
+        wanted = ["time", *self.held, *(name for name in self.outputs if name in self.maps)]
+        optional = [name for name in self.outputs if name not in self.maps]
+        given = self._columns(file, wanted, optional)
+        if not any(name in given.columns for name in self.outputs):
+            missing = ", ".join(self.sources[name] for name in self.outputs)
+            there = known_names_hint(self.sources[self.outputs[0]] if self.outputs else "", column_names(file))
+            raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
+        return given
+
+    def joined(self, files: Sequence[Path]) -> Columns:
+        """Read each signal from the file that has it, at the times of all."""
+        pairs: dict[str, tuple[FloatArray, FloatArray]] = {}
+        named: dict[str, str] = {}
+        notes, sums, begin = [], [], None
+        for file in files:
+            own = self.signals_in(file)
+            given = replace(self, batch=None)._columns(file, ["time", *own], [])
+            begin = given.origin if begin is None else begin
+            time = given.columns["time"] + (given.origin - begin)
+            for name in own:
+                if name in pairs:
+                    raise InputError(f"{file}: has {name}, as another file of its run has; expected one only")
+                pairs[name] = time, np.where(given.bad.get(name, False), np.nan, given.columns[name])
+            named |= dict(given.named)
+            notes += [f"{', '.join(own)} from {file.name}", *([given.note] if given.note else [])]
+            sums.append(given.sha256)
+        lacking = [name for name in self.held if name not in pairs]
+        lacking += [] if set(pairs) & set(self.outputs) else self.outputs
+        if lacking:
+            raise InputError(f"{files[0].parent}: no file of the run has a column of {self.sources[lacking[0]]}")
+        begins, ends = zip(*((times[0], times[-1]) for times, _ in pairs.values() if times.size), strict=True)
+        if max(begins) > min(ends):
             raise InputError(
-                f"columns: {column} is not a column of the model, expected one of {', '.join(layout.units)}"
+                f"{files[0]}: its times and those of {files[-1].name} do not overlap, expected files of one run that "
+                "count time from one instant"
             )
-    if not file.exists():
-        raise InputError(f"{file}: no such file")
-    if not file.is_file():
-        raise InputError(f"{file}: is not a file")
-    sources = {name: maps[name].source if name in maps else name for name in layout.units}
-    held = [quantity.name for quantity in layout.inputs]
-    outputs = [quantity.name for quantity in layout.outputs]
-    wanted = ["time", *held, *(name for name in outputs if name in maps)]
-    optional = [name for name in outputs if name not in maps]
-    given = _after_events(read_columns(file, Request(sources, wanted, optional, held, memory)), held)
-    if not any(name in given.columns for name in outputs):
-        missing = ", ".join(sources[name] for name in outputs)
-        there = known_names_hint(sources[outputs[0]] if outputs else "", column_names(file))
-        raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
-    if maps.get("time", ColumnMap("time")).unit is None:
-        given.columns["time"] = plain_seconds(given.columns["time"])
-    return given
+        sha256 = hashlib.sha256("".join(sums).encode()).hexdigest()
+        return Columns(joined(pairs, self.held), sha256, named, note="joined on time: " + "; ".join(notes))
+
+    def _columns(self, file: Path, wanted: Sequence[str], optional: Sequence[str]) -> Columns:
+        if not file.is_file():
+            raise InputError(f"{file}: is not a file")
+        request = Request(self.sources, wanted, optional, self.held, self.memory, self.batch)
+        given = _after_events(read_columns(file, request), [name for name in self.held if name in wanted])
+        if self.maps.get("time", ColumnMap("time")).unit is None:
+            given.columns["time"], origin = plain_seconds(given.columns["time"])
+            given = replace(given, origin=given.origin + origin)
+        return given
+
+    def recording(self, name: str, files: Sequence[Path], given: Columns) -> Recording:
+        """Return the checked recording of what a file gave, in the units of the layout."""
+        values = {n: self._in_unit(column, n, given.named) for n, column in given.columns.items()}
+        recording = Recording(
+            name=name,
+            time=values["time"],
+            inputs={n: np.full(values["time"].size, value) for n, value in self.layout.constants.items()}
+            | {n: values[n] for n in self.held},
+            outputs={n: values[n] for n in self.outputs if n in values},
+            units={n: unit for n, unit in self.layout.units.items() if n in values},
+            sha256=given.sha256,
+            path=files[0] if len(files) == 1 and files[0].is_file() else None,
+            first_row=given.first_row,
+            notes=(given.note,) if given.note else (),
+        )
+        recording = with_steady_clock(recording)
+        for n, rows in given.bad.items():
+            what = f"{int(rows.sum())} readings of {n} are marked as bad by the column of its quality."
+            recording = hide(recording, n, rows, "quality", what)
+        check_recording(recording, self.layout, given.line)
+        return recording
+
+    def _in_unit(self, values: FloatArray, name: str, named: Mapping[str, str]) -> FloatArray:
+        """Convert values to the unit of the layout, from the unit that was given or the one in the column's name."""
+        column = self.maps.get(name, ColumnMap(name))
+        called = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
+        if column.unit is None and called and named[name] != column.source:
+            column = replace(column, unit=called[1])
+        return column.convert(values, name, self.layout.units[name])
+
+
+def _at_rows(given: Columns, rows: NDArray[np.intp]) -> Columns:
+    """Return some rows."""
+    return replace(
+        given,
+        columns={name: values[rows] for name, values in given.columns.items()},
+        bad={name: marked[rows] for name, marked in given.bad.items() if marked[rows].any()},
+        batch=None if given.batch is None else [given.batch[row] for row in rows],
+        line=lambda row: given.line(int(rows[row])),
+        first_row=given.first_row + int(rows[0]),
+    )
 
 
 def _after_events(given: Columns, held: Sequence[str]) -> Columns:
     """Return the rows without those that a simulator writes a second time at an event."""
     keep = without_repeats(given.columns, held)
-    if keep.all():
-        return given
-    rows = np.flatnonzero(keep)
-    return replace(
-        given,
-        columns={name: values[keep] for name, values in given.columns.items()},
-        bad={name: marked[keep] for name, marked in given.bad.items()},
-        line=lambda row: given.line(int(rows[row])),
-    )
+    return given if keep.all() else replace(_at_rows(given, np.flatnonzero(keep)), first_row=given.first_row)
 
 
 def write_csv(recording: Recording, path: Path | str) -> Path:
@@ -150,14 +346,3 @@ def write_csv(recording: Recording, path: Path | str) -> Path:
         for row in np.column_stack(list(columns.values())).tolist():
             file.write(",".join("" if value != value else repr(value) for value in row) + "\n")
     return target
-
-
-def _in_unit(
-    values: FloatArray, name: str, maps: Mapping[str, ColumnMap], named: Mapping[str, str], layout: Layout
-) -> FloatArray:
-    """Convert values to the unit of the layout, from the unit that was given or the one in the column's name."""
-    column = maps.get(name, ColumnMap(name))
-    called = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
-    if column.unit is None and called and named[name] != column.source:
-        column = replace(column, unit=called[1])
-    return column.convert(values, name, layout.units[name])

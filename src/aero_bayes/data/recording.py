@@ -57,6 +57,10 @@ class Recording:
         Row of the file with the first sample, the first line being 1; 1 for arrays.
     cuts : tuple of int
         Samples at which a part begins anew, since the clock was set back before them.
+    notes : tuple of str
+        What of its files was not read, and how several of them were joined.
+    known : mapping of str to float
+        Parameters of the model whose values are known in this run and may differ in others, in SI units.
 
     Examples
     --------
@@ -91,6 +95,8 @@ class Recording:
     part_of: str = ""
     first_row: int = 1
     cuts: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
+    known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _numbers(self.name, "time", self.time))

@@ -32,6 +32,7 @@ class Request:
     optional: Sequence[str]
     held: Collection[str]
     memory: int | None = None
+    batch: str | None = None
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class Columns:
     """What a file gave: columns of equal length by the recording's names, and where they come from.
 
     ``named`` has what the file calls them, which may end in a unit; ``line`` names a row in messages, ``first_row`` is
-    the number of the first; ``bad`` has rows of outputs that the file calls bad."""
+    the number of the first; ``bad`` has rows of outputs that the file calls bad; ``origin`` is what was taken off the
+    times, in s; ``batch`` names the run of each row; ``note`` tells what of the file was not read."""
 
     columns: dict[str, FloatArray]
     sha256: str
@@ -47,19 +49,20 @@ class Columns:
     line: Callable[[int], str] = _sample
     first_row: int = 1
     bad: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
+    origin: float = 0.0
+    batch: Sequence[str] | None = None
+    note: str = ""
 
 
 @dataclass(frozen=True)
 class Signals:
-    """Vectors of a file by name; ``clocks`` has the name of the times of those that have their own."""
+    """Vectors of a file by name; ``clocks`` has the name of the times of those that have their own.
+
+    ``hint`` says what to do about one that is not there."""
 
     vectors: Mapping[str, FloatArray]
     clocks: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of all vectors."""
-        return list(self.vectors)
+    hint: str = MAP_COLUMNS
 
 
 def column_called(source: str, names: Iterable[str]) -> str | None:
@@ -78,8 +81,10 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
     return None
 
 
-def pick_signals(path: Path, signals: Signals, request: Request, hint: str = MAP_COLUMNS) -> Columns:
+def pick_signals(path: Path, signals: Signals, request: Request) -> Columns:
     """Return the signals that a recording asks for, at one time."""
+    if request.batch is not None and request.batch not in signals.vectors:
+        raise InputError(f"{path}: no column {request.batch}, which [data] batch names")
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     named = {}
@@ -93,7 +98,7 @@ def pick_signals(path: Path, signals: Signals, request: Request, hint: str = MAP
     shown = ", ".join([*signals.vectors][:20]) or "nothing"
     for name in request.wanted:
         if name not in named:
-            raise InputError(f"{path}: no column {request.sources[name]}, found {shown}{hint}")
+            raise InputError(f"{path}: no column {request.sources[name]}, found {shown}{signals.hint}")
     if own and len(set(clocks.values())) > 1:
         first = signals.vectors[named["time"]]
         if not all(np.array_equal(signals.vectors[clock], first) for clock in clocks.values()):
@@ -104,7 +109,8 @@ def pick_signals(path: Path, signals: Signals, request: Request, hint: str = MAP
     found = {name: signals.vectors[called] for name, called in named.items()}
     for name, values in found.items():
         _check_length(path, name, values, found["time"].size)
-    return Columns(found, sha256, named)
+    labels = None if request.batch is None else [f"{label:g}" for label in signals.vectors[request.batch]]
+    return Columns(found, sha256, named, batch=labels)
 
 
 def _check_length(path: Path, name: str, values: FloatArray, length: int) -> None:

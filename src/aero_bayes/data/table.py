@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -48,6 +48,7 @@ class FileTable:
     sha256: str
     line: Callable[[int], str]
     first_row: int
+    note: str = ""
 
 
 class TableFile(Protocol):
@@ -83,14 +84,14 @@ def read_table(file: TableFile, request: Request) -> Columns:
             raise InputError(f"{file.where}: column {column} appears {file.names.count(column)} times, expected once")
         if column is not None:
             named[name] = column
-    clocks = {} if "time" in named else _clocks(file.where, file.names, named)
+    clocks = {} if "time" in named else clocks_of(file.where, file.names, named)
     for name in request.wanted:
         if name not in named and not (name == "time" and clocks):
             raise InputError(f"{file.where}: no column {request.sources[name]}"
                              f"{known_names_hint(request.sources[name], file.names)}")  # fmt: skip
     about = _quality_columns(file.names, {n: c for n, c in named.items() if n not in request.held and n != "time"})
-    columns = list(dict.fromkeys([*named.values(), *clocks.values(), *about]))
-    table = file.read(columns, request.memory)
+    batch = [] if request.batch is None else [_batch_column(file, request.batch)]
+    table = file.read(list(dict.fromkeys([*named.values(), *clocks.values(), *about, *batch])), request.memory)
 
     def place(row: int) -> str:
         return f"{file.path}, {table.line(row)}"
@@ -103,16 +104,44 @@ def read_table(file: TableFile, request: Request) -> Columns:
     # a cell that is marked as bad may hold a word
     cells |= {n: cells[n].astype(object).mask(marked, None) for n, marked in bad.items() if cells[n].dtype.kind == "O"}
     values = {n: numbers_in(column, place, request.sources[n]) for n, column in cells.items()}
-    if not clocks:
-        values["time"] = times_in(table.frame[named["time"]], place, request.sources["time"])
-        return Columns(values, table.sha256, named, table.line, table.first_row, bad)
-    values |= {n: np.where(marked, np.nan, values[n]) for n, marked in bad.items()}
-    times = {n: times_in(table.frame[clock].dropna(), place, clock) for n, clock in clocks.items()}
-    pairs = {n: (times[n], values[n][: times[n].size]) for n in clocks}
-    return Columns(joined(pairs, request.held), table.sha256, named)
+    if not clocks and (batch or not _is_sparse(values, request.held)):
+        values["time"], origin = times_in(table.frame[named["time"]], place, request.sources["time"])
+        labels = table.frame[batch[0]].map(_label).tolist() if batch else None
+        return Columns(values, table.sha256, named, table.line, table.first_row, bad, origin, labels, table.note)
+    own = clocks or dict.fromkeys(values, named.get("time", ""))
+    times = {clock: times_in(table.frame[clock].dropna(), place, clock) for clock in dict.fromkeys(own.values())}
+    begin, pairs = min(origin for _, origin in times.values()), {}
+    for n, clock in own.items():
+        time, origin = times[clock]
+        pairs[n] = time + (origin - begin), np.where(bad.get(n, False), np.nan, values[n])[: time.size]
+    return Columns(joined(pairs, request.held), table.sha256, named, note=table.note, origin=begin)
 
 
-def _clocks(where: str, names: Sequence[str], named: Mapping[str, str]) -> dict[str, str]:
+def _batch_column(file: TableFile, name: str) -> str:
+    column = column_called(name, file.names)
+    if column is None:
+        raise InputError(
+            f"{file.where}: no column {name}, which [data] batch names{known_names_hint(name, file.names)}"
+        )
+    return column
+
+
+def _label(cell: object) -> str:
+    """Return how a batch is called: 3 rather than 3.0."""
+    return f"{cell:g}" if isinstance(cell, float) else str(cell).strip()
+
+
+def _is_sparse(values: Mapping[str, NDArray[np.float64]], held: Collection[str]) -> bool:
+    """Return whether a row holds what one clock read: inputs have empty cells, and no row an input and an output."""
+    inputs = [np.isfinite(v) for n, v in values.items() if n in held]
+    outputs = [np.isfinite(v) for n, v in values.items() if n not in held]
+    if not inputs or not outputs or all(there.all() for there in inputs):
+        return False
+    driven, read = np.logical_or.reduce(inputs), np.logical_or.reduce(outputs)
+    return bool(driven.any() and read.any() and not (driven & read).any())
+
+
+def clocks_of(where: str, names: Sequence[str], named: Mapping[str, str]) -> dict[str, str]:
     """Return the column of times of each signal, where all signals have one: ``time_P`` beside ``P``, ``t [P]``."""
     clocks: dict[str, str] = {}
     for name in names:
@@ -164,28 +193,39 @@ def _is_numeric(column: pandas.Series) -> bool:
 def _read_rows(file: TableFile, request: Request, rows: _Rows) -> Columns:
     """Read signals from a table with one reading a row, at the union of their times."""
     about = [n for n in file.names if re.sub(r"[\W_]", "", n.casefold()) in QUALITY_NAMES]
-    table = file.read(list(dict.fromkeys([rows.time, rows.signal, rows.value, *about])), request.memory)
+    batch = [] if request.batch is None else [_batch_column(file, request.batch)]
+    table = file.read(list(dict.fromkeys([rows.time, rows.signal, rows.value, *about, *batch])), request.memory)
 
     def place(row: int) -> str:
         return f"{file.path}, {table.line(row)}"
 
-    time = times_in(table.frame[rows.time], place, rows.time)
+    time, origin = times_in(table.frame[rows.time], place, rows.time)
     whose = table.frame[rows.signal].astype(str).str.strip().to_numpy()
     good = ~np.logical_or.reduce([np.zeros(time.size, dtype=bool), *(_bad(table.frame[c]) for c in about)])
-    there, pairs = sorted(set(whose)), {}
-    for name in (*request.wanted, *request.optional):
-        source = request.sources[name]
-        own = np.flatnonzero((whose == source) & good)
-        if name == "time" or (own.size == 0 and name in request.optional):
-            continue
-        if own.size == 0:
-            raise InputError(f"{file.path}: no reading of {source} in column {rows.signal}"
-                             f"{known_names_hint(source, there)}")  # fmt: skip
-        cells = table.frame[rows.value].iloc[own]
-        values = numbers_in(cells, lambda row, own=own: place(int(own[row])), source)  # type: ignore[misc]
-        order = np.argsort(time[own], kind="stable")
-        pairs[name] = (time[own][order], values[order])
-    return Columns(joined(pairs, request.held), table.sha256, {n: request.sources[n] for n in pairs})
+    runs = table.frame[batch[0]].map(_label).to_numpy() if batch else np.full(time.size, "")
+    parts: dict[str, dict[str, NDArray[np.float64]]] = {}
+    for run in dict.fromkeys(runs.tolist()):
+        pairs = {}
+        for name in (n for n in (*request.wanted, *request.optional) if n != "time"):
+            source = request.sources[name]
+            own = np.flatnonzero((whose == source) & (runs == run) & good)
+            if own.size == 0 and name in request.wanted:
+                raise InputError(f"{file.path}: no reading of {source} in column {rows.signal}"
+                                 f"{known_names_hint(source, sorted(set(whose)))}")  # fmt: skip
+            own = own[np.argsort(time[own], kind="stable")]
+            cells = table.frame[rows.value].iloc[own]
+            values = numbers_in(cells, lambda row, own=own: place(int(own[row])), source)  # type: ignore[misc]
+            twice = np.flatnonzero((np.diff(time[own]) == 0.0) & (np.diff(values) != 0.0))
+            if twice.size:
+                raise InputError(f"{place(int(own[twice[0] + 1]))}: a second reading of {source} for one time; if the "
+                                 "table holds several runs, name their column in [data] batch")  # fmt: skip
+            pairs[name] = (time[own], values)
+        parts[run] = joined(pairs, request.held)
+    columns = {n: np.concatenate([part[n] for part in parts.values()]) for n in next(iter(parts.values()))}
+    columns = {n: v for n, v in columns.items() if np.isfinite(v).any()}
+    labels = [run for run, part in parts.items() for _ in part["time"]] if batch else None
+    named = {n: request.sources[n] for n in columns}
+    return Columns(columns, table.sha256, named, origin=origin, batch=labels, note=table.note)
 
 
 def row_names(file: TableFile) -> list[str]:

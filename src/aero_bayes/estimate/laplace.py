@@ -13,7 +13,7 @@ from aero_bayes.estimate.block_jackknife import jackknife_covariance
 from aero_bayes.estimate.gaussian import parameter_covariance
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.target import CurvatureAdjustment, NoiseLayout
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.sensors.whitening import log_density
@@ -88,7 +88,7 @@ def widened_covariance(objective: Objective, optimum: Optimum) -> FloatArray:
     if (spread := curvature_adjustment(objective, optimum)) is not None:
         information = spread.map.T @ information @ spread.map
     second = items.prior_derivatives(optimum.coordinates[list(optimum.free)])[1]
-    return parameter_covariance(information + prior_curvature(second), items.prior_sd())
+    return parameter_covariance(information + items.prior_curvature(second, range(len(items))), items.prior_sd())
 
 
 def with_robust_covariance(objective: Objective, optimum: Optimum) -> Optimum:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
-from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
+from aero_bayes.estimate.parameters import ParameterSet
 
 Readings = NDArray[np.int_]
 
@@ -45,8 +45,9 @@ class LinearisedFit:
     @classmethod
     def of(cls, optimum: Optimum, parameters: ParameterSet, moving: Sequence[int]) -> LinearisedFit:
         """Linearise an optimum over some of its free columns, given by their places among them."""
-        second = parameters.prior_derivatives(optimum.coordinates)[1][[optimum.free[k] for k in moving]]
-        return cls(optimum.whitened.slopes[list(moving)], optimum.whitened.residual, prior_curvature(second))
+        second = parameters.prior_derivatives(optimum.coordinates)[1]
+        prior = parameters.prior_curvature(second, [optimum.free[k] for k in moving])
+        return cls(optimum.whitened.slopes[list(moving)], optimum.whitened.residual, prior)
 
     @property
     def leverage(self) -> FloatArray:

@@ -27,7 +27,7 @@ from aero_bayes.estimate.levenberg_marquardt import (
     levenberg_marquardt,
 )
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
-from aero_bayes.estimate.parameters import ParameterSet, prior_curvature
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.sensors.noise import NoiseKind, OutputNoise
 from aero_bayes.sensors.noise_estimation import update_output_noise
 
@@ -104,10 +104,8 @@ class Optimum:
         """Compute covariance and log-evidence of the posterior with the likelihood to the power ``1 / temperature``.
 
         By Laplace's approximation (MacKay, 1992, Neural Computation 4, 415)."""
-        second = parameters.prior_derivatives(self.coordinates)[1][list(self.free)]
-        covariance, occam = _laplace(
-            self.whitened.information / temperature + prior_curvature(second), parameters, self.free
-        )
+        curvature = parameters.prior_curvature(parameters.prior_derivatives(self.coordinates)[1], self.free)
+        covariance, occam = _laplace(self.whitened.information / temperature + curvature, parameters, self.free)
         return covariance, self.log_likelihood / temperature + self.log_prior + occam
 
 
@@ -238,7 +236,8 @@ class _NegativeLogPosterior:
         parameters = self.objective.parameters
         values = parameters.from_search(x)
         slopes = parameters.jacobian(values)
-        return sum(float(parameters.items[j].prior.log_pdf(values[j])) + math.log(float(slopes[j])) for j in self.free)
+        own = sum(float(parameters.items[j].prior.log_pdf(values[j])) + math.log(float(slopes[j])) for j in self.free)
+        return own + float(parameters.log_coupling(x))
 
     def _prior_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute the gradient and curvature of the negative log-prior over the free columns."""
@@ -247,7 +246,7 @@ class _NegativeLogPosterior:
             return np.zeros(count), np.zeros((count, count))
         parameters = self.objective.parameters
         first, second = parameters.prior_derivatives(x)
-        return -first[self.free], prior_curvature(second[self.free])
+        return -first[self.free], parameters.prior_curvature(second, self.free)
 
 
 def _pack(found: LocalResult[_PosteriorModel]) -> Arrays:

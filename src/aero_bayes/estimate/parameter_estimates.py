@@ -67,4 +67,11 @@ def fixed_parameters(calibration: Calibration) -> dict[str, Estimate]:
             table[v.name] = Estimate(
                 v.name, float(value), None, None, None, None, v.unit, Status.FIXED, v.description, note=note
             )
+    for recording in calibration.data.recordings:
+        for name, value in recording.known.items():
+            v = calibration.model.parameter(name)
+            table[f"{name}@{recording.name}"] = Estimate(
+                f"{name}@{recording.name}", value, None, None, None, None, v.unit, Status.FIXED, v.description,
+                note="known in this recording", recording=recording.name,
+            )  # fmt: skip
     return table

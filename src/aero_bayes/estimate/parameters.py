@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, cast
 
 import numpy as np
@@ -29,6 +30,15 @@ Scale = Literal["log", "linear"]
 
 
 @dataclass(frozen=True)
+class JointPrior:
+    """Mean and covariance of several parameters, of their logarithms where these are searched."""
+
+    names: tuple[str, ...]
+    mean: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
 class Parameter:
     """One unknown number."""
 
@@ -46,6 +56,7 @@ class Parameter:
     per_recording: bool = False
     starts: tuple[str, ...] = ()
     shared_with: tuple[int, ...] = ()
+    joint: JointPrior | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper):
@@ -118,6 +129,41 @@ class ParameterSet:
         """Which search coordinates (p,) are logarithms."""
         return np.array([item.scale == "log" for item in self.items], dtype=bool)
 
+    @cached_property
+    def _joint(self) -> tuple[FloatArray, FloatArray, float]:
+        """Return mean (p,) and coupling (p, p) in search coordinates, and the logarithm of the density's constant.
+
+        With the parameters' own priors it makes the normal density of a joint prior; parameters that it has beside
+        these are integrated out."""
+        mean, coupling, constant = np.zeros(len(self)), np.zeros((len(self), len(self))), 0.0
+        columns = [j for j, p in enumerate(self.items) if p.joint is not None and p.recording is None]
+        if len(columns) > 1:
+            joint = cast(JointPrior, self.items[columns[0]].joint)
+            rows = [joint.names.index(cast(str, getattr(self.items[j].target, "name", ""))) for j in columns]
+            unit = 1.0 / self._width[columns]
+            covariance = np.array(joint.covariance)[np.ix_(rows, rows)] * unit[:, None] * unit[None, :]
+            sizes = np.diag(covariance)
+            mean[columns] = np.array(joint.mean)[rows] * unit
+            coupling[np.ix_(columns, columns)] = np.linalg.inv(covariance) - np.diag(1.0 / sizes)
+            constant = -0.5 * float(np.linalg.slogdet(covariance / np.sqrt(np.outer(sizes, sizes)))[1])
+        return mean, coupling, constant
+
+    @property
+    def coupling(self) -> FloatArray:
+        """What a joint prior adds to the curvature of the negative log-priors of single parameters, shape (p, p)."""
+        return self._joint[1]
+
+    def log_coupling(self, coordinates: FloatArray) -> FloatArray:
+        """Compute what a joint prior adds to the log-densities of single parameters, shape (...,) for (..., p)."""
+        mean, coupling, constant = self._joint
+        off = np.asarray(coordinates, dtype=np.float64) - mean
+        return np.asarray(constant - 0.5 * np.einsum("...i,ij,...j->...", off, coupling, off))
+
+    def prior_curvature(self, second: FloatArray, columns: Sequence[int]) -> FloatArray:
+        """Compute the curvature (k, k) of the negative log-prior over columns from ``prior_derivatives``' second."""
+        kept = list(columns)
+        return prior_curvature(second[kept]) + self.coupling[np.ix_(kept, kept)]
+
     @property
     def _width(self) -> FloatArray:
         return np.array([1.0 if item.scale == "log" else item.upper - item.lower for item in self.items])
@@ -184,11 +230,13 @@ class ParameterSet:
         for j, item in enumerate(self.items):
             density = density + item.prior.log_pdf(values[:, j])
         total = np.full(len(coordinates), -np.inf)
-        total[inside] = density
+        total[inside] = density + self.log_coupling(coordinates[inside])
         return total
 
     def prior_derivatives(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the first and second derivative of the log-prior by each search coordinate, shape (..., p)."""
+        """Compute the first and second derivative of the log-prior by each search coordinate, shape (..., p).
+
+        The second is of the parameters' own priors."""
         coordinates = np.asarray(coordinates, dtype=np.float64)
         values = self.from_search(coordinates)
         slope = self.jacobian(values)
@@ -198,11 +246,20 @@ class ParameterSet:
             first[..., j] = d1 * slope[..., j]
             second[..., j] = d2 * slope[..., j] ** 2
         log = self.logarithmic
-        return first + log, second + np.where(log, first, 0.0)
+        mean, coupling, _ = self._joint
+        return first + log - (coordinates - mean) @ coupling, second + np.where(log, first, 0.0)
 
     def sample_prior(self, rng: np.random.Generator, size: int) -> FloatArray:
-        """Draw independently from the priors in SI units, shape (size, p)."""
-        return np.stack([item.prior.sample(rng, size) for item in self.items], axis=1)
+        """Draw from the priors in SI units, shape (size, p)."""
+        drawn = np.stack([item.prior.sample(rng, size) for item in self.items], axis=1)
+        mean, coupling, _ = self._joint
+        columns = np.flatnonzero(coupling.any(axis=1))
+        if columns.size:
+            precision = coupling[np.ix_(columns, columns)] + np.diag(self.prior_sd()[columns] ** -2.0)
+            points = np.tile(mean, (size, 1))
+            points[:, columns] = rng.multivariate_normal(mean[columns], np.linalg.inv(precision), size)
+            drawn[:, columns] = self.from_search(np.clip(points, *self.box))[:, columns]
+        return drawn
 
     def prior_sd(self) -> FloatArray:
         """Compute the standard deviation of each prior in search coordinates, shape (p,)."""
@@ -236,6 +293,8 @@ class Override:
         Free it only if the data show it.
     per_recording : bool
         Fit a value of its own for each recording; results call them ``C@recording``.
+    joint : JointPrior, optional
+        Correlation of its prior with those of others, see :mod:`aero_bayes.estimate.joint_prior`.
     values : tuple, optional
         Do not search, but fit with each of these: numbers, True and False, names of enumeration literals.
 
@@ -252,6 +311,7 @@ class Override:
     scale: Scale | None = None
     free_if_identified: bool = False
     per_recording: bool = False
+    joint: JointPrior | None = None
     values: tuple[bool | int | float | str, ...] | None = None
 
 
@@ -342,7 +402,7 @@ def parameters_from_model(
             Parameter(
                 name, variable.unit, start, lower, upper, prior, scale, variable.description,
                 ParameterTarget(name), free_if_identified=override.free_if_identified,
-                per_recording=override.per_recording,
+                per_recording=override.per_recording, joint=override.joint,
             )
         )  # fmt: skip
     return ParameterSet(tuple(items))

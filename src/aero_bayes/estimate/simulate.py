@@ -107,7 +107,8 @@ def _problem(
     """Return a calibration's problem over a recording's times, and the values of its columns."""
     own = _index(recording, calibration.data)
     experiment = to_experiment(recording, [], interpolation=calibration.data.interpolation)
-    experiment = replace(experiment, outputs=calibration.data.outputs, measured=None)
+    known = {name: value for name, value in recording.known.items() if name not in parameters}
+    experiment = replace(experiment, outputs=calibration.data.outputs, measured=None, known=known)
     like = calibration.data.experiments[0 if own is None else own]
     experiment = replace(experiment, start_sd=like.start_sd)
     if own is not None:

@@ -171,6 +171,7 @@ class Target:
             gradient = gradient - first
             hessian = hessian.copy()
             hessian[:, range(len(self.free)), range(len(self.free))] += np.maximum(-second, 0.0)
+            hessian += self.parameters.coupling
         failed = ~(np.isfinite(cost) & np.isfinite(gradient).all(axis=1) & np.isfinite(hessian).all(axis=(1, 2)))
         cost[failed], gradient[failed], hessian[failed] = np.inf, 0.0, 0.0
         return QuadraticModels(cost, gradient, hessian)

@@ -34,7 +34,8 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     )
     if settings.parameters is not None:
         known = {
-            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording) for p in chosen
+            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording, joint=p.joint)
+            for p in chosen
         }
         chosen = chosen_parameters(calibration.model, settings.parameters, known)
     fixed = {p.name: float(fit[p.name]) for p in shared if p.name not in chosen}

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from aero_bayes.arrays import FloatArray
+from aero_bayes.errors import InputError
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.files import whole_file
 from aero_bayes.sampling.draws import PosteriorDraws
@@ -93,6 +95,15 @@ def save(posterior: PosteriorDraws, path: Path) -> Path:
     with whole_file(path) as temporary:
         to_inference_data(posterior).to_netcdf(str(temporary), engine="h5netcdf")
     return path
+
+
+def draws_in(path: Path) -> dict[str, FloatArray]:
+    """Return the draws of each parameter in a file, all chains after each other; InputError if it has none."""
+    try:
+        posterior = load(path)["posterior"]
+    except (OSError, KeyError, ValueError):
+        raise InputError("is no posterior as aero-bayes or ArviZ writes it (netCDF with a group posterior)") from None
+    return {str(n): np.asarray(posterior[n], float).ravel() for n in posterior.data_vars if posterior[n].ndim == 2}
 
 
 def load(path: Path) -> Any:

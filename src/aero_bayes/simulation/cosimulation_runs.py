@@ -173,7 +173,7 @@ class CosimulationRuns:
         self._stamp()
         fmu = self.instance.ready(new)
         fmu.setupExperiment(startTime=float(samples[0]))
-        for name, value in problem.fixed.items():
+        for name, value in {**problem.fixed, **experiment.known}.items():
             fmu.setReal([model.parameter(name).value_reference], [value])
         for value, target in zip(values, problem.targets[number], strict=True):
             if isinstance(target, ParameterTarget):

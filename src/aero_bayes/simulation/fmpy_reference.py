@@ -73,7 +73,7 @@ class FmpySimulator(SingleRuns):
             fmu.reset()
         self._fresh = False
         starts = {model.states[model.state_index(name)]: value for name, value in experiment.start.items()}
-        setting = {model.parameter(name): value for name, value in problem.fixed.items()}
+        setting = {model.parameter(name): value for name, value in {**problem.fixed, **experiment.known}.items()}
         for value, target in zip(values, problem.targets[number], strict=True):
             if isinstance(target, ParameterTarget):
                 setting[model.parameter(target.name)] = float(value)

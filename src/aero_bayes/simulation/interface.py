@@ -72,7 +72,8 @@ class InputSignal:
 class Experiment:
     """One run: when outputs are sampled, what drives the model, where it starts, and what was measured.
 
-    ``most_steps`` ends a run that needs more steps of the solver; 0 for no limit of its own."""
+    ``known`` are parameters of the model that have this value in this run. ``most_steps`` ends a run that needs more
+    steps of the solver; 0 for no limit of its own."""
 
     time: FloatArray
     outputs: tuple[str, ...]
@@ -82,6 +83,7 @@ class Experiment:
     start_sd: Mapping[str, float] = field(default_factory=dict)
     spread: FloatArray | None = None
     most_steps: int = 0
+    known: Mapping[str, float] = field(default_factory=dict)
 
     def at_samples(self, chosen: slice | NDArray[np.int_]) -> Experiment:
         """Return the experiment at some of its sample times, with what was measured there."""

@@ -65,6 +65,8 @@ def _check_experiment(model: ModelDescription, experiment: Experiment, where: st
         model.output(name)
     for name in (*experiment.start, *experiment.start_sd):
         model.state_index(name)
+    for name in experiment.known:
+        model.parameter(name)
     for signal in experiment.inputs:
         discrete = model.input(signal.name).discrete
         _check_grid(f"{where}, input {signal.name!r}", signal.time)

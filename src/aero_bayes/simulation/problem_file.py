@@ -25,7 +25,7 @@ from aero_bayes.simulation.interface import (
 from aero_bayes.simulation.model_description import ModelDescription
 from aero_bayes.simulation.problem_checks import signal_index, target_scale
 
-_MAGIC = 0x4142535045430006
+_MAGIC = 0x4142535045430007
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
 
 
@@ -107,6 +107,8 @@ def _write_experiment(
         w.reals(signal.values)
     w.integers([model.state_index(name) for name in experiment.start])
     w.reals(list(experiment.start.values()))
+    w.integers([model.parameter(name).value_reference for name in experiment.known])
+    w.reals(list(experiment.known.values()))
     w.reals(experiment.measured.T if experiment.measured is not None else [])
     w.reals(experiment.spread.T if experiment.spread is not None else [])
     w.integer(experiment.most_steps)

@@ -105,11 +105,15 @@ class PythonSimulator(SingleRuns):
 
     def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
         experiment, row = self.problem.experiments[number], self.problem.targets[number]
-        parameters = self._defaults | {
-            target.name: float(value)
-            for target, value in zip(row, values, strict=True)
-            if isinstance(target, ParameterTarget)
-        }
+        parameters = (
+            self._defaults
+            | dict(experiment.known)
+            | {
+                target.name: float(value)
+                for target, value in zip(row, values, strict=True)
+                if isinstance(target, ParameterTarget)
+            }
+        )
         inputs = {signal.name: partial(signal_values, signal) for signal in signals_of_run(experiment, row, values)}
         shape, failed = (experiment.time.size, len(experiment.outputs)), np.full(1, np.nan)
         assert self._model.function is not None

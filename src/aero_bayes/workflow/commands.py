@@ -14,7 +14,7 @@ import click
 
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.config import Config, ModelSection, load_config
-from aero_bayes.data import read_recording, summarise
+from aero_bayes.data import summarise
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.fit import fit
@@ -42,9 +42,10 @@ from aero_bayes.workflow.job import (
     RunOptions,
     built_model,
     check_default,
-    columns_of,
     layout_of,
     open_job,
+    recordings_of,
+    tell_notes,
     which_model,
 )
 from aero_bayes.workflow.loop import (
@@ -146,10 +147,11 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     name, fmu = which_model(config, RunOptions(Path()))
     declared = declaration_of(name, config.model.sources)
     model = None if declared.systems else built_model(config, name, fmu)
-    layout, columns = layout_of(config, model.declared if model is not None else declared, model), columns_of(config)
+    layout = layout_of(config, model.declared if model is not None else declared, model)
     if config_path is None:
         check_default(files, layout)
-    recordings = [read_recording(path, columns, layout=layout) for path in files]
+    recordings = recordings_of(config, files, layout)
+    tell_notes(recordings)
     if model is not None:
         check_plausible(recordings, model)
     summaries = [summarise(recording) for recording in recordings]

@@ -15,9 +15,9 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.config import Config
-from aero_bayes.data import read_recording
+from aero_bayes.data import read_recordings
 from aero_bayes.data.file_forms import column_names
-from aero_bayes.data.table import is_time_name
+from aero_bayes.data.table import clocks_of, is_time_name
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.calibration_settings import CalibrationSettings
@@ -29,7 +29,7 @@ from aero_bayes.language.sources import main_class, read_classes_of
 from aero_bayes.language.units import TEMPERATURES, base_units, conversion, to_modelica_unit
 from aero_bayes.simulation import Model, Variable, open_simulator
 from aero_bayes.simulation.load_model import load_model
-from aero_bayes.workflow.job import columns_of, layout_of
+from aero_bayes.workflow.job import columns_of, layout_of, tell_notes
 
 #: Number of sample times at which sensitivities are computed.
 SAMPLE_COUNT = 2000
@@ -39,6 +39,8 @@ MIN_OUTPUT_CHANGE = 1e-4
 MIN_UNIQUE_SHARE = 1e-3
 #: A temperature in K where nothing is known.
 ROOM_TEMPERATURE = 293.15
+#: How a column is called that may name the run of a row.
+BATCH_NAME = re.compile(r"(run|batch|experiment|trial|cycle|series)([ _]?(id|no|nr|number|name))?", re.I)
 #: Why a parameter is left to what the data tell.
 CONFOUNDED = "the outputs cannot distinguish it from the parameters above"
 
@@ -67,7 +69,15 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     built = load_model(name, sources=[source], libraries=libraries)
     signals = ["time", *(v.name for v in (*built.inputs, *built.outputs))]
     units = {"time": "s"} | {v.name: v.unit for v in (*built.inputs, *built.outputs)}
-    matched = match_columns(signals, column_names(data), units)
+    there = column_names(data)
+    matched = match_columns(signals, there, units)
+    if not matched.columns:
+        shown = ", ".join(there[:20])
+        raise InputError(f"{data}: no column matches a signal of {name} ({', '.join(signals)}); found {shown}")
+    clocks = clocks_of(str(data), there, {s: c for s, c in matched.columns.items() if s != "time"})
+    if "time" in matched.signals_left and clocks:
+        left = tuple(s for s in matched.signals_left if s != "time"), matched.columns_left
+        matched = ColumnMatch(matched.columns, left[0], tuple(c for c in left[1] if c not in clocks.values()))
     head = _head(name, [source, *libraries], out, built, data, matched)
     own = OwnClasses(read_classes_of(source), name)
     # the user's own first: of two that the outputs cannot tell apart, the first is free
@@ -132,7 +142,13 @@ def _bare(name: str) -> str:
 
 
 def split_unit(column: str) -> tuple[str, str]:
-    """Return a column's name without its unit, and the unit: ``U [mV]``, ``phi (deg)``, ``time/s``, ``t_ms``."""
+    """Return a column's name without its unit, and the unit: ``U [mV]``, ``phi (deg)``, ``time/s``, ``t_ms``.
+
+    HOBO's ``P, W (LGR S/N: 100)`` is P in W, and ``Date Time, GMT+01:00`` has no unit."""
+    if (hobo := re.fullmatch(r"([^,]*), ([^(,]*?)( \(.*\))?", column)) is not None:
+        unit = to_modelica_unit(hobo[2])
+        if hobo[2].startswith(("GMT", "UTC")) or unit in TEMPERATURES or base_units(unit or "?"):
+            return hobo[1], "" if hobo[2].startswith(("GMT", "UTC")) else unit
     if (brackets := re.fullmatch(r"(.*?)[\s_]*[\[(](.*)[\])]\s*", column)) is not None:
         return brackets[1], to_modelica_unit(brackets[2])
     for mark in ("/", "_", " "):
@@ -161,7 +177,9 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
         "[data]",
         *_signal_lines("inputs", model.inputs, matched),
         *_signal_lines("outputs", model.outputs, matched),
-    ]
+        *(f"# batch = {_text(c)}  # if this column says which run a row is of" for c in matched.columns_left
+          if BATCH_NAME.fullmatch(c)),
+    ]  # fmt: skip
     units = {"time": "s"} | {v.name: v.unit for v in (*model.inputs, *model.outputs)}
     lines += ["", "# Columns with another name or unit than the signal; scale and offset are possible, too.",
               "[data.columns]"]  # fmt: skip
@@ -245,9 +263,10 @@ def _slopes(model: Model, head: str, data: Path, parameters: ParameterSet) -> Fl
         return None
     layout = layout_of(config, model.declared, model)
     left = {v.name: _usual(v) for v in model.inputs if v.name not in (config.data.inputs or ())}
-    recording = read_recording(data, layout=replace(layout, constants=left), columns=columns_of(config))
+    recordings = read_recordings([data], columns_of(config), layout=replace(layout, constants=left))
+    tell_notes(recordings)
     settings = CalibrationSettings(delay="none", initial_states="estimated")
-    whole = calibrate([recording], model, parameters, settings=settings)
+    whole = calibrate(recordings, model, parameters, settings=settings)
     calibration = replace(whole, data=whole.data.thinned(SAMPLE_COUNT))
     with open_simulator(calibration.problem()) as simulator:
         objective = Objective(calibration, simulator)

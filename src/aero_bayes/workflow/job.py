@@ -12,12 +12,13 @@ from typing import Literal
 import click
 
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
-from aero_bayes.data import ColumnMap, ColumnSpec, Layout, Recording, read_recording
+from aero_bayes.data import ColumnMap, ColumnSpec, Layout, Recording, read_recordings
 from aero_bayes.data.file_forms import column_names
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.declared import declared_overrides
+from aero_bayes.estimate.joint_prior import with_joint_prior
 from aero_bayes.estimate.listed_values import ListedValue, combinations
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
 from aero_bayes.estimate.plausible import check_plausible, screened
@@ -96,11 +97,10 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         model = model or built_model(config, name, fmu)
         declared = model.declared
     layout = layout_of(config, declared, model if not declared.systems or fmu is not None else None)
-    columns = columns_of(config)
     if options.config is None and options.model is None:
         check_default([*files, *tests], layout)
-    recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in files)
-    test_recordings = tuple(read_recording(path, layout=layout, columns=columns) for path in tests)
+    recordings = recordings_of(config, files, layout)
+    test_recordings = recordings_of(config, tests, layout)
     if fmu is None:
         built = options.out / f"{name.rpartition('.')[2]}.fmu"
         with one_run_at_a_time(options.out):
@@ -117,6 +117,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     fixed = _fixed(model, config, parameters)
     read = (*recordings, *test_recordings)
     recordings, test_recordings = screened(recordings, model), screened(test_recordings, model)
+    tell_notes(read)
     for finding in dict.fromkeys(f for recording in (*recordings, *test_recordings) for f in recording.findings):
         click.echo(f"note: {finding.sentence}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -189,6 +190,27 @@ def columns_of(config: Config) -> dict[str, ColumnMap]:
     }
 
 
+def recordings_of(config: Config, files: Sequence[Path], layout: Layout) -> tuple[Recording, ...]:
+    """Read the recordings, and note in each the values of parameters that the configuration gives by recording."""
+    found = read_recordings(files, columns_of(config), layout=layout, batch=config.data.batch)
+    for name, section in config.parameters.items():
+        if isinstance(values := section.value, dict):
+            for recording in found:
+                if recording.name not in values:
+                    raise InputError(
+                        f"{config.place(name)}{name}: has no value for the recording {recording.name} "
+                        f"(given for {', '.join(values)})"
+                    )
+            found = tuple(replace(r, known={**r.known, name: values[r.name]}) for r in found)
+    return found
+
+
+def tell_notes(recordings: Sequence[Recording]) -> None:
+    """Print what of the files was not read, and how they were joined."""
+    for note in dict.fromkeys(note for recording in recordings for note in recording.notes):
+        click.echo(f"note: {note}", err=True)
+
+
 def fit_parameters(model: Model, config: Config) -> ParameterSet:
     """Free parameters: those that the package declares, changed by what the configuration says."""
     overrides = declared_overrides(model)
@@ -199,7 +221,14 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
             continue
         if name not in known:
             raise InputError(f"{config.place(name)}{no_parameter_text(model, name)}")
-        held = section.free in (False, "later")
+        held = section.free in (False, "later") or isinstance(section.value, dict)
+        if isinstance(section.value, dict) and (section.free or section.per_recording):
+            raise InputError(f"{config.place(name)}{name}: values known by recording are not fitted; leave free out")
+        if section.per_recording and held:
+            raise InputError(
+                f"{config.place(name)}{name}: per_recording = true fits a value for each recording, and needs "
+                "free = true; known ones are value = {NAME = 1.0, OTHER = 2.5}"
+            )
         if held or (section.free is None and name not in overrides and section.value is not None):
             overrides.pop(name, None)
         else:
@@ -209,7 +238,21 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
             except InputError as error:
                 which = "" if name in str(error) else f"{name}: "
                 raise InputError(f"{config.place(name)}{which}{error}") from None
-    return parameters_from_model(model, overrides=overrides)
+    parameters = parameters_from_model(model, overrides=overrides)
+    if config.priors_from is None:
+        return parameters
+    own = [name for name, section in config.parameters.items() if section.prior is not None]
+    return _after_experiment(config.priors_from, parameters, own)
+
+
+def _after_experiment(path: Path, parameters: ParameterSet, own: Sequence[str]) -> ParameterSet:
+    """Return the parameters with the posterior of an earlier experiment as prior, where they have none of their own."""
+    from aero_bayes.sampling.inferencedata import draws_in
+
+    try:
+        return with_joint_prior(parameters, {name: d for name, d in draws_in(path).items() if name not in own})
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _listed(model: Model, config: Config) -> dict[str, tuple[ListedValue, ...]]:
@@ -237,7 +280,7 @@ def later_of(job: Job) -> ParameterSet:
 
 def _override(name: str, section: ParameterSection, default: Override) -> Override:
     return Override(
-        start=section.value if section.value is not None else default.start,
+        start=section.value if isinstance(section.value, float) else default.start,
         lower=section.lower if section.lower is not None else default.lower,
         upper=section.upper if section.upper is not None else default.upper,
         prior=_prior(name, section.prior) if section.prior is not None else default.prior,
@@ -265,5 +308,5 @@ def _fixed(model: Model, config: Config, parameters: ParameterSet) -> dict[str, 
     return {
         name: section.value
         for name, section in config.parameters.items()
-        if section.value is not None and name not in parameters
+        if isinstance(section.value, float) and name not in parameters
     }

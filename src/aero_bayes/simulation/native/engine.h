@@ -98,6 +98,9 @@ typedef struct {
     int n_start;
     int64_t *start_state;
     const double *start_value;
+    int64_t n_known; /* parameters that are known in this run */
+    fmi_reference *known_reference;
+    const double *known_value;
     Target *targets; /* one a column */
     int64_t n_breaks, most_steps; /* steps that a run may take, or 0 for as many as it needs */
     signed char *start_matters; /* per column: whether x(t0) depends on it; -1 not known yet */

@@ -15,6 +15,10 @@ static size_t start_values(Run *r)
         ref[count] = p->fixed_reference[i];
         value[count++] = p->fixed_value[i];
     }
+    for (int64_t i = 0; i < e->n_known; i++) {
+        ref[count] = e->known_reference[i];
+        value[count++] = e->known_value[i];
+    }
     for (int i = 0; i < e->n_start; i++)
         if (p->state_settable[e->start_state[i]]) {
             ref[count] = p->state_reference[e->start_state[i]];

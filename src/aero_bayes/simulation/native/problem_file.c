@@ -6,7 +6,7 @@
 
 #include "lanes.h"
 
-#define SPEC_MAGIC 0x4142535045430006LL
+#define SPEC_MAGIC 0x4142535045430007LL
 
 typedef struct {
     const char *at, *end;
@@ -131,6 +131,9 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
     e->n_start = (int)count;
     e->start_value = array(r, &count);
     r->broken |= count != e->n_start;
+    e->known_reference = references(r, &e->n_known);
+    e->known_value = array(r, &count);
+    r->broken |= count != e->n_known;
     e->measured = array(r, &count);
     r->broken |= count != 0 && count != e->n * e->m;
     if (count == 0) e->measured = NULL;
@@ -176,6 +179,7 @@ void problem_close(Problem *p)
         free(e->output_reference);
         free(e->output_kind);
         free(e->output_state);
+        free(e->known_reference);
         free(e->targets);
         free(e->start_matters);
     }

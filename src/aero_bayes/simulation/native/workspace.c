@@ -33,7 +33,7 @@ static void lay_out(Run *r, Block *p)
     r->factors.val = REALS(n * n), r->factors.diagonal = REALS(n);
     r->seed = REALS(n + inputs + 1);
     r->seed_reference = PART(fmi_reference, n + inputs + 1);
-    const size_t starts = (size_t)problem->n_fixed + (size_t)e->n_start + columns + 1;
+    const size_t starts = (size_t)(problem->n_fixed + e->n_known) + (size_t)e->n_start + columns + 1;
     r->start_value = REALS(starts);
     r->start_reference = PART(fmi_reference, starts);
     r->z0 = REALS(nz), r->z1 = REALS(nz), r->z2 = REALS(nz), r->z_try = REALS(nz);

@@ -1,0 +1,220 @@
+"""Tables of text: their encoding, what separates their columns, and where the table stands between other lines.
+
+Columns are separated by commas, by semicolons or tabs, where a comma is a decimal mark, or by spaces. A line inside the
+table that has not as many cells as the others is refused with its number. Pandas reads the cells; what they say is
+decided in :mod:`aero_bayes.data.cells`.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import hashlib
+import os
+import re
+import warnings
+from collections import deque
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from aero_bayes.data.cells import DATE, NO_READING, NUMBER
+from aero_bayes.data.find_table import COMMENTS, longest_run, told_width, with_header
+from aero_bayes.data.table import FileTable
+from aero_bayes.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas
+
+SEPARATORS = (",", ";", "\t", " ")
+#: Lines in which a table is looked for, the second number if it is not in the first.
+HEAD_LINES = (200, 5000)
+#: Characters that a line may have.
+MAX_LINE = 8 << 20
+#: A thousands' point before a decimal comma, in a file whose decimal mark is a comma.
+POINT_AND_COMMA = re.compile(r"\d\.\d{3},\d")
+#: Version of pandas that reads every number exactly without being asked.
+EXACT_SINCE = (3, 1)
+#: Bytes that pandas takes for a value while it reads, and for anything at all.
+BYTES_PER_VALUE, LEAST_BYTES = 24, 64 << 20
+#: Most lines of totals that may end a table.
+MOST_TOTALS = 50
+
+
+class TextTable:
+    """A table of text whose columns are read when they are asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._encoding = path, _encoding(path)
+        for most in HEAD_LINES:
+            with self._open() as file:
+                lines = list(islice(_lines(file, path), most))
+            found = {s: [_cells(line, s) for line in lines] for s in SEPARATORS}
+            runs = {s: longest_run(rows) for s, rows in found.items()}
+            self._separator = max(SEPARATORS, key=lambda s: runs[s].values)
+            self._rows, run = found[self._separator], runs[self._separator]
+            if run.stop and run.stop > min(most, len(lines)) // 4:
+                break
+        if not run.stop:
+            raise InputError(f"{path}: holds no table: expected names, and rows of numbers below them")
+        self._found, self._width = with_header(self._rows, run, str(path)), run.width
+        self.names = self._found.names
+        self.where = f"{path}, row {self._found.header[0] + 1}"
+
+    def head(self) -> pandas.DataFrame:
+        """Return the first rows, as text."""
+        import pandas
+
+        rows = [row[: len(self.names)] for row in self._rows[self._found.first :] if len(row) == self._width]
+        return pandas.DataFrame(rows[:20])
+
+    def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
+        """Read columns by name; InputError for lines with too few or too many cells, and for too little memory."""
+        blanks, count, below, marks = self._scan()
+        needed = BYTES_PER_VALUE * count * len(columns) + LEAST_BYTES
+        free = memory if memory is not None else free_memory()
+        if needed > free:
+            raise InputError(
+                f"{self.path}: {count:,} rows of {len(columns)} columns need {needed / 2**20:,.0f} MiB of memory, "
+                f"{free / 2**20:,.0f} MiB are free: thin or cut the file, or run on a larger machine"
+            )
+        frame = self._frame([self.names.index(name) for name in columns], count, marks)
+        with self.path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+
+        def line(row: int) -> int:
+            at = row + self._found.first + 1
+            for blank in blanks:
+                at += blank <= at
+            return at
+
+        note = self._found.note(self.path.name, [number - 1 for number in below])
+        return FileTable(frame.set_axis(list(columns), axis=1), sha256, lambda row: f"row {line(row)}", line(0), note)
+
+    def _open(self) -> TextIO:
+        return self.path.open(encoding=self._encoding, errors="replace")
+
+    def _scan(self) -> tuple[list[int], int, list[int], tuple[bool, bool]]:
+        """Return blank lines, the count of rows, lines below the table, and if commas are decimal, points of thousands.
+
+        InputError for a line inside the table that has not as many cells as the others."""
+        separator, width = self._separator, self._width
+        blanks: list[int] = []
+        below: list[tuple[int, int]] = []
+        last: deque[tuple[int, str]] = deque(maxlen=MOST_TOTALS)
+        count, comma, thousands = 0, False, False
+        with self._open() as file:
+            for number, line in enumerate(_lines(file, self.path), 1):
+                if number <= self._found.first:
+                    continue
+                if line.isspace():
+                    blanks.append(number)
+                    continue
+                cells = len(line.split()) if separator == " " else line.count(separator) + 1
+                cells = cells if cells == width else len(_cells(line, separator))
+                if cells != width or (below and not self._goes_on(line)):
+                    below.append((number, cells))
+                    continue
+                if below:
+                    raise InputError(f"{self.path}, row {below[0][0]}: {told_width(below[0][1], width)} "
+                                     f"({', '.join(self.names)})")  # fmt: skip
+                last.append((number, line))
+                count += 1
+                if separator != "," and "," in line:
+                    comma, thousands = True, thousands or bool(POINT_AND_COMMA.search(line))
+        while last and not self._goes_on(last[-1][1]):
+            below.append((last.pop()[0], width))
+            count -= 1
+        return blanks, count, sorted(number for number, _ in below), (comma, thousands)
+
+    def _goes_on(self, line: str) -> bool:
+        return self._found.goes_on(_cells(line, self._separator))
+
+    def _frame(self, places: Sequence[int], count: int, marks: tuple[bool, bool]) -> pandas.DataFrame:
+        """Return columns, cells with a decimal comma in columns of text put with a point."""
+        import pandas
+
+        separator = self._separator
+        options: dict[str, Any] = {"decimal": ","} if marks[0] else {}
+        if tuple(map(int, pandas.__version__.split(".")[:2])) < EXACT_SINCE:
+            options["float_precision"] = "round_trip"
+        for quoting in (csv.QUOTE_MINIMAL, csv.QUOTE_NONE):
+            with self._open() as file, warnings.catch_warnings():
+                warnings.simplefilter("ignore", pandas.errors.ParserWarning)  # the number of cells was checked
+                next(islice(file, self._found.first - 1, None))
+                frame: pandas.DataFrame = pandas.read_csv(
+                    file, sep=r"\s+" if separator == " " else separator, header=None, names=range(self._width),
+                    usecols=sorted(places), nrows=count, index_col=False, low_memory=False, skipinitialspace=True,
+                    na_values=NO_READING, quoting=quoting, on_bad_lines="skip", **options,
+                )  # fmt: skip
+            if len(frame) == count:
+                break
+        else:
+            raise InputError(f"{self.path}: changed while it was read, or has line breaks inside quotes")
+        for place in places if marks[0] else ():
+            if frame[place].dtype.kind not in "biuf":
+                frame[place] = frame[place].map(partial(_with_point, thousands=marks[1]), na_action="ignore")
+        return frame[list(places)]
+
+
+def _encoding(path: Path) -> str:
+    """Return how a file of text is encoded: UTF-16 by its mark, UTF-8, else as Windows does in Western Europe."""
+    with path.open("rb") as file:
+        head = file.read(1 << 20)
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    if not head.strip():
+        raise InputError(f"{path}: is empty, expected a table with a header")
+    if b"\0" in head:
+        raise InputError(f"{path}: is not plain text (a binary file), expected a table of text")
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _lines(file: TextIO, path: Path) -> Iterator[str]:
+    while line := file.readline(MAX_LINE):
+        if len(line) == MAX_LINE:
+            raise InputError(f"{path}: a line is longer than {MAX_LINE >> 20} MiB, expected one sample a line")
+        yield line
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """Split a line; the mark of a comment stays with the first cell."""
+    text = line.strip("\r\n ")
+    mark = text[:1] if text.startswith(COMMENTS) else ""
+    text = text[len(mark) :].lstrip(" ") if mark else text
+    cells = (
+        text.split() if separator == " " else next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
+    )
+    cells = [cell.strip(' "') for cell in cells]
+    return [mark + cells[0], *cells[1:]] if cells else [mark]
+
+
+def _with_point(cell: str, thousands: bool) -> str:
+    text = cell.strip(' "')
+    if not re.fullmatch(NUMBER, text) or re.fullmatch(DATE, text):
+        return cell
+    return (text.replace(".", "") if thousands else text).replace(",", ".")
+
+
+def free_memory() -> int:
+    """Count the bytes that this process may still take: what the system has, and its control group's limit."""
+    try:
+        free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                free = int(line.split()[1]) * 1024
+    except (OSError, ValueError, AttributeError):
+        free = 1 << 30
+    try:
+        limit = int(Path("/sys/fs/cgroup/memory.max").read_text())
+        used = int(Path("/sys/fs/cgroup/memory.current").read_text())
+        free = min(free, max(limit - used, 0))
+    except (OSError, ValueError):
+        pass
+    return free
