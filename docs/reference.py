@@ -84,7 +84,6 @@ KEYS: Mapping[str, str] = {
     "fit.max_input_delay": "largest delay of the inputs that is searched, in s: one number for all of them together, "
     "anew in each recording, or `{heater = 1200}` for a dead time of single ones; below zero: by how much they may act "
     "before they are logged; left out: what the package declares (the AERO: 0.02), else none",
-    "fit.ripple": "what becomes of ripple locked to a rotor",
     "priors_from": "`posterior.nc` of an earlier experiment, whose draws are the prior of this one",
     "fit.stages[].parameters": "parameters of this stage",
     "fit.stages[].outputs": "outputs of this stage",

@@ -120,7 +120,6 @@ class FitSection(Section):
     staged: bool = True
     initial_states: Literal["auto", "reading", "estimated"] = "auto"
     max_input_delay: float | dict[str, float] | None = None
-    ripple: Literal["subtract", "describe", "ignore"] = "subtract"
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()
     local: LocalSection = LocalSection()

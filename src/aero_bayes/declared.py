@@ -98,11 +98,6 @@ class PackageDeclaration:
     ports: Mapping[str, str] = field(default_factory=dict)
     effects: Mapping[str, DeclaredEffect] = field(default_factory=dict)
 
-    def port_of(self, effect: str) -> str:
-        """Name of the port at which an effect acts."""
-        at = self.effects[effect].law.partition("@")[2]
-        return self.ports.get(at, at)
-
 
 def parse_declaration(text: str, where: str, package: str = "") -> PackageDeclaration:
     """Read a declaration."""

@@ -1,19 +1,28 @@
-"""Writing a file whole or not at all, and a folder by one run at a time."""
+"""Files that are written whole or not at all, folders for one run at a time, and temporary folders."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import tempfile
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.locks import lock
+
+try:
+    import fcntl
+except ImportError:  # on Windows, in a browser: nobody can tell there whether a folder is in use
+    fcntl = None  # type: ignore[assignment]
 
 #: In the output folder: from where ``--resume`` continues, and what a run found.
 CHECKPOINT, RESULT = "checkpoint.npz", "result.json"
+#: How the names of temporary folders begin and end.
+_PREFIX, _SUFFIX = "aero-bayes-", ".scratch"
 
 
 @contextmanager
@@ -46,20 +55,84 @@ def _to_disk(path: Path) -> None:
         os.close(handle)
 
 
+def _lock(folder: Path) -> int | None:
+    """Lock a folder until what this returns is closed or the process ends, however it does.
+
+    BlockingIOError where another process holds it, None where there are no locks."""
+    if fcntl is None:
+        return None
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise
+    return handle
+
+
 @contextmanager
 def one_run_at_a_time(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder, which is made, until the block ends; the system ends it for a run that dies."""
+    """Keep other runs out of a folder, which is made, until the block ends."""
     folder.mkdir(parents=True, exist_ok=True)
-    windows = sys.platform == "win32"  # opens no folders: a file inside is locked there
-    handle = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT) if windows else os.open(folder, os.O_RDONLY)
+    handle = None
     try:
         with suppress(OSError):  # some network file systems lock no folders
             try:
-                lock(handle)
-            except (BlockingIOError, PermissionError):
+                handle = _lock(folder)
+            except BlockingIOError:
                 raise InputError(
                     f"{folder}: another run is writing there; wait for its end or give another --out"
                 ) from None
         yield
     finally:
-        os.close(handle)
+        if handle is not None:
+            os.close(handle)
+
+
+def sweep(parent: Path) -> int:
+    """Remove the temporary folders in ``parent`` whose process is gone."""
+    removed = 0
+    for path in parent.glob(f"{_PREFIX}*{_SUFFIX}"):
+        with suppress(OSError):  # in use, or another user's
+            lock = None if path.is_symlink() else _lock(path)
+            if lock is None:
+                continue
+            if os.fstat(lock).st_uid == os.getuid():
+                shutil.rmtree(path, ignore_errors=True)
+                removed += 1
+            os.close(lock)
+    return removed
+
+
+_sweep_once = cache(sweep)
+
+
+class ScratchFolder:
+    """A private temporary folder, removed when it is closed, collected or its process ends.
+
+    Where the process is killed, the next process that makes one removes it. As a context manager it gives its path."""
+
+    def __init__(self) -> None:
+        _sweep_once(Path(tempfile.gettempdir()))
+        new = Path(tempfile.mkdtemp(prefix=f"new-{_PREFIX}", suffix=_SUFFIX))
+        lock = _lock(new)
+        self.path = new.rename(new.with_name(new.name.removeprefix("new-")))  # nobody sweeps it before it is locked
+        self._finalizer = weakref.finalize(self, _remove, self.path, lock, os.getpid())
+
+    def __enter__(self) -> Path:
+        return self.path
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Remove the folder and what is in it."""
+        self._finalizer()
+
+
+def _remove(path: Path, lock: int | None, owner: int) -> None:
+    if os.getpid() != owner:
+        return  # a forked child: the folder is its parent's
+    shutil.rmtree(path, ignore_errors=True)
+    if lock is not None:
+        os.close(lock)

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aero_bayes.errors import InputError
-from aero_bayes.files import whole_file
+from aero_bayes.files import ScratchFolder, whole_file
 from aero_bayes.report import write_comparison, write_run_page
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.scratch import ScratchFolder
 
 if TYPE_CHECKING:
     from aero_bayes.estimate.result import Fit

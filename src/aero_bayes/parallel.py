@@ -35,14 +35,6 @@ class Task(Generic[R]):
     counts: Counter[Any] = field(default_factory=Counter)
 
 
-def doubling_batches(items: Sequence[T], first: int) -> Iterator[Sequence[T]]:
-    """Yield items in batches that double in size: what one batch tells the next does not depend on the workers."""
-    begin, size = 0, max(first, 1)
-    while begin < len(items):
-        yield items[begin : begin + size]
-        begin, size = begin + size, 2 * size
-
-
 @dataclass(frozen=True, eq=False)
 class ParallelMap:
     """Do tasks in worker processes that are copies of this one; here, one after the other, where these do not pay.

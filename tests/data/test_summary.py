@@ -9,9 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from facts import facts
-from scipy.signal import lfilter
 
-from aero_bayes.data import Recording, ripple_amplitudes, summarise
+from aero_bayes.data import Recording, summarise
 from simulated_rigs.aero import Truth, simulate_recording
 from simulated_rigs.designs import equal_steps
 from simulated_rigs.sensors import SensorNoise, Sensors, clean, real
@@ -71,45 +70,6 @@ def test_saturated_sensor_is_seen_and_a_resting_encoder_is_not() -> None:
     assert summarise(made(replace(clean(), encoder_counts=2048))).outputs[2].saturated == 0.0
 
 
-@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
-def test_ripple_is_found_where_it_is(rate_hz: float) -> None:
-    sensors = Sensors(SensorNoise(2e-3, ripple=(0.0, 10e-3)), SensorNoise(0.5, ripple=(0.6,)), SensorNoise(1e-3))
-    recording = made(sensors, rate_hz=rate_hz)
-    current, speed = ripple_amplitudes(recording, "i_m"), ripple_amplitudes(recording, "omega_m")
-    # The amplitude goes with the speed: 18 V makes about 412 rad/s, the others less.
-    assert 3e-3 < current[2] < 11e-3
-    assert 1 not in current or current[1] < 0.1 * current[2]
-    if rate_hz > 500.0:
-        assert 0.2 < speed[1] < 0.7
-    assert ripple_amplitudes(recording, "theta") == {}
-
-
-def test_no_ripple_in_white_noise() -> None:
-    for seed in range(5):
-        recording = made(Sensors(SensorNoise(5e-3), SensorNoise(1.0), SensorNoise(1e-3)), seed)
-        for output in recording.outputs:
-            assert ripple_amplitudes(recording, output) == {}
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_vibration_that_jumps_set_off_is_no_ripple(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    time = np.arange(4000) * 0.005
-    level = np.repeat(rng.uniform(25.0, 80.0, 10), 400)
-    speed = lfilter([0.0328], [1.0, -0.9672], level - level[0]) + level[0]
-    angle = np.cumsum(speed) * 0.005
-    ringing = 2.0 * np.pi * 7.0
-    since = time % 2.0
-    shaken = np.diff(level, prepend=level[0]).cumsum() + np.repeat(np.diff(level[::400], prepend=0.0), 400) * np.exp(
-        -0.02 * ringing * since) * np.cos(ringing * since)  # fmt: skip
-    outputs = {"w": speed, "y": shaken, "turning": 0.1 * np.cos(angle)}
-    outputs = {name: y + 0.01 * rng.normal(size=time.size) for name, y in outputs.items()}
-    recording = Recording("shaken", time, {"u": level}, outputs, {"w": "rad/s"})
-    assert ripple_amplitudes(recording, "y") == {}
-    assert ripple_amplitudes(recording, "turning")[1] == pytest.approx(0.1, rel=0.05)
-
-
 def test_real_noise_is_described() -> None:
     text = str(summarise(made(real(), rate_hz=1000.0)))
-    assert "at 2 a turn" in text
     assert "step 0.003068" in text

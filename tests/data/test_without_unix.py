@@ -19,8 +19,7 @@ sys.modules["fcntl"] = sys.modules["resource"] = None
 from pathlib import Path
 import aero_bayes
 from aero_bayes.data import Layout
-from aero_bayes.files import one_run_at_a_time, whole_file
-from aero_bayes.scratch import ScratchFolder
+from aero_bayes.files import ScratchFolder, one_run_at_a_time, whole_file
 layout = Layout.of(["F"], ["position"])
 with one_run_at_a_time(Path("out")), ScratchFolder() as scratch:
     with whole_file(Path("out") / "text") as temporary:

@@ -13,7 +13,7 @@ from aero_bayes.sensors.whiteness import residual_correlation_time
 from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
 
 PRIOR_SD, ROWS, NOISE = 50.0, 240, 0.1
-SETTINGS = FitSettings(method="local", staged=False, ripple="ignore")
+SETTINGS = FitSettings(method="local", staged=False)
 
 
 def design(force: np.ndarray) -> np.ndarray:

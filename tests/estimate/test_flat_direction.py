@@ -64,10 +64,9 @@ def test_without_the_current_no_torque_is_identified(drive: tuple[aero_bayes.Mod
     fit = aero_bayes.fit(recording, model, parameters=FREE, settings=SETTINGS, workers=0)
     (direction,) = fit.identifiability.flat
     assert {"R", "F_c", "J_l"} <= set(direction.members)
-    assert direction.fixed_names == ("b = 0.001",)
     assert abs(fit["R"].value - TRUTH["R"]) > 5.0 * (fit["R"].sd or 0.0)  # what a held guess does to it
     assert all(str(fit[name].status) == "weak" for name in direction.members)
-    assert "`b = 0.001`" in fit.to_dict()["identifiability"]["text"][0]
+    assert direction.sentence == fit.to_dict()["identifiability"]["text"][0]
 
 
 def test_with_the_current_each_is(drive: tuple[aero_bayes.Model, Recording]):
@@ -96,7 +95,6 @@ interpolation = "hold"\n[loop]\nlaws = ["cubic_stiffness"]\n[parameters]\n{free}
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["verdict"]["level"] == "warning"
     (sentence,) = result["identifiability"]["flat"]
-    assert "`b = 0.001`" in sentence
     assert sentence in result["verdict"]["text"]
     members = [name for name in FREE if f"`{name}`" in sentence]
     assert {"R", "F_c", "J_l"} <= set(members)

@@ -9,14 +9,10 @@ import numpy as np
 import pytest
 from facts import facts
 
-from aero_bayes import FitSettings
 from aero_bayes.errors import InputError
-from aero_bayes.judge import Recordings
-from aero_bayes.laws import LawPlaces, ModelicaFamily
-from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, close_loop, first_fit
+from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.loop.decide import decide
 from aero_bayes.search import Table
-from aero_bayes.simulation import WorkerPool
 from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import real, white
@@ -127,20 +123,3 @@ def test_bad_requests_are_refused(fmus):
         close_loop([train], settings=LoopSettings(effects=("magic",), cache=fmus))
     with pytest.raises(InputError, match="no law is left to try"):
         close_loop([train], settings=LoopSettings(effects=("current_offset",), ports=("body",), cache=fmus))
-
-
-@pytest.mark.parametrize("taken_out", [True, False])
-def test_ripple_is_taken_out_of_the_readings_only_where_that_is_wanted(fmus, tmp_path, taken_out):
-    train, _ = recordings(16, real(1.0), 0.0, duration=20.0)
-    fit = FitSettings(method="local", ripple="subtract" if taken_out else "ignore")
-    context = LoopContext(
-        ModelicaFamily(LawPlaces("Aero.Systems.OneDof"), fmus),
-        Recordings.of([train], [], 0.3, ["i_m", "omega_m", "theta"]),
-        replace(SETTINGS, fit=fit), WorkerPool(0), tmp_path, lambda what, share: None,
-        LoopStatistics(),
-    )  # fmt: skip
-    plain = first_fit(context, {}).plain
-    (raw,) = context.recordings.fitted
-    current = plain.data.measured[0][:, plain.data.outputs.index("i_m")]
-    same = np.array_equal(current, raw.outputs["i_m"], equal_nan=True)
-    assert same is not taken_out

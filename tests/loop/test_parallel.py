@@ -14,7 +14,7 @@ import pytest
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopSettings, close_loop
-from aero_bayes.parallel import ParallelMap, Task, doubling_batches
+from aero_bayes.parallel import ParallelMap, Task
 from aero_bayes.simulation import WorkerPool
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers are forked")
@@ -108,11 +108,6 @@ def test_an_interruption_ends_the_workers_at_once():
     with WorkerPool(2) as pool, pytest.raises(KeyboardInterrupt):
         ParallelMap(pool)([*questions.tasks([1]), Task(partial(time.sleep, 600.0))], interrupt)
     assert time.monotonic() - began < 60.0
-
-
-def test_waves_double_and_hold_everything_in_order():
-    assert [list(wave) for wave in doubling_batches(range(12), 2)] == [[0, 1], [2, 3, 4, 5], [6, 7, 8, 9, 10, 11]]
-    assert list(doubling_batches([], 5)) == []
 
 
 def recording(name: str, seed: int) -> Recording:

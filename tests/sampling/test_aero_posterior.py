@@ -116,7 +116,6 @@ def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> 
 @pytest.mark.skipif(not REAL.exists(), reason="the measured recordings are not here")
 def test_real_step_recording(models: dict[str, Model]) -> None:
     found = fit(read_recording(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)
-    # The motor's current has ripple that is taken out of the fitted readings: new readings have it.
     assert all(share >= 0.88 for share in found.predict(read_recording(REAL), draws=30).coverage.values())
     assert found.rms["theta"] < 0.0108
     assert found.noise["theta"].model_error

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.scratch import ScratchFolder, sweep
+from aero_bayes.files import ScratchFolder, sweep
 from aero_bayes.simulation import Experiment, Model, Problem, open_simulator
 
 pytestmark = pytest.mark.fast
@@ -61,7 +61,7 @@ def test_other_folders_stay(tmp_path):
     for name in ("aero-bayes-results", "other"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "result.json").write_text("{}")
-    (tmp_path / "aero-bayes-link").symlink_to(tmp_path / "other")
+    (tmp_path / "aero-bayes-link.scratch").symlink_to(tmp_path / "other")
     assert sweep(tmp_path) == 0
     assert len(list(tmp_path.glob("*/result.json"))) == 3
 

@@ -56,7 +56,6 @@ MISTAKES: dict[str, tuple[Callable[[], str], tuple[str, ...]]] = {
     "pitch in mrad": (lambda: "\n".join([HEADER, *[scaled(line, 4, 1000.0) for line in rows()]]), ("theta", "rad")),
     "voltage in mV": (lambda: "\n".join([HEADER, *[scaled(line, 1, 1000.0) for line in rows()]]), ("V_m", "V")),
     "current in mA": (lambda: "\n".join([HEADER, *[scaled(line, 2, 1000.0) for line in rows()]]), ("i_m", "A")),
-    "too short": (lambda: "\n".join([HEADER, *rows(2.0)]), ("1.98 s", "slowest", "4.8 s")),
 }
 
 

@@ -92,7 +92,6 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "fit.staged": (True, False),
     "fit.initial_states": ("reading", "estimated"),
     "fit.max_input_delay": (0.01, 0.02),
-    "fit.ripple": ("subtract", "ignore"),
     "fit.stages.*.parameters": (["k"], ["gain"]),
     "fit.stages.*.outputs": (["y"], ["z"]),
     "fit.pso.particles": (10, 20),
@@ -291,7 +290,6 @@ def test_what_the_user_says_goes_before_what_is_known_of_the_aero(key, folder, a
     [
         ("fit.cost", "eq6", "cost"),
         ("fit.method", "pso", "method"),
-        ("fit.ripple", "describe", "ripple"),
         ("noise.process", {"y": 0.1}, "process"),
         ("solver.engine", "fmpy", "fmpy"),
         ("loop.exclude", ["ofset"], "did you mean 'offset'?"),

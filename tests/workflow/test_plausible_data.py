@@ -59,11 +59,11 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def fit(folder: Path, time: np.ndarray, *, shift: float | np.ndarray = 0.0, factor: float = 1.0) -> Result:
+def fit(folder: Path, time: np.ndarray, *, shift: float | np.ndarray = 0.0) -> Result:
     """Fit a recording of ``time`` in s, written with other units."""
     power, temperature = room(time)
     rng = np.random.default_rng(1)
-    rows = zip(time * factor, power, temperature + shift + 0.02 * rng.standard_normal(time.size), strict=True)
+    rows = zip(time, power, temperature + shift + 0.02 * rng.standard_normal(time.size), strict=True)
     text = "\n".join(["time,P,T", *(f"{t!r},{p!r},{y!r}" for t, p, y in rows)])
     (folder / "run.csv").write_text(text.replace("np.float64(", "").replace(")", ""))
     options = ["--config", folder / "room.toml", "--data", folder / "run.csv", "--out", folder / "out", "--quiet"]
@@ -93,17 +93,6 @@ def test_degrees_celsius_are_told_from_kelvin(folder: Path, rise: float):
     assert re.search(facts("[data.columns.T]", "degC"), done.stderr)
     checked = CliRunner().invoke(main, ["check", "--config", f"{folder / 'room.toml'}", f"{folder / 'run.csv'}"])
     assert (checked.exit_code, checked.stderr) == (2, done.stderr)
-
-
-def test_samples_slower_than_the_model_are_warned_of_and_fitted(folder: Path):
-    """They may be in ms; but one count a day of what doubles in a day is right."""
-    done = fit(folder, 60.0 * np.arange(400), factor=1000.0)
-    assert done.exit_code == 0
-    assert re.search(facts("run.csv", "column time", "6e+04 s", "ms"), done.stderr)
-    (folder / "room.toml").write_text(CONFIG.replace("[parameters]", '[data.columns.time]\nunit = "ms"\n[parameters]'))
-    done = fit(folder, 60.0 * np.arange(400), factor=1000.0)
-    assert done.exit_code == 0
-    assert "column time" not in done.stderr
 
 
 def test_a_long_pause_is_said(folder: Path):

@@ -7,7 +7,6 @@ from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.noise import noise_floor, noise_floors, output_noise_floor, quantisation_step
 from aero_bayes.data.read import read_recording, read_recordings, write_csv
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.ripple import ripple_amplitudes
 from aero_bayes.data.screen import screen, screen_all
 from aero_bayes.data.summary import summarise
 from aero_bayes.declared import ColumnSpec
@@ -25,7 +24,6 @@ __all__ = [
     "quantisation_step",
     "read_recording",
     "read_recordings",
-    "ripple_amplitudes",
     "screen",
     "screen_all",
     "summarise",

@@ -16,8 +16,8 @@ cause was not recorded, cannot be separated from noise.
 Correlated noise is accepted where the inputs are constant, and only if the variance stops growing before the signal
 dominates. For a correlation time of 3 to 10 samples and a signal with a time scale of a hundred samples, the estimate
 is right within 30 %. Slower or weaker correlation looks like a drift or a signal and is missed. The floor is then the
-white part. Ripple is no noise: it is excluded if the sample rate resolves it (see :mod:`aero_bayes.data.ripple`), and
-counts as white otherwise. Constant quantised readings have no information. The floor is then the step over sqrt(12).
+white part. Ripple is no noise: it is excluded if the sample rate resolves it, and counts as white
+otherwise. Constant quantised readings have no information. The floor is then the step over sqrt(12).
 """
 
 from __future__ import annotations

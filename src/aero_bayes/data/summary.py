@@ -10,7 +10,6 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import NoiseFloor, output_noise_floor, quantisation_step
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.ripple import ripple_amplitudes
 from aero_bayes.display import table_html, with_unit
 
 #: Number of equal readings in a row at an extreme value that mean saturation of a continuous sensor.
@@ -42,7 +41,7 @@ class InputSummary:
 
 @dataclass(frozen=True)
 class OutputSummary:
-    """An output: range, missing readings, share of saturated readings, noise floor, ripple by periods a turn."""
+    """An output: range, missing readings, share of saturated readings, noise floor."""
 
     name: str
     unit: str
@@ -52,7 +51,6 @@ class OutputSummary:
     longest_gap: float
     saturated: float
     noise: NoiseFloor
-    ripple: dict[int, float]
 
     @property
     def text(self) -> str:
@@ -64,8 +62,6 @@ class OutputSummary:
             parts[-1] += f" (white {noise.white:.2g}, slow {noise.slow:.2g} over {noise.slow_time:.2g} s)"
         if noise.quantum is not None:
             parts.append(f"step {noise.quantum:.4g}")
-        if self.ripple:
-            parts.append(", ".join(f"ripple {size:.2g} at {order} a turn" for order, size in self.ripple.items()))
         if self.missing:
             parts.append(f"{self.missing} readings missing (longest gap {self.longest_gap:.3g} s)")
         if self.saturated > 0.0:
@@ -170,8 +166,6 @@ def _output(recording: Recording, name: str) -> OutputSummary:
     values = recording.outputs[name]
     seen = np.isfinite(values)
     at = recording.time[seen]
-    noise = output_noise_floor(recording, name)
-    smallest = 0.25 * noise.quantum if noise.quantum else 0.0
     return OutputSummary(
         name=name,
         unit=recording.units.get(name, ""),
@@ -180,8 +174,7 @@ def _output(recording: Recording, name: str) -> OutputSummary:
         missing=int((~seen).sum()),
         longest_gap=float(np.diff(at).max()) if not seen.all() else 0.0,
         saturated=_saturated(values[seen]),
-        noise=noise,
-        ripple={order: size for order, size in ripple_amplitudes(recording, name).items() if size > smallest},
+        noise=output_noise_floor(recording, name),
     )
 
 

@@ -24,7 +24,6 @@ from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, pa
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.estimate.reduced_problem import with_few_samples
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.search_settings import GlobalSearchSettings
 from aero_bayes.estimate.step_rule import CostShape
 from aero_bayes.estimate.swarm import SwarmSettings
@@ -81,5 +80,4 @@ __all__ = [
     "parameters_from_model",
     "with_few_samples",
     "with_other_interpolation",
-    "without_ripple",
 ]

@@ -17,7 +17,6 @@ from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, calibrate
-from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.declared import declared_overrides
 from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
@@ -36,12 +35,10 @@ from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, chose
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.progressive_horizon import OpenSimulator
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.ripple_removal import without_ripple
 from aero_bayes.estimate.solver_difference import with_solver_difference
 from aero_bayes.estimate.value_comparison import ValueTrial
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.sensors.describe import describe_sensors
-from aero_bayes.sensors.ripple import Ripple
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
@@ -154,17 +151,15 @@ class _Request:
             rng = np.random.default_rng(self.seed)
             return fit_calibration(calibration, opened, settings, rng, watched, checkpoint=cache)
 
-        # Outliers, ripple and kinds of noise belong to the likeliest values: all are compared on the same readings.
+        # Outliers and kinds of noise belong to the likeliest values: all are compared on the same readings.
         found = _likeliest(self.candidates, fitted)
         filtered = found.calibration.simulated.process is not None
         if not filtered and not watched.asked_to_end:
             found = _without_outliers(found, opened, settings, watched, cache)
         if settings.cost == "posterior" and not filtered and not watched.asked_to_end:
-            found = _with_sensors(found, opened, settings, watched, cache)
-            found = _with_noise_kinds(found, opened, settings, watched)
-        judged = name_deciding_constants(found.identifiability, found.calibration, found.optimum, opened)
+            found = _with_noise_kinds(_with_sensors(found), opened, settings, watched)
         here = partial(opened, workers=0)  # one run needs no workers
-        found = with_solver_difference(replace(found, identifiability=judged), here)
+        found = with_solver_difference(found, here)
         if watched.asked_to_end:
             return found
         local, problem = replace(settings, method="local"), found.calibration
@@ -229,26 +224,11 @@ def _without_outliers(
         found, poor = first, poor | structured
 
 
-def _with_sensors(
-    first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None, cache: Checkpoint | None
-) -> Fit:
-    """Describe the sensors of a fit; if ripple is to be subtracted, fit again to the readings without it."""
-    began = time.perf_counter()
-    calibration = first.calibration
-    found, subtract = first, settings.ripple == "subtract"
-    ripple: dict[str, dict[str, Ripple]] = {}
-    if settings.ripple != "ignore":
-        data, ripple = without_ripple(calibration.data, calibration.model, first.fitted)
-        if ripple and subtract:
-            cleaned = replace(calibration, data=data)
-            with opened(cleaned.problem()) as simulator:
-                objective = objective_of(cleaned, simulator, result_cache=cache)
-                found = _refit_from(first, GlobalSearch(objective, settings.global_search, progress), settings)
-    rows = [(e.time, y, f) for e, y, f in zip(
-        found.calibration.data.experiments, found.calibration.data.readings, found.fitted, strict=True
-    )]  # fmt: skip
-    sensors = describe_sensors(found.outputs, rows, ripple, subtracted=subtract)
-    return replace(found, sensors=sensors, seconds=first.seconds + time.perf_counter() - began)
+def _with_sensors(found: Fit) -> Fit:
+    """Describe the encoders among the sensors of a fit."""
+    data = found.calibration.data
+    rows = [(e.time, y, f) for e, y, f in zip(data.experiments, data.readings, found.fitted, strict=True)]
+    return replace(found, sensors=describe_sensors(found.outputs, rows))
 
 
 def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, progress: Progress | None) -> Fit:
@@ -271,7 +251,7 @@ def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, 
 
 
 def _refit_from(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
-    """Fit readings without their ripple or outliers, from the optimum of the first fit."""
+    """Fit readings without their outliers, from the optimum of the first fit."""
     start = search.objective.parameters.to_search(first.values)
     optimum = search.refit(start, first.free, first.noise)
     refitted = finished_fit(

@@ -44,10 +44,6 @@ class FitSettings(SettingsDisplay):
         Particles that the local search starts from, besides the starting values.
     calibration : CalibrationSettings
     noise : NoiseModel
-    ripple : {"subtract", "describe", "ignore"}
-        Look for ripple locked to a rotor in the residuals. ``subtract`` takes what is found out of the readings and
-        fits again, so that the noise is the sensor's; ``describe`` only says in the result how large it is and what
-        the noise would be without it.
     engine : {"native", "fmpy"}
     fixed : mapping of str to float
         Model parameters held at other values than the model's own.
@@ -70,7 +66,6 @@ class FitSettings(SettingsDisplay):
     starts: int = 3
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     noise: NoiseModel = field(default_factory=NoiseModel)
-    ripple: Literal["subtract", "describe", "ignore"] = "subtract"
     engine: Engine = "native"
     fixed: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, Sequence[ListedValue]] = field(default_factory=dict)

@@ -49,19 +49,16 @@ class Combination:
 
 @dataclass(frozen=True)
 class FlatDirection:
-    """Parameters whose common change hardly alters the outputs; fixed ones (``fixed_names``) whose values decide it."""
+    """Parameters whose common change hardly alters the outputs."""
 
     members: tuple[str, ...]
-    fixed_names: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
         """What a reader should know."""
         names = _listed(self.members)
-        if self.fixed_names:
-            verb = "decide" if len(self.fixed_names) > 1 else "decides"
-            return f"{names} are known up to a common change only, which {_listed(self.fixed_names)}, held, {verb}."
-        return f"{names} are known up to a common change only: the prior, or a small error of the model, decides it."
+        decides = "the prior, a parameter that is held, or a small error of the model decides it"
+        return f"{names} are known up to a common change only: {decides}."
 
 
 @dataclass(frozen=True)

@@ -72,10 +72,6 @@ class LocalFitSettings:
         """Return settings with other limits, for a fit that need not be exact."""
         return replace(self, local=replace(self.local, iterations=iterations, tolerance=tolerance))
 
-    def at_temperature(self, temperature: float) -> LocalFitSettings:
-        """Return settings as exact in log-likelihood over ``temperature``: what counts less is found less closely."""
-        return replace(self, local=replace(self.local, tolerance=self.local.tolerance * temperature))
-
     def least_squares(self, outputs: Iterable[str]) -> LocalFitSettings:
         """Return settings with white noise of each output, so that the fit is one of least squares."""
         return replace(self, kinds=dict.fromkeys(outputs, "white"))
@@ -103,16 +99,6 @@ class Optimum:
         """Compute the standard deviation of a free column's search coordinate."""
         k = self.free.index(column)
         return math.sqrt(max(float(self.covariance[k, k]), 0.0))
-
-    def with_noise(self, objective: Objective, noise: Mapping[str, OutputNoise]) -> Optimum:
-        """Return the same point with likelihood, covariance and evidence at another noise; nothing is simulated.
-
-        If the relative weights of the outputs do not change, the point is still the optimum up to the priors."""
-        noise, parameters = {**self.noise, **noise}, objective.parameters
-        white = objective.whiten(self.evaluation, noise)
-        moved = replace(self, noise=noise, log_likelihood=white.log_likelihood, whitened=white)
-        covariance, evidence = moved.laplace(parameters)
-        return replace(moved, covariance=covariance, log_evidence=evidence)
 
     def laplace(self, parameters: ParameterSet, temperature: float = 1.0) -> tuple[FloatArray, float]:
         """Compute covariance and log-evidence of the posterior with the likelihood to the power ``1 / temperature``.

@@ -51,7 +51,7 @@ class MeasuredData:
 
     @property
     def raw_readings(self) -> tuple[FloatArray, ...]:
-        """What was recorded at the experiments' times, (n, m), ripple included."""
+        """What was recorded at the experiments' times, (n, m)."""
         if not self.recordings:
             return self.measured
         found = []

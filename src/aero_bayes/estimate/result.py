@@ -86,7 +86,7 @@ class Fit(OtherTools):
     settings : FitSettings
         How it was fitted.
     sensors : mapping of str to dict
-        Ripple and encoder counts, by output, as result.json takes them.
+        Encoder counts, by output, as result.json takes them.
     states : tuple of SmoothedStates
         With process noise, the states of each recording given all its readings, in the order of the model's states.
     modes : tuple of Mode

@@ -68,11 +68,6 @@ def with_slope(slopes: Sequence[FloatArray]) -> NDArray[np.bool_]:
     return np.asarray(size > MIN_SENSITIVITY_RATIO * float(size.max(initial=0.0)))
 
 
-def acts_in_steps(objective: Objective, point: FloatArray, column: int) -> bool:
-    """Return whether other values of a column (search coordinates ``point``, shape (p,)) change any output."""
-    return len(_plateaus(objective, point, column)) > 1
-
-
 def other_plateaus(objective: Objective, here: Optimum) -> list[FloatArray]:
     """List where to fit from to leave a plateau: search coordinates (p,), one for each other value of the cost.
 

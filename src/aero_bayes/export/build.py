@@ -17,8 +17,7 @@ from pathlib import Path
 from aero_bayes.build_cache import make_once
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.export.platforms import Platform, one_file, this_machine, zig_compiler
-from aero_bayes.files import whole_file
-from aero_bayes.scratch import ScratchFolder
+from aero_bayes.files import ScratchFolder, whole_file
 
 _FLAGS = ("-std=gnu11", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math")
 _LINK = ("-shared", "-Wl,--build-id=none", "-s")

@@ -24,7 +24,7 @@ from aero_bayes.export.library import (
     library_roots,
     needed_libraries,
 )
-from aero_bayes.scratch import ScratchFolder
+from aero_bayes.files import ScratchFolder
 
 FLAGS = "--fmiFlags=s:cvode --fmuRuntimeDepends=modelica"
 DERIVATIVES = "-d=-disableDirectionalDerivatives "

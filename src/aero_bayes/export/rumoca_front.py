@@ -23,11 +23,11 @@ from aero_bayes.export.library import check_model_name, copy_sources, library_ro
 from aero_bayes.export.library_view import link_packages, names_used_in
 from aero_bayes.export.rumoca_document import read_structured
 from aero_bayes.export.source_check import locate, refuse_dropped
+from aero_bayes.files import ScratchFolder
 from aero_bayes.language.edits import TextEdit, apply_edits
 from aero_bayes.language.sources import modelica_files, read_modelica_text, sources_in
 from aero_bayes.language.tokens import line_of, split_outside, tokenize
 from aero_bayes.language.units import to_modelica_unit
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.unknown_names import known_names_hint
 
 #: Seconds; what takes longer is seldom finished in minutes, and the memory goes first.

@@ -20,12 +20,12 @@ from aero_bayes.export.compose import (
 )
 from aero_bayes.export.flat import FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.files import ScratchFolder
 from aero_bayes.language.syntax import Call, Expression, Name, Number, map_names, parse_reference
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.law_text import class_text
 from aero_bayes.laws.placed_law import PlacedLaw, identifier
 from aero_bayes.ports import Attachment, Port, defining_equations, signal_expression
-from aero_bayes.scratch import ScratchFolder
 
 LawModels = Mapping[tuple[str, str], FlatModel]
 #: Laws at inputs and then those at outputs are composed after all others.

@@ -13,11 +13,11 @@ from pathlib import Path
 from aero_bayes.export.compose import add_input, add_output, equate
 from aero_bayes.export.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.files import ScratchFolder
 from aero_bayes.language.syntax import Call, Expression, Name, map_names
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.placed_law import identifier
 from aero_bayes.ports import CombinationRule, ReplaceableModel
-from aero_bayes.scratch import ScratchFolder
 
 ACROSS, LOST, THROUGH = "across", "lost", "through"
 

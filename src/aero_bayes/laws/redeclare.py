@@ -8,20 +8,15 @@ from pathlib import Path
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.rumoca_front import load_flat
+from aero_bayes.files import ScratchFolder
 from aero_bayes.laws.placed_law import PlacedLaw
 from aero_bayes.ports import CombinationRule, ReplaceableModel
-from aero_bayes.scratch import ScratchFolder
 
 
 def split_by_replaceable(placed_laws: Iterable[PlacedLaw]) -> tuple[list[PlacedLaw], list[PlacedLaw]]:
     """Return the laws in replaceable models, and the others."""
     every = list(placed_laws)
     return [u for u in every if u.port.replaceable is not None], [u for u in every if u.port.replaceable is None]
-
-
-def can_be_combined(placed: PlacedLaw) -> bool:
-    """Return whether a law is in a replaceable model that can hold several laws."""
-    return placed.port.replaceable is not None and placed.port.replaceable.combination is not None
 
 
 def load_with_redeclarations(

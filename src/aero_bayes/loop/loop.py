@@ -19,6 +19,7 @@ from aero_bayes.estimate.parameters import Parameter, parameters_from_model
 from aero_bayes.estimate.plausible import screened
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.step_budget import steps_taken, with_step_budget
+from aero_bayes.files import ScratchFolder
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.language.sources import main_class
 from aero_bayes.laws.candidate_filter import CandidateFilter
@@ -37,7 +38,6 @@ from aero_bayes.loop.sentences import Ended
 from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.settle import settled
 from aero_bayes.progress import Progress, watching
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.models import VALUE, FittedModel, ModelSource
 from aero_bayes.search.search import Control, Library, Search
 from aero_bayes.simulation import PythonModel, WorkerPool

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
-from aero_bayes.estimate.deciding_constants import name_deciding_constants
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.result import Fit
 from aero_bayes.judge.prediction import Prediction, shifts
@@ -57,7 +56,7 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
         residual_after=extended.reports if extended is not None else first.reports, steps=steps,
         shifts=shifts(first.plain.parameters, optimum, after.calibration.parameters, after.optimum) if effects else (),
         parameters=fitted,
-        identifiability=name_deciding_constants(after.identifiability, after.calibration, after.optimum, context.open),
+        identifiability=after.identifiability,
         noise=after.noise, modelica=written.text if written is not None else "",
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "", separate=_separate(decision),

@@ -19,13 +19,13 @@ from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.result import Fit
+from aero_bayes.files import ScratchFolder
 from aero_bayes.judge.prediction import Prediction, Shift
 from aero_bayes.judge.recordings import Recordings
 from aero_bayes.loop.fitted_loop import FittedLoop
 from aero_bayes.loop.found_effect import FoundEffect, Limit, NewParameter
 from aero_bayes.loop.steps import Step
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.table import Table, Terms
 from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Interpolation

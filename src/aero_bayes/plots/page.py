@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.result import LoopResult
-from aero_bayes.scratch import ScratchFolder
 
 
 def loop_page(loop: LoopResult) -> str:

@@ -15,7 +15,7 @@ from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.sampling.posterior import Posterior
 from aero_bayes.schema import LoopJson, ParameterJson, RunJson
 from aero_bayes.simulation.model import Model
-from aero_bayes.workflow.curves import band_series, fitted_series, measured_series, only_measured, ripple_series
+from aero_bayes.workflow.curves import band_series, fitted_series, measured_series, only_measured
 from aero_bayes.workflow.describe import recording_row
 from aero_bayes.workflow.results import plain
 
@@ -40,12 +40,11 @@ def view(
 
 
 def fit_view(fit: Fit) -> RunDirectory:
-    """Return a fit with its curves; what ripple was taken out of the readings is no part of what it leaves."""
+    """Return a fit with its curves."""
     recordings = fit.calibration.data.recordings
     if not recordings:
         raise InputError("a fit to experiments without recordings has nothing to be drawn over")
-    series = fitted_series(fit) | ripple_series(recordings, fit)
-    return view([(r, "train") for r in recordings], series, fit.calibration.model)
+    return view([(r, "train") for r in recordings], fitted_series(fit), fit.calibration.model)
 
 
 def posterior_view(posterior: Posterior) -> RunDirectory:

@@ -53,11 +53,8 @@ def summed(run: RunDirectory, recording: str, *terms: tuple[int, str]) -> tuple[
 
 
 def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tuple[FloatArray, Source] | None:
-    """Compute the residual, measured minus model, less the ripple that the fit subtracted."""
-    terms = [(1, f"measured/{output}"), (-1, f"{model}/{output}")]
-    if model == FINAL_SERIES and f"ripple/{recording}/{output}" in run.series:
-        terms.append((-1, f"ripple/{output}"))
-    return summed(run, recording, *terms)
+    """Compute the residual, measured minus model."""
+    return summed(run, recording, (1, f"measured/{output}"), (-1, f"{model}/{output}"))
 
 
 def opening_scene(run: RunDirectory) -> Scene | None:

@@ -206,22 +206,6 @@ class McmcJson(JsonTable):
     per_parameter: dict[str, ConvergenceJson] = {}
 
 
-class RippleOrderJson(JsonTable):
-    """Ripple at a multiple of the rotor's turn."""
-
-    amplitude: JsonNumber
-    law: str
-    log_evidence: JsonNumber
-
-
-class RippleJson(JsonTable):
-    """Ripple in an output of one recording."""
-
-    orders: dict[str, RippleOrderJson] = {}
-    noise_sd: JsonNumber
-    noise_sd_with_ripple: JsonNumber
-
-
 class EncoderJson(JsonTable):
     """Counts of an encoder and what rounding to them adds."""
 
@@ -235,10 +219,8 @@ class EncoderJson(JsonTable):
 
 
 class SensorJson(JsonTable):
-    """Errors of a sensor; ``ripple`` by recording."""
+    """Errors of a sensor."""
 
-    ripple: dict[str, RippleJson] = {}
-    ripple_subtracted: bool = False
     encoder: EncoderJson | None = None
 
 

@@ -1,15 +1,14 @@
-"""Ripple and quantisation of outputs, as a fit shows them."""
+"""Quantisation of outputs, as a fit shows it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.sensors.quantisation import Quantisation, describe_quantisation, quantum
-from aero_bayes.sensors.ripple import Ripple
 
 Json = dict[str, Any]
 
@@ -18,25 +17,14 @@ MIN_VARIANCE_SHARE = 1e-3
 
 
 def describe_sensors(
-    outputs: Sequence[str],
-    recordings: Sequence[tuple[FloatArray, FloatArray, FloatArray]],
-    ripple: Mapping[str, Mapping[str, Ripple]],
-    *,
-    subtracted: bool,
+    outputs: Sequence[str], recordings: Sequence[tuple[FloatArray, FloatArray, FloatArray]]
 ) -> dict[str, Json]:
-    """Describe ripple and quantisation by output, as they go into result.json."""
-    table: dict[str, Json] = {}
-    for column, output in enumerate(outputs):
-        entry: Json = {}
-        found = {name: by[output].to_dict() for name, by in ripple.items() if output in by}
-        if found:
-            entry["ripple"], entry["ripple_subtracted"] = found, subtracted
-        counts = next((c for t, y, f in recordings if (c := _counts(t, y[:, column], f[:, column]))), None)
-        if counts is not None:
-            entry["encoder"] = counts.to_dict()
-        if entry:
-            table[output] = entry
-    return table
+    """Describe quantisation by output, as it goes into result.json; times, readings and fit of each recording."""
+    found = {
+        output: next((c for t, y, f in recordings if (c := _counts(t, y[:, k], f[:, k]))), None)
+        for k, output in enumerate(outputs)
+    }
+    return {output: {"encoder": counts.to_dict()} for output, counts in found.items() if counts is not None}
 
 
 def _counts(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Quantisation | None:

@@ -17,6 +17,8 @@ FALSE_ALARM_RATE = 1e-3
 READINGS_A_LAG = 25
 #: Autocorrelation at which the sum for the autocorrelation time ends, and the lag, in autocorrelation times.
 MIN_AUTOCORRELATION, AUTOCORRELATION_WINDOW = 0.05, 5.0
+#: Least speed of a rotor whose ripple is faster than other motion, in rad/s.
+MIN_ROTOR_SPEED = 20.0
 
 
 def autocovariance(series: FloatArray, mean: float | None = None) -> FloatArray:
@@ -57,6 +59,12 @@ def correlation_p_value(a: FloatArray, b: FloatArray, lags: int = 20) -> float:
     """Compute the probability that independent noise gives so large a :func:`correlation_statistic`."""
     statistic, freedom = correlation_statistic(a, b, lags)
     return float(chdtrc(freedom, statistic))
+
+
+def is_rotor_speed(readings: FloatArray, unit: str) -> bool:
+    """Return whether readings (n,) are the speed of a rotor, fast enough to tell its ripple from other motion."""
+    seen = readings[np.isfinite(readings)]
+    return unit == "rad/s" and seen.size > 100 and float(np.max(np.abs(seen))) >= MIN_ROTOR_SPEED
 
 
 def ripple_means(innovations: FloatArray, interval: float, length: float = 0.2) -> FloatArray:

@@ -17,7 +17,7 @@ from fmpy.sundials import CVodeSolver
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.scratch import ScratchFolder
+from aero_bayes.files import ScratchFolder
 from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.input_signals import signals_of_run, value_at

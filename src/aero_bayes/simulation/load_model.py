@@ -9,8 +9,8 @@ from pathlib import Path
 
 from aero_bayes.arguments import Paths, paths_of
 from aero_bayes.export import export_fmu
+from aero_bayes.files import ScratchFolder
 from aero_bayes.language.sources import main_class
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.simulation.model import Model, ModelicaSource
 
 

@@ -11,7 +11,7 @@ from aero_bayes.build_cache import user_cache
 from aero_bayes.errors import InputError
 from aero_bayes.export.build import write_archive
 from aero_bayes.export.platforms import this_machine
-from aero_bayes.scratch import ScratchFolder
+from aero_bayes.files import ScratchFolder
 from aero_bayes.simulation import archive
 from aero_bayes.simulation.model_description import BINARY_FOLDERS, ModelDescription
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.scratch import ScratchFolder
+from aero_bayes.files import ScratchFolder
 from aero_bayes.simulation import worker_main
 from aero_bayes.simulation.engine_library import LoadError, engine_path
 from aero_bayes.simulation.interface import Outcome

@@ -2,7 +2,6 @@
 
 from aero_bayes.progress import ProgressBar
 from aero_bayes.workflow.commands import run_all, run_check, run_close_loop, run_fit, run_posterior
-from aero_bayes.workflow.curves import ripple_series
 from aero_bayes.workflow.design import DesignOptions, run_design
 from aero_bayes.workflow.diagram import model_diagrams
 from aero_bayes.workflow.init import match_columns, run_init, split_unit
@@ -16,7 +15,7 @@ from aero_bayes.workflow.settings import fit_settings, sample_settings
 __all__ = [
     "DesignOptions", "Job", "ProgressBar", "RunOptions", "fit_settings",
     "loop_settings", "match_columns", "model_diagrams", "open_job",
-    "prediction_settings", "ripple_series", "run_all", "run_check", "run_close_loop", "run_design",
+    "prediction_settings", "run_all", "run_check", "run_close_loop", "run_design",
     "run_fit", "run_init", "run_ports", "run_posterior", "sample_settings", "split_unit", "versions",
     "write_result", "write_series",
 ]  # fmt: skip

@@ -35,7 +35,6 @@ from aero_bayes.workflow.curves import (
     fitted_series,
     measured_series,
     only_measured,
-    ripple_series,
     state_series,
     unfitted_series,
 )
@@ -211,7 +210,7 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
         entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
     used = [{r.name: r for r in found.calibration.data.recordings}.get(r.name, r) for r in job.recordings]
     series = measured_series(used) | unfitted_series(job.read or job.recordings, used)
-    series |= fitted_series(found) | ripple_series(job.recordings, found)
+    series |= fitted_series(found)
     names = [state.name for state in found.calibration.model.states]
     states = dict(zip(found.calibration.data.names, found.states, strict=False))
     return result, series | state_series(names, states)

@@ -64,26 +64,6 @@ def state_series(names: Sequence[str], states: Mapping[str, SmoothedStates]) -> 
     return series
 
 
-def ripple_series(recordings: Sequence[Recording], fit: Fit) -> Series:
-    """Return ``ripple/<rec>/<output>``: the ripple that the fit subtracted from the readings, if any."""
-    series: Series = {}
-    data = fit.calibration.data
-    fitted = dict(zip(data.names, zip(data.experiments, data.readings, strict=True), strict=True))
-    for recording in recordings:
-        if recording.name not in fitted:
-            continue
-        experiment, readings = fitted[recording.name]
-        rows = np.searchsorted(recording.time, experiment.time)
-        for column, output in enumerate(experiment.outputs):
-            if output not in recording.outputs:
-                continue
-            ripple = np.zeros(recording.rows)
-            ripple[rows] = recording.outputs[output][rows] - readings[:, column]
-            if np.nanmax(np.abs(ripple), initial=0.0) > 0.0:
-                series[f"ripple/{recording.name}/{output}"] = ripple
-    return series
-
-
 def band_series(
     names: Sequence[str], outputs: Sequence[str], lower: Sequence[FloatArray], upper: Sequence[FloatArray]
 ) -> Series:

@@ -30,11 +30,8 @@ from aero_bayes.simulation.given_units import with_units
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.workflow.timescale import check_duration, slow_sampling_warning
 
 Engine = Literal["native", "fmpy"]
-#: Where times are looked for unless the configuration says otherwise.
-TIME = ColumnMap("time")
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,6 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         if without := without_units(model):
             click.echo(f"note: {without}", err=True)
     layout = layout_of(config, declared, model if not declared.systems or fmu is not None else None)
-    columns = columns_of(config)
     if options.config is None and options.model is None:
         check_default([*files, *tests], layout)
     recordings = recordings_of(config, files, layout)
@@ -134,10 +130,6 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     values = _listed(model, config)
     parameters = fit_parameters(model, config)
     fixed = _fixed(model, config, parameters)
-    if model.declared.parameters:
-        check_duration(recordings, model, fixed)
-    elif columns.get("time", TIME).unit is None and (slow := slow_sampling_warning(recordings, model, fixed)):
-        click.echo(f"note: {slow}", err=True)
     read = (*recordings, *test_recordings)
     recordings, test_recordings = screened(recordings, model), screened(test_recordings, model)
     tell_notes(read)

@@ -102,10 +102,6 @@ def _check(job: Job) -> None:
         raise InputError(f'the loop fits by the posterior: [fit] cost is "{fit_section.cost}", expected "posterior"')
     if fit_section.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
-    if fit_section.ripple == "describe":
-        raise InputError(
-            'the loop does not describe ripple: [fit] ripple is "describe", expected "subtract" or "ignore"'
-        )
 
 
 def extended_job(job: Job, loop: LoopResult) -> Job:

@@ -28,6 +28,7 @@ from aero_bayes.export.compose import add_parameter, equate
 from aero_bayes.export.embedded import export_flat
 from aero_bayes.export.flat import FlatModel
 from aero_bayes.export.library_view import path_in_library
+from aero_bayes.files import ScratchFolder
 from aero_bayes.language.syntax import Call, Expression, Name, Number
 from aero_bayes.laws.compose import with_probes
 from aero_bayes.laws.fmu_places import FmuPlaces
@@ -41,7 +42,6 @@ from aero_bayes.ports.nominal_values import port_nominals
 from aero_bayes.ports.port import Port, PortKind, port_table, signal_expression
 from aero_bayes.ports.signal_statistics import NOMINAL_QUANTILE
 from aero_bayes.progress import ProgressBar
-from aero_bayes.scratch import ScratchFolder
 from aero_bayes.search.models import ModelSource
 from aero_bayes.search.search import Control, Library, Search
 from aero_bayes.sensors.noise import OutputNoise
