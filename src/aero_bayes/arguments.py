@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from aero_bayes.errors import InputError
-
-if TYPE_CHECKING:
-    from aero_bayes.estimate.result import Fit
 
 Item = TypeVar("Item")
 #: By type, what returns an object of it.
@@ -34,14 +31,6 @@ def require_type(given: Item, kind: type[Item], what: str) -> Item:
         source = f", as {CONSTRUCTORS[kind.__name__]} gives one" if kind.__name__ in CONSTRUCTORS else ""
         raise InputError(f"{what}: expected a {kind.__name__}{source}; got {_shown(given)}")
     return given
-
-
-def fit_of(given: object) -> Fit:
-    """Return a fit, or that of a loop's result or a posterior; InputError for anything else."""
-    from aero_bayes.estimate.result import Fit
-
-    own: Fit = given if isinstance(given, Fit) else getattr(given, "fit", given)
-    return require_type(own, Fit, "fit")
 
 
 def paths_of(given: Paths, what: str) -> tuple[Path, ...]:

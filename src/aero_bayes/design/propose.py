@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aero_bayes.arguments import fit_of
 from aero_bayes.arrays import FloatArray
 from aero_bayes.design.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment, posterior_sd
 from aero_bayes.design.proposed_input import ProposedInput
@@ -22,11 +20,9 @@ from aero_bayes.design.signal_search import BestSignal, SearchSettings, best_sig
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import Fit, Status
+from aero_bayes.estimate.result import HasFit, fit_of
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.workers import WorkerPool
-
-if TYPE_CHECKING:
-    from aero_bayes.loop.result import LoopResult
 
 #: Posterior draws over which the proposal's travel must stay within its limit.
 TRAVEL_DRAWS = 16
@@ -118,7 +114,7 @@ class Design(ProposedInput):
 
 
 def propose_experiment(
-    fit: Fit | LoopResult,
+    fit: Fit | HasFit,
     *,
     duration: float = 30.0,
     rate_hz: float | None = None,

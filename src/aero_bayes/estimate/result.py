@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aero_bayes.arguments import require_type
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.diagnosis_backend import diagnosis_of
@@ -384,3 +385,16 @@ def _fit_json(fit: Fit) -> Json:
         "warnings": list(fit.warnings),
         "seconds": fit.seconds,
     }
+
+
+class HasFit(Protocol):
+    """What stands for a fit: the result of a loop, or a posterior."""
+
+    @property
+    def fit(self) -> Fit: ...
+
+
+def fit_of(given: object) -> Fit:
+    """Return a fit, or that of a loop's result or a posterior; InputError for anything else."""
+    own: Fit = given if isinstance(given, Fit) else getattr(given, "fit", given)
+    return require_type(own, Fit, "fit")

@@ -8,16 +8,14 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.arguments import fit_of
 from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.sampling.mcmc import Chain, run_chain
@@ -38,12 +36,9 @@ from aero_bayes.sampling.settings import SampleSettings
 from aero_bayes.simulation import open_simulator
 from aero_bayes.simulation.interface import Simulator
 
-if TYPE_CHECKING:
-    from aero_bayes.loop.result import LoopResult
-
 
 def sample(
-    fit: Fit | LoopResult,
+    fit: Fit | HasFit,
     *,
     draws: int | None = None,
     chains: int | None = None,
