@@ -43,7 +43,7 @@ def write_fleet(
     rng = np.random.default_rng([FLEET, list(KINDS).index(kind), seed])
     typical = _typical(rig, rng, seed)
     truth, law = typical.truth, typical.truth.laws[0]
-    spread = {name: exp(float(rng.uniform(*map(log, SPREAD_RANGE)))) for name in rig.free}
+    spread = {name: exp(float(rng.uniform(log(SPREAD_RANGE[0]), log(SPREAD_RANGE[1])))) for name in rig.free}
     root = Path(folder)
     root.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(typical.model, root / "Rig.mo")

@@ -129,7 +129,7 @@ def noise(rng: Generator, spread: float, step: float, correlated: bool) -> Senso
 
 def white_force(rng: Generator, density: float, time: FloatArray) -> FloatArray:
     """Draw white noise to be held over each sample interval; ``density`` is the root of the spectral density."""
-    return density / np.sqrt(float(time[1] - time[0])) * rng.standard_normal(time.size)
+    return np.asarray(density / np.sqrt(float(time[1] - time[0])) * rng.standard_normal(time.size))
 
 
 def coarser(kind: RigKind, factor: int, **changes: object) -> RigKind:

@@ -396,5 +396,5 @@ class HasFit(Protocol):
 
 def fit_of(given: object) -> Fit:
     """Return a fit, or that of a loop's result or a posterior; InputError for anything else."""
-    own: Fit = given if isinstance(given, Fit) else getattr(given, "fit", given)
+    own: Fit = given if isinstance(given, Fit) else getattr(given, "fit", None) or given  # type: ignore[assignment]
     return require_type(own, Fit, "fit")

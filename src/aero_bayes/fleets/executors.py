@@ -105,4 +105,4 @@ def open_executor(dask: str | None = None, workers: int | None = None) -> Iterat
     except (OSError, TimeoutError, ValueError) as error:
         raise InputError(f"{dask}: no Dask scheduler answers there ({type(error).__name__})") from None
     with client:
-        yield client.get_executor()
+        yield client.get_executor()  # type: ignore[no-untyped-call]

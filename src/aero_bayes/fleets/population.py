@@ -66,7 +66,8 @@ def fit_population(centres: FloatArray, widths: FloatArray) -> Population:
     """Compute the posterior of mean and spread from m_i and s_i > 0 of at least :data:`MIN_RIGS` rigs, shape (n,)."""
     size = max(float(np.ptp(centres)), float(np.median(widths)))
     spreads = np.append(0.0, size * np.geomspace(SMALLEST, LARGEST, GRID_POINTS))
-    return _population(sum(_terms(m, s, spreads) for m, s in zip(centres, widths, strict=True)), spreads)
+    terms = [_terms(m, s, spreads) for m, s in zip(centres, widths, strict=True)]
+    return _population(np.sum(terms, axis=0), spreads)
 
 
 def stand_out(centres: FloatArray, widths: FloatArray, population: Population) -> tuple[FloatArray, FloatArray]:

@@ -79,7 +79,7 @@ def _rig_table(result: FleetJson, rows: Sequence[Mapping[str, Any]], words: Mapp
     """Write a line for each rig that was fitted, outliers marked: residual, effects, and value of each parameter."""
     loop = bool(result.outcomes)
     units = {name: pretty_unit(entry.unit) for name, entry in result.parameters.items()}
-    heads = ["rig", Column("residual / noise floor", "right"), *(["effects"] if loop else [])]
+    heads: list[Column | str] = ["rig", Column("residual / noise floor", "right"), *(["effects"] if loop else [])]
     heads += [Column(Markup("{} {}").format(symbol(name), unit), "right") for name, unit in units.items()]
     odd = {entry.rig for entry in result.stand_out}
     lines = []

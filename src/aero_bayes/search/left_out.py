@@ -66,14 +66,16 @@ class Blocks:
         outputs = objective.outputs
         owner = np.repeat([outputs.index(s.output) for s in series], [s.sampling.size for s in series])
         scale = [float(calibration.data.scale[calibration.data.outputs.index(o)]) for o in outputs]
-        least = np.bincount(owner, minlength=len(outputs)) * np.square(ROUNDING_SHARE * np.array(scale))
+        least = np.bincount(owner, minlength=len(outputs)).astype(np.float64) * np.square(
+            ROUNDING_SHARE * np.array(scale)
+        )
         return cls(outputs, tuple(folds), owner, least, whole)
 
     def sums(self, residual: FloatArray, readings: Readings | None = None) -> FloatArray:
         """Sums of squares (m,) by output of a whitened residual (N,), of some readings or all."""
         own = slice(None) if readings is None else readings
         with np.errstate(over="ignore"):  # a prediction may grow without bounds: its error is infinite
-            return np.bincount(self.owner[own], weights=residual[own] ** 2, minlength=len(self.outputs))
+            return np.asarray(np.bincount(self.owner[own], residual[own] ** 2, len(self.outputs)), dtype=np.float64)
 
     def score(self, residual: FloatArray, noise: FloatArray) -> float:
         """Sum over outputs of the logarithm of the error of a residual (N,) in units of a noise (m,)."""

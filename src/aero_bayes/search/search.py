@@ -99,8 +99,11 @@ class Search:
 
     def fits_from(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> list[FittedModel]:
         """Fits of a structure from some points (p,), without those that fail."""
-        model, found = self.models.of(terms), []
-        for point in points if model is not None else ():
+        model = self.models.of(terms)
+        found: list[FittedModel] = []
+        if model is None:
+            return found
+        for point in points:
             with suppress(CannotFinishError):
                 end = local_fit(model.objective, point, model.free(terms), settings=self.settings(how))
                 found.append(FittedModel(model, terms, end))
