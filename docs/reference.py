@@ -45,6 +45,7 @@ MARK = re.compile(r"<!-- generate: (\w+) -->")
 KEYS: Mapping[str, str] = {
     "model.name": "Modelica class, such as `Rig` or `Aero.Systems.HalfQuad`",
     "model.fmu": "path of an FMU, in place of a class",
+    "model.units": 'units of an FMU\'s signals that its description does not give, such as `{F = "N", v = "m/s"}`',
     "model.sources": "`.mo` files or package folders that the class, and laws of your own, stand in",
     "model.libraries": "folders that hold packages which the sources use",
     "data.inputs": "inputs of the model that are recorded; left out: all that it declares",

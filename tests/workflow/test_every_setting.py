@@ -58,6 +58,7 @@ STAGE = {"parameters": ["k"], "outputs": ["y"]}
 VALUES: Mapping[str, tuple[Any, ...]] = {
     "model.name": ("Rig", "Other"),
     "model.fmu": ("Rig.fmu", "Other.fmu", {"model": {}}),
+    "model.units": ({"w": "V"}, {"w": "A"}, {"model": {"fmu": "Rig.fmu"}}),
     "model.sources": (SOURCES, ["Changed.mo", "Lib.mo"]),
     "model.libraries": (["one"], ["two"], {"model": {"name": "Rig", "sources": ["Rig.mo"]}}),
     "data.inputs": (["u"], ["u", "w"], {"data.constants": {"w": 0.5}}),
@@ -125,7 +126,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "solver.time_limit": (1.0, 2.0),
 }  # fmt: skip
 #: Keys that a loop refuses when they have their second value.
-REFUSED = {"fit.cost", "noise.process", "noise.initial_sd", "solver.engine"}
+REFUSED = {"fit.cost", "solver.engine"}
 READ_FIRST = ("model", "data", "parameters", "priors_from")
 
 RIG = """model {name}
@@ -247,10 +248,10 @@ def reaches(command: str, job: Job) -> list[Any]:
     signals = [{**r.inputs, **r.outputs} for r in job.recordings]
     readings = [{name: y.tobytes() for name, y in own.items()} for own in signals]
     if command == "close-loop":
-        return [readings, job.name, job.config.model.sources, job.values, loop_settings(job)]
+        return [readings, job.name, job.config.model.sources, job.model.units, job.values, loop_settings(job)]
     stages = [fit_settings(job), prediction_settings(job)]
     stages += [sample_settings(job)] if command == "posterior" else []
-    return [readings, job.name, job.model.parameters, job.parameters, job.fixed, *stages]
+    return [readings, job.name, job.model.parameters, job.model.units, job.parameters, job.fixed, *stages]
 
 
 def acts(command: str, key: str, first: Job, second: Job) -> None:

@@ -256,5 +256,5 @@ end Own;
     assert set(tomllib.loads(text)["parameters"]) == {"rate", "again[1].gain"}
     left = [line for line in text.splitlines() if "library default" in line]
     assert {line.split('"')[1] for line in left} == {
-        "vessel.gain", "vessel.start_level", "again[1].k", "again[2].k", "again[1].start_level",
+        "vessel.gain", "vessel.start_level", "again[1].k", "again[2].k", "again[1].start_level", "again[2].start_level",
     }  # fmt: skip

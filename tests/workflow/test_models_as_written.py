@@ -88,7 +88,7 @@ def test_51_a_written_model_with_arrays_inside_can_be_loaded(
     folder = CASES / "51_records_and_options"
     found = fitted(folder / config, folder / data, tmp_path)
     (written,) = tmp_path.glob("*_fitted.mo")
-    again = aero_bayes.load_model(written, sources=folder.glob("*.mo"))
+    again = aero_bayes.load_model(written, sources=list(folder.glob("*.mo")))
     for name, value in truth.items():
         assert found[name]["value"] == pytest.approx(value, rel=share)
         assert again.parameter(name).start == pytest.approx(found[name]["value"], rel=1e-9)

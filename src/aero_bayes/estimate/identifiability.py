@@ -214,6 +214,8 @@ def _combinations(
     null = vectors[:, eigenvalues < 1e-9 * len(columns)] / norm[:, None]
     for members in _groups(null):
         block = null[members][:, np.abs(null[members]).max(axis=0) > 1e-6 * np.abs(null).max()]
+        if block.shape[1] == 0:  # beside the others they hardly move
+            continue
         group = [columns[k] for k in members]
         for text, row in _names(names, values, group, block):
             spread = float(np.sqrt(row @ covariance[np.ix_(group, group)] @ row))

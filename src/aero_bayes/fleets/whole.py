@@ -12,7 +12,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
-from aero_bayes.config import Config, ModelSection
+from aero_bayes.config import Config
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.fleets.executors import open_executor
@@ -99,20 +99,21 @@ def tasks_of(plan: FleetPlan, out: Path, seed: int) -> Iterator[RigTask]:
     for name, times in Counter(rig.name for rig in plan.rigs).items():
         if times > 1:
             raise InputError(f"two rigs are called {name}")
-    models: dict[ModelSection, Path] = {}
+    models: dict[str, Path] = {}
     for number, rig in enumerate(plan.rigs):
         train, test = (tuple(path.resolve() for path in paths) for paths in (rig.train, rig.test))
         task = RigTask(Rig(rig.name, train, test), "", plan.work, out, rig.seed(seed))
         try:
             config = plan.config(rig)
-            if config.model not in models:
-                models[config.model] = _model(config, out)
+            of_model = config.model.model_dump_json()
+            if of_model not in models:
+                models[of_model] = _model(config, out)
         except InputError as error:
             if not number:
                 raise
             yield replace(task, config=str(error))
         else:
-            yield replace(task, config=config, model=models[config.model])
+            yield replace(task, config=config, model=models[of_model])
 
 
 def _model(config: Config, out: Path) -> Path:

@@ -42,8 +42,9 @@ class FirstFit:
 
     @property
     def values(self) -> dict[str, float]:
-        """SI values by name."""
-        return dict(zip(self.plain.parameters.names, self.fit.values.tolist(), strict=True))
+        """SI values by name, also of those that the fit moved though no slope determines them."""
+        found = self.fit.calibration.parameters.from_search(self.fit.optimum.coordinates)
+        return dict(zip(self.plain.parameters.names, found.tolist(), strict=True))
 
     def with_terms(self, context: LoopContext, model: Model, new: Sequence[Parameter]) -> Calibration:
         """The same recordings held against the model with terms; ``new`` are their parameters.

@@ -15,6 +15,7 @@ from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit
 from aero_bayes.loop.first_fit import FirstFit
 from aero_bayes.loop.found_effect import FoundEffect
+from aero_bayes.loop.settings import LoopSettings
 from aero_bayes.loop.steps import Step, fall, steps_of
 from aero_bayes.search.search import Search
 
@@ -125,6 +126,7 @@ def story_of(context: LoopContext, ended: Ended, told: str) -> tuple[str, ...]:
         f"{context.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
         f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
         _data_sentence(context),
+        *_restrictions(context.settings),
         f"{len(search.fits)} model structures were compared by their error on readings that were left out, in "
         f"{search.table.blocks} blocks; {refits} of them were fitted again without each block.",
         *(f"Step {s.number}: {s.why}." for s in steps),
@@ -135,6 +137,15 @@ def story_of(context: LoopContext, ended: Ended, told: str) -> tuple[str, ...]:
         values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
         lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
     return (*lines, told)
+
+
+def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
+    """What the configuration allows and excludes."""
+    only = [*(settings.effects or ()), *(settings.laws or ())]
+    lines = [f"The configuration allows only {', '.join(only)}."] if only else []
+    lines += [f"The configuration allows effects only at {', '.join(settings.ports)}."] if settings.ports else []
+    lines += [f"The configuration excludes {', '.join(settings.exclude)}."] if settings.exclude else []
+    return tuple(lines)
 
 
 def _data_sentence(context: LoopContext) -> str:

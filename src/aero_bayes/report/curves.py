@@ -97,9 +97,10 @@ def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
 def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Plate | None:
     """Draw the inputs, then every output (except one that is shown elsewhere) with its residual, over one time axis."""
     outputs = _outputs(run, recording, without)
-    if not outputs or len(run.time(recording)) < 2:
+    if not (outputs or run.signals("smoothed", recording)) or len(run.time(recording)) < 2:
         return None
-    alt = f"Recording {recording}: inputs, {named(outputs)} measured and modelled, and their residuals."
+    compared = f", {named(outputs)} measured and modelled, and their residuals" if outputs else " and states"
+    alt = f"Recording {recording}: inputs{compared}."
     panels = recording_panels(run, recording, without)
     return plate(panels, alt, "time (s)", legend=legend(run, recording), link=recording)
 

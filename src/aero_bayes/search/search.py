@@ -120,14 +120,15 @@ class Search:
         return [] if model is None else [model.coordinates_of(values, on)]
 
     def keep(self, found: Mapping[Terms, Optimum | None]) -> None:
-        """Put fits into the table that are better than the ones there, and have their terms on."""
+        """Put better fits into the table; their terms are on, but for required ones, which may be off."""
         better: dict[Terms, FittedModel] = {}
         for terms, optimum in found.items():
             model = self.models.of(terms) if optimum is not None else None
             if optimum is not None and model is not None:
                 fitted, known = FittedModel(model, terms, optimum), self.fits.get(terms)
                 ahead = known is None or self.blocks.on_fitted(fitted) < self.blocks.on_fitted(known)
-                better |= {terms: fitted} if ahead and not fitted.off_terms else {}
+                off = set(fitted.off_terms) - set(self.library.required)
+                better |= {terms: fitted} if ahead and not off else {}
         works = [partial(newton_errors, fitted, self.blocks) for fitted in better.values()]
         for (terms, fitted), errors in zip(better.items(), self._map(works), strict=True):
             if errors is not None and np.all(np.isfinite(errors)):

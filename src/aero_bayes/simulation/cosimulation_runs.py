@@ -27,7 +27,7 @@ LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
 STEP_SHARE = 1e-6  # of a step: samples that are so near to its end are there
 WORDS = "words"  # file in a worker's folder with what its FMU said last of trouble
 # The words of a job and of a slot, as native/batch.c reads them.
-_TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = 1, 3, 4, 8, 11, 14
+_TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = 1, 3, 4, 8, 11, 15
 
 
 class Begin(Enum):

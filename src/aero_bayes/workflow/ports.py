@@ -73,7 +73,7 @@ TRANSITION_SHARE = 0.1
 def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
     """Print the ports of a model; with recordings, whether an effect there would be visible."""
     with ScratchFolder() as scratch:
-        rows = _rows(RunOptions(Path(scratch), model, config, quiet=True), data)
+        rows = _rows(RunOptions(scratch / "run", model, config, quiet=True), data)
     click.echo(json.dumps(rows, indent=2) if as_json else _as_table(rows))
     if data and not as_json:
         click.echo(RESPONSE_NOTE)
