@@ -199,7 +199,8 @@ def test_what_is_offered_is_what_is_written(source: Path) -> None:
 
 def simulated(found: Fit, family: ModelicaFamily, model: Model, values: dict[str, float]) -> np.ndarray:
     calibration = family.transfer(found.calibration, model)
-    calibration = calibration.with_fixed(values)
+    simulated = calibration.simulated
+    calibration = replace(calibration, simulated=replace(simulated, fixed={**simulated.fixed, **values}))
     with open_simulator(calibration.problem()) as simulator:
         run = simulator.simulate(found.values[None])
     values_seen: np.ndarray = run.outputs[0][0]

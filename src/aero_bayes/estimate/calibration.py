@@ -87,10 +87,6 @@ class Calibration:
         solver = replace(run.solver, max_steps=steps)
         return Problem(run.model, experiments, targets, dict(run.fixed), solver, run.process)
 
-    def with_fixed(self, values: Mapping[str, float]) -> Calibration:
-        """Return the same problem with further model parameters held at ``values`` by name, in SI units."""
-        return replace(self, simulated=replace(self.simulated, fixed={**self.simulated.fixed, **values}))
-
     def with_process_noise(self, noise: NoiseModel) -> Calibration:
         """Return the same problem with process noise.
 

@@ -37,13 +37,14 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
     same = tuple((t, *(o for o, _ in c.alternatives)) for t, c in decision.claims.items() if c.alternatives)
     fitted = fitted_parameters(after.calibration.parameters, after.optimum)
     steps, (outcome, sentence) = ended.steps, _outcome(context, ended, predicted)
-    sentence += early_end_sentence(context, search.ended)
+    early = early_end_sentence(context, search.ended)
+    sentence += early
     data = next((row for row in first.fit.diagnosis if row.cause == "data" and row.found), None)
     if cause is not None:
         sentence = f"{cause.cause.capitalize()}: {cause.sentence} No missing effect was looked for in what this leaves."
     elif data is not None:
         sentence += f" Data: {data.sentence}"
-    notes = tuple(filter(None, map(str.strip, (refused_sentence(decision), early_end_sentence(context, search.ended)))))
+    notes = tuple(filter(None, map(str.strip, (refused_sentence(decision), early))))
     rivals = {r.id for step in steps for r in step.candidates}
     found, optimum = context.statistics.outcomes, first.fit.optimum
     context.statistics.end_stage("judgement")

@@ -97,10 +97,10 @@ def claim(effect: EffectJson, groups: Sequence[Sequence[str]] = ()) -> str:
         laws = f"{count} laws at `{effect.port}` predict equally well; the simplest is taken. "
         return f"{laws if ids else ''}The place is known, the law is not."
     if effect.claim == "one of":
-        return f"The data do not tell `{effect.id}` from {named}: each predicts about as well in its place."
+        return f"The data do not tell `{effect.id}` from {named}: each predicts about as well."
     if effect.kind == "free_form":
         return "No law of the library fits: the curve was learned from the data."
-    return "Nothing else that was tried does as well in its place." if effect.claim == "law" else ""
+    return f"Nothing else that was tried does as well as `{effect.id}`." if effect.claim == "law" else ""
 
 
 def values(effect: EffectJson) -> str:

@@ -1,8 +1,8 @@
 """What a term promises beside a fit, without a fit: one gradient at each nominal shape, and simulations where it fails.
 
 The Newton step of a law whose slope at size zero is seen says how much it explains. Where that tells too little (a
-law with a threshold, or a fit that has gone astray without it), it is simulated at its nominal sizes, too. The free
-parameters of the fit readjust to first order.
+law with a threshold, or a fit that ended in a local optimum without it), it is simulated at its nominal sizes, too. The
+free parameters of the fit readjust to first order.
 """
 
 from __future__ import annotations

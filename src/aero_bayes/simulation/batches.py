@@ -15,12 +15,12 @@ from aero_bayes.errors import InputError
 from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.interface import Outcome, Problem, Trajectories
 from aero_bayes.simulation.supervision import TODO
+from aero_bayes.simulation.worker_main import JOB_WORDS
 from aero_bayes.simulation.workers import WorkerPool
 
 #: What a batch computes; the numbers of ``MODE_...`` in native/engine.h.
 TRAJECTORY, LIKELIHOOD, GAUSS_NEWTON = 0, 1, 2
 FILTER, FILTER_LIKELIHOOD, FILTER_STATES = 3, 4, 5
-_JOB_WORDS = 16
 BLOCK_BYTES = 32 << 20
 MAX_ROWS = 16384
 
@@ -125,7 +125,7 @@ class Batches:
         experiments = len(problem.experiments)
         stride = {LIKELIHOOD: 1, FILTER_LIKELIHOOD: 1, GAUSS_NEWTON: 2 + q + q * q}.get(mode, 0)
         shapes = self._shapes(mode)
-        header = _JOB_WORDS + 4 * experiments
+        header = len(JOB_WORDS) + 4 * experiments
         sizes = [header, n * p, noise_size, q, (n * experiments + 7) // 8, n * experiments]
         sizes += [n * experiments * stride]
         sizes += [n * a * b for a, b in shapes] + [n * a * b * q for a, b in shapes]
@@ -139,9 +139,13 @@ class Batches:
 
         per_row = noise_size // n if varies and n else 0
         per_experiment = (per_row if varies else noise_size) // experiments
-        table = at[0] + 8 * _JOB_WORDS
-        job = [0, n * experiments, mode, experiments, p, q, per_row, per_experiment]
-        job += [at[1], at[2], at[3], at[4], at[5], at[6], stride, table]
+        table = at[0] + 8 * len(JOB_WORDS)
+        given = {
+            "next": 0, "total": n * experiments, "mode": mode, "experiments": experiments, "p": p, "q": q,
+            "noise_by_row": per_row, "noise_by_experiment": per_experiment, "values": at[1], "noise": at[2],
+            "columns": at[3], "outcomes": at[4], "steps": at[5], "numbers": at[6], "stride": stride, "table": table,
+        }  # fmt: skip
+        job = [given[name] for name in JOB_WORDS]
         last = 7 + len(shapes)
         for e, (a, b) in enumerate(shapes):
             job += [at[7 + e], a * b, at[last + e], a * b * q]

@@ -21,13 +21,14 @@ from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.input_signals import linear_signals, signals_of_run, value_at
 from aero_bayes.simulation.interface import InputSignal, Outcome, ParameterTarget, Problem
 from aero_bayes.simulation.model_description import ModelDescription
-from aero_bayes.simulation.worker_main import NOT_LOADED, SPENT
+from aero_bayes.simulation.worker_main import JOB_WORDS, NOT_LOADED, SPENT
 
 LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
 STEP_SHARE = 1e-6  # of a step: samples that are so near to its end are there
 WORDS = "words"  # file in a worker's folder with what its FMU said last of trouble
-# The words of a job and of a slot, as native/batch.c reads them.
-_TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = 1, 3, 4, 8, 11, 15
+_TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = map(
+    JOB_WORDS.index, ("total", "experiments", "p", "values", "outcomes", "table")
+)
 
 
 class Begin(Enum):
@@ -95,7 +96,7 @@ class CosimulationRuns:
         """Take tasks from the job's counter until none is left; base, job and slot are addresses. Ends as the
         engine's own (native/batch.c).
         """
-        words = (ctypes.c_int64 * 16).from_address(job)
+        words = (ctypes.c_int64 * len(JOB_WORDS)).from_address(job)
         mine = self._slot = (ctypes.c_int64 * 3).from_address(slot)
         outcomes = (ctypes.c_uint8 * words[_TOTAL]).from_address(base + words[_OUTCOME])
         index = first if first >= 0 else engine.ab_take(job)

@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 
 HEADER = struct.Struct("<6q")  # command, arena size, job offset, slot offset, first task, length of the path
 RUN, FORGET = 1, 2
+# The words of a job in shared memory, in order, as native/batch.c reads them.
+JOB_WORDS = (
+    "next", "total", "mode", "experiments", "p", "q", "noise_by_row", "noise_by_experiment", "values", "noise",
+    "columns", "outcomes", "steps", "numbers", "stride", "table",
+)  # fmt: skip
 SPENT, NOT_LOADED = 1, 2  # how a batch ends where this process can do no more, and where the model cannot be loaded
 MAX_PROBLEMS = 512
 
