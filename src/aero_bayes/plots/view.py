@@ -16,8 +16,7 @@ from aero_bayes.sampling.posterior import Posterior
 from aero_bayes.schema import LoopJson, ParameterJson, RunJson
 from aero_bayes.simulation.model import Model
 from aero_bayes.workflow.curves import band_series, fitted_series, measured_series, only_measured
-from aero_bayes.workflow.describe import recording_row
-from aero_bayes.workflow.results import plain
+from aero_bayes.workflow.results import plain, recording_row
 
 Role = Literal["train", "test"]
 

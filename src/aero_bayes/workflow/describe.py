@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from aero_bayes.check.residual_tests import check_residuals, reports_by_recording
-from aero_bayes.data import Recording, noise_floors
+from aero_bayes.data import Recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.value_comparison import ValueTrial, trials_sentence
 from aero_bayes.workflow.job import Job
-from aero_bayes.workflow.results import SCHEMA, versions
+from aero_bayes.workflow.results import SCHEMA, recording_row, versions
 
 Json = dict[str, Any]
 
@@ -51,21 +51,6 @@ def _is_simulated(recording: Recording) -> bool:
     if recording.path is None or not (label := recording.path.with_name(LABEL)).is_file():
         return False
     return recording.path.stem in json.loads(label.read_text("utf-8")).get("recordings", [])
-
-
-def recording_row(recording: Recording, role: str) -> Json:
-    """Return the entry of a recording in result.json, with the noise floors that are known."""
-    floor = {output: sd for (_, output), sd in noise_floors([recording], list(recording.outputs)).items()}
-    return {
-        "name": recording.name,
-        "role": role,
-        "rows": recording.rows,
-        "rate_hz": recording.rate_hz,
-        "duration_s": recording.duration,
-        "inputs": list(recording.inputs),
-        "outputs": list(recording.outputs),
-        "noise_floor": floor,
-    }
 
 
 def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:

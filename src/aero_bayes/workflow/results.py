@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.data import Recording, noise_floors
 from aero_bayes.files import whole_file
 from aero_bayes.schema import SCHEMA, RunJson
 
 Json = dict[str, Any]
 
-__all__ = ["SCHEMA", "merge", "plain", "versions", "write_result", "write_series"]
+__all__ = ["SCHEMA", "merge", "plain", "recording_row", "versions", "write_result", "write_series"]
 
 PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 
@@ -88,3 +89,18 @@ def merge(*parts: Mapping[str, Any]) -> Json:
             else:
                 merged[key] = value
     return merged
+
+
+def recording_row(recording: Recording, role: str) -> Json:
+    """Return the entry of a recording in result.json, with the noise floors that are known."""
+    floor = {output: sd for (_, output), sd in noise_floors([recording], list(recording.outputs)).items()}
+    return {
+        "name": recording.name,
+        "role": role,
+        "rows": recording.rows,
+        "rate_hz": recording.rate_hz,
+        "duration_s": recording.duration,
+        "inputs": list(recording.inputs),
+        "outputs": list(recording.outputs),
+        "noise_floor": floor,
+    }
