@@ -19,8 +19,8 @@ from typing import Literal
 import numpy as np
 from harness import Pair, Row, time_pair, update
 
-from aero_bayes.export import export_fmu
-from aero_bayes.export.build import c_compiler
+from aero_bayes.modelica import export_fmu
+from aero_bayes.modelica.build import c_compiler
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,

@@ -25,10 +25,10 @@ from threadpoolctl import threadpool_limits
 
 from aero_bayes.estimate import CalibrationSettings, Fit, FitSettings, NoiseModel, fit
 from aero_bayes.estimate.target import Target
-from aero_bayes.export import export_fmu
-from aero_bayes.sampling import MakeMoves, SampleSettings, run_chain, standard_moves
-from aero_bayes.sampling.diagnostics import check_convergence
-from aero_bayes.sampling.moves import StretchMove, WarpedStudentT
+from aero_bayes.modelica import export_fmu
+from aero_bayes.posterior import MakeMoves, SampleSettings, run_chain, standard_moves
+from aero_bayes.posterior.inferencedata import check_convergence
+from aero_bayes.posterior.moves import StretchMove, WarpedStudentT
 from aero_bayes.simulation import Model, open_simulator
 from simulated_rigs.aero import Truth, simulate_recording
 from simulated_rigs.designs import paper_step

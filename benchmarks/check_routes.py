@@ -21,17 +21,17 @@ import fmpy
 import numpy as np
 
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.export import export_fmu
-from aero_bayes.export.build import c_compiler
-from aero_bayes.export.library import library_roots, needed_libraries
-from aero_bayes.laws.attach import attached
-from aero_bayes.laws.compose import law_models
-from aero_bayes.laws.coupled_fmu import couple
-from aero_bayes.laws.fmu_ports import FmuBoundary
-from aero_bayes.laws.law import shipped_laws
-from aero_bayes.laws.law_blocks import LawBlocks
-from aero_bayes.laws.placed_law import place_law
+from aero_bayes.modelica import export_fmu
+from aero_bayes.modelica.build import c_compiler
+from aero_bayes.modelica.library import library_roots, needed_libraries
 from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, confinement, open_simulator
+from aero_bayes.structure.attach import attached
+from aero_bayes.structure.compose import law_models
+from aero_bayes.structure.coupled_fmu import couple
+from aero_bayes.structure.fmu_ports import FmuBoundary
+from aero_bayes.structure.law import shipped_laws
+from aero_bayes.structure.law_blocks import LawBlocks
+from aero_bayes.structure.placed_law import place_law
 
 #: x'' = -k x from x = 1 at rest.
 K, STOP, TOLERANCE = 9.0, 4.0, 1e-4

@@ -20,13 +20,14 @@ import click
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from aero_bayes import cli, declared, schema
+from aero_bayes import cli, declared
+from aero_bayes import report as schema
+from aero_bayes.commands import FleetFile
 from aero_bayes.config import Config
 from aero_bayes.default_model import DEFAULT_MODEL
-from aero_bayes.fleets import FleetFile
-from aero_bayes.laws.law import shipped_laws
-from aero_bayes.laws.law_places import LawPlaces
-from aero_bayes.laws.placed_law import describe_law
+from aero_bayes.structure.law import shipped_laws
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.placed_law import describe_law
 
 if typing.TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from numpy.random import Generator
 
-from aero_bayes.export import ExplicitModel, FlatModel, Node, causalise, evaluate_nodes, load_flat, translate
+from aero_bayes.modelica import ExplicitModel, FlatModel, Node, causalise, evaluate_nodes, load_flat, translate
 
 RIGS = Path(__file__).parent / "models"
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from aero_bayes.laws import LawPlaces, WrittenModel, place_laws, reserved_names, write_laws
+from aero_bayes.structure import LawPlaces, WrittenModel, place_laws, reserved_names, write_laws
 
 
 def write_effects(base: str, effects: Mapping[str, Mapping[str, float]], folder: Path, name: str = "") -> WrittenModel:

@@ -9,8 +9,8 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.export import FlatModel, load_flat
-from aero_bayes.laws import (
+from aero_bayes.modelica import FlatModel, load_flat
+from aero_bayes.structure import (
     Law,
     LawModels,
     PlacedLaw,

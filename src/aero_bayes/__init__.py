@@ -31,22 +31,30 @@ from aero_bayes.plot_backend import register_plot_backend
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from aero_bayes.data import Recording, read_recording, summarise
-    from aero_bayes.design import propose_experiment
+    from aero_bayes.commands.fleet import fleet
+    from aero_bayes.commands.fleet_rigs import Rig
+    from aero_bayes.data.read import read_recording
+    from aero_bayes.data.recording import Recording
+    from aero_bayes.data.summary import summarise
     from aero_bayes.errors import CannotFinishError, InputError
-    from aero_bayes.estimate import Fit, FitSettings
     from aero_bayes.estimate.diagnosis import Diagnosis
     from aero_bayes.estimate.fit import fit
-    from aero_bayes.export import export_fmu
-    from aero_bayes.fleets import Rig
-    from aero_bayes.fleets.whole import fleet
+    from aero_bayes.estimate.levenberg_marquardt import FitSettings
+    from aero_bayes.estimate.propose import propose_experiment
+    from aero_bayes.estimate.result import Fit
     from aero_bayes.library import compare, load_result, save, write_report
-    from aero_bayes.loop import LoopResult, LoopSettings, close_loop
+    from aero_bayes.loop.first_fit import LoopSettings
+    from aero_bayes.loop.loop import close_loop
+    from aero_bayes.loop.result import LoopResult
+    from aero_bayes.modelica.compilers import export_fmu
     from aero_bayes.plot_backend import PlotBackend
+    from aero_bayes.posterior.posterior import Posterior
+    from aero_bayes.posterior.sample import sample
+    from aero_bayes.posterior.settings import SampleSettings
     from aero_bayes.report.run_directory import RunDirectory
-    from aero_bayes.sampling import Posterior, SampleSettings, sample
-    from aero_bayes.simulation import Model, PythonModel
     from aero_bayes.simulation.load_model import load_model
+    from aero_bayes.simulation.model import Model
+    from aero_bayes.simulation.python_model import PythonModel
 
 __all__ = [
     "CannotFinishError",
@@ -81,18 +89,17 @@ __all__ = [
 
 #: By file or room the names that are imported when first used (PEP 562), so that one command pays for one stage.
 _HOMES = {
+    "commands.fleet": "fleet",
+    "commands.fleet_rigs": "Rig",
     "data": "Recording read_recording summarise",
-    "design": "propose_experiment",
     "errors": "CannotFinishError InputError",
-    "estimate": "Fit FitSettings fit",
+    "estimate": "Fit FitSettings fit propose_experiment",
     "estimate.prediction": "RecordingPrediction",
-    "export": "export_fmu",
-    "fleets": "Rig",
-    "fleets.whole": "fleet",
     "library": "compare load_result save write_report",
     "loop": "LoopResult LoopSettings close_loop",
+    "modelica": "export_fmu",
+    "posterior": "Posterior SampleSettings sample",
     "report.run_directory": "RunDirectory",
-    "sampling": "Posterior SampleSettings sample",
     "simulation": "Model PythonModel",
     "simulation.load_model": "load_model",
 }
@@ -110,7 +117,7 @@ def __dir__() -> list[str]:
 
 
 def _plots() -> PlotBackend:
-    from aero_bayes import plots
+    from aero_bayes import report as plots
 
     return plots
 
@@ -119,7 +126,7 @@ register_plot_backend(_plots)
 
 
 def _diagnosis() -> Callable[[Fit], Diagnosis]:
-    from aero_bayes.diagnosis import diagnose
+    from aero_bayes.estimate.diagnose import diagnose
 
     return diagnose
 

@@ -21,7 +21,8 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.files import CHECKPOINT, RESULT
 
 if TYPE_CHECKING:  # the commands take a second to import
-    from aero_bayes.workflow import DesignOptions, RunOptions
+    from aero_bayes.commands.design import DesignOptions
+    from aero_bayes.commands.job import RunOptions
 
 BAD_INPUT = 2
 COULD_NOT_FINISH = 3
@@ -132,7 +133,7 @@ def _with_state_of_folder(command: Command) -> Command:
 
     @wraps(command)
     def guarded(**given: Any) -> Any:
-        from aero_bayes.workflow import RunOptions
+        from aero_bayes.commands.job import RunOptions
 
         shared = ("model", "config", "seed", "workers", "engine", "resume", "quiet", "out")
         options = RunOptions(**{name: given.pop(name) for name in shared})
@@ -173,7 +174,7 @@ def fmu_command(
     platforms: str,
 ) -> None:
     """Build an FMU from Modelica source."""
-    from aero_bayes.export import export_fmu
+    from aero_bayes.modelica.compilers import export_fmu
 
     out.parent.mkdir(parents=True, exist_ok=True)
     written = export_fmu(
@@ -193,7 +194,7 @@ def fmu_command(
 @run_options
 def fit_command(data: tuple[Path, ...], options: RunOptions) -> None:
     """Fit the parameters by a particle swarm and a bounded local search."""
-    from aero_bayes.workflow import run_fit
+    from aero_bayes.commands.commands import run_fit
 
     run_fit(data, options)
 
@@ -203,7 +204,7 @@ def fit_command(data: tuple[Path, ...], options: RunOptions) -> None:
 @run_options
 def posterior_command(data: tuple[Path, ...], options: RunOptions) -> None:
     """Fit, then sample the posterior by Markov chain Monte Carlo."""
-    from aero_bayes.workflow import run_posterior
+    from aero_bayes.commands.commands import run_posterior
 
     run_posterior(data, options)
 
@@ -220,7 +221,7 @@ def posterior_command(data: tuple[Path, ...], options: RunOptions) -> None:
 @run_options
 def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], posterior: bool, options: RunOptions) -> None:
     """Find the effect that the model lacks, add it, refit, and report the error before and after."""
-    from aero_bayes.workflow import run_close_loop
+    from aero_bayes.commands.commands import run_close_loop
 
     run_close_loop(train, test, replace(options, posterior=posterior))
 
@@ -242,7 +243,7 @@ def _with_design_options(command: Command) -> Command:
 
     @wraps(command)
     def grouped(**given: Any) -> Any:
-        from aero_bayes.workflow import DesignOptions
+        from aero_bayes.commands.design import DesignOptions
 
         names = ("aim", "separate", "duration", "rate_hz", "amplifier", "travel")
         asked = {name: given.pop(name) for name in names}
@@ -267,7 +268,7 @@ def _with_design_options(command: Command) -> Command:
 @run_options
 def design_command(data: tuple[Path, ...], options: RunOptions, wanted: DesignOptions) -> None:
     """Propose the next experiment: the input that narrows weak parameters most, or tells two effects apart."""
-    from aero_bayes.workflow import run_design
+    from aero_bayes.commands.design import run_design
 
     run_design(data, options, wanted)
 
@@ -278,7 +279,7 @@ def design_command(data: tuple[Path, ...], options: RunOptions, wanted: DesignOp
 @run_options
 def all_command(data: tuple[Path, ...], test: tuple[Path, ...], options: RunOptions) -> None:
     """Run what plain `make` runs: FMU, fit, closed loop, posterior, one page."""
-    from aero_bayes.workflow import run_all
+    from aero_bayes.commands.commands import run_all
 
     run_all(data, test, options)
 
@@ -291,7 +292,7 @@ def all_command(data: tuple[Path, ...], test: tuple[Path, ...], options: RunOpti
 @click.option("--out", type=FILE, default=Path("rig.toml"), show_default=True, help="The file to write.")
 def init_command(source: Path, data: Path, model: str | None, libraries: tuple[Path, ...], out: Path) -> None:
     """Write the configuration for a model and a recording: columns matched by name, every parameter listed."""
-    from aero_bayes.workflow import run_init
+    from aero_bayes.commands.init import run_init
 
     run_init(source, data, out, model=model, libraries=libraries)
 
@@ -303,7 +304,7 @@ def init_command(source: Path, data: Path, model: str | None, libraries: tuple[P
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def ports_command(model: str | None, config: Path | None, data: tuple[Path, ...], as_json: bool) -> None:
     """List where an effect may be missing in a model, and the laws that fit there."""
-    from aero_bayes.workflow import run_ports
+    from aero_bayes.commands.ports import run_ports
 
     run_ports(model, config, data, as_json=as_json)
 
@@ -312,7 +313,7 @@ def ports_command(model: str | None, config: Path | None, data: tuple[Path, ...]
 @click.argument("directory", type=FOLDER)
 def report_command(directory: Path) -> None:
     """Draw the page of a finished run again."""
-    from aero_bayes.report import write_run_page
+    from aero_bayes.report.page import write_run_page
 
     click.echo(f"wrote {write_run_page(directory)}")
 
@@ -322,7 +323,7 @@ def report_command(directory: Path) -> None:
 @click.option("--out", type=FILE, default=Path("compare.html"), show_default=True, help="The page to write.")
 def compare_command(directories: tuple[Path, ...], out: Path) -> None:
     """Compare finished runs on one page: parameters, residuals, different settings."""
-    from aero_bayes.report import write_comparison
+    from aero_bayes.report.compare import write_comparison
 
     click.echo(f"wrote {write_comparison(directories, out)}")
 
@@ -332,7 +333,7 @@ def compare_command(directories: tuple[Path, ...], out: Path) -> None:
 @click.option("--config", type=FILE, help="TOML file with the mapping of columns.")
 def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
     """Read, check and summarise recordings."""
-    from aero_bayes.workflow import run_check
+    from aero_bayes.commands.commands import run_check
 
     run_check(recordings, config)
 
@@ -346,10 +347,10 @@ def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def fleet_command(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
     """Fit many rigs of one model and compare them. Rigs that were fitted before are not fitted again."""
+    from aero_bayes.commands.fleet import fleet, open_executor
+    from aero_bayes.commands.fleet_rigs import read_fleet
     from aero_bayes.files import one_run_at_a_time
-    from aero_bayes.fleets import open_executor, read_fleet
-    from aero_bayes.fleets.whole import fleet
-    from aero_bayes.workflow import ProgressBar
+    from aero_bayes.progress import ProgressBar
 
     total, done = len(read_fleet(config).rigs), 0
     with one_run_at_a_time(out), open_executor(dask, workers) as executor, ProgressBar(quiet) as bar:

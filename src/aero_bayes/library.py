@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder, whole_file
-from aero_bayes.report import write_comparison, write_run_page
+from aero_bayes.report.compare import write_comparison
+from aero_bayes.report.page import write_run_page
 from aero_bayes.report.run_directory import RunDirectory
 
 if TYPE_CHECKING:
     from aero_bayes.estimate.result import Fit
     from aero_bayes.loop.result import LoopResult
-    from aero_bayes.sampling.posterior import Posterior
+    from aero_bayes.posterior.posterior import Posterior
 
     Result = Fit | Posterior | LoopResult
 
@@ -70,7 +71,7 @@ def save(found: Result, directory: Path | str) -> Path:
     >>> aero_bayes.load_result(aero_bayes.save(fit, "out/saved")).result.parameters["k"].unit
     'N/m'
     """
-    from aero_bayes.workflow.commands import write_folder  # a second of imports that a finished run does not need
+    from aero_bayes.commands.commands import write_folder
 
     return write_folder(_result(found), Path(directory)).parent
 
@@ -153,7 +154,7 @@ def compare(*found: Result | str | Path, path: str | Path = "compare.html") -> P
 def _result(found: Result) -> Result:
     from aero_bayes.estimate.result import Fit
     from aero_bayes.loop.result import LoopResult
-    from aero_bayes.sampling.posterior import Posterior
+    from aero_bayes.posterior.posterior import Posterior
 
     if not isinstance(found, Fit | Posterior | LoopResult):
         raise InputError(

@@ -16,8 +16,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, Generic, TypeVar
 
-from aero_bayes.simulation import WorkerPool
 from aero_bayes.simulation.worker_main import watch_parent
+from aero_bayes.simulation.workers import WorkerPool
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class PlotBackend(Protocol):
-    """One function for each figure, as ``aero_bayes.plots`` has them.
+    """One function for each figure, as ``aero_bayes.report`` has them.
 
     ``figure`` is what is drawn into: a figure, or the axes whose place is taken; a new figure by default. ``dark``
     chooses colours for a dark background."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from aero_bayes.estimate.staged import Stage
+from aero_bayes.estimate.levenberg_marquardt import Stage
 
 #: Columns of Table 1, and the only parameters that the paper searches.
 TABLE_PARAMETERS = ("R_a", "L_a", "J_r", "J_s", "k_d", "k_t")

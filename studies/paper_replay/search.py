@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import Bounds, least_squares, minimize
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.estimate.staged import Stage
+from aero_bayes.estimate.levenberg_marquardt import Stage
 from aero_bayes.estimate.swarm import Swarm, SwarmSettings
 from paper_replay.models import ModelEvaluator
 from paper_replay.published import BOX, PAPER_STAGES

@@ -18,9 +18,9 @@ import aero_bayes
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings, FitSettings
+from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.estimate.priors import LogNormal
-from aero_bayes.sensors.noise import NoiseModel
 from simulated_rigs import MODELS, LawPlace, LawTruth
 from simulated_rigs.kinds import KINDS, RigKind
 from simulated_rigs.sensors import SensorNoise

@@ -15,7 +15,7 @@ from bench import Goal
 from harness import Pair, Row, time_pair, update
 
 from aero_bayes.estimate import Target
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import Model, open_simulator
 
 pytestmark = pytest.mark.long

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from closed_form import FormulaSimulator, calibration, parameter
 
-from aero_bayes.check import profile_likelihood
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import FitSettings, LogUniform, Normal, fit_calibration
+from aero_bayes.estimate import FitSettings, LogUniform, Normal, fit_calibration, profile_likelihood
 
 pytestmark = pytest.mark.fast
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.check.recording_errors import recording_errors
 from aero_bayes.data import Recording
-from aero_bayes.sensors import OutputNoise
+from aero_bayes.estimate import OutputNoise
+from aero_bayes.estimate.residual_tests import recording_errors
 
 TIME = np.arange(2000) * 0.01
 WHITE = {"y": OutputNoise(0.1)}

@@ -9,10 +9,21 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aero_bayes.check import check_residuals, portmanteau_test, slow_variation_test, smooth_dependence_test
-from aero_bayes.estimate import Normal, Objective, Series, local_fit
-from aero_bayes.judge import rms_error
-from aero_bayes.sensors import OutputNoise, SampleTimes, autocorrelation, whiten
+from aero_bayes.estimate import (
+    Normal,
+    Objective,
+    OutputNoise,
+    SampleTimes,
+    Series,
+    autocorrelation,
+    check_residuals,
+    local_fit,
+    portmanteau_test,
+    slow_variation_test,
+    smooth_dependence_test,
+    whiten,
+)
+from aero_bayes.loop import rms_error
 from aero_bayes.simulation import InputSignal
 
 pytestmark = pytest.mark.fast

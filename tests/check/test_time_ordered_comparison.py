@@ -7,12 +7,16 @@ import pytest
 from scipy.stats import multivariate_normal
 
 import simulated_rigs.aero as bench
-from aero_bayes.check import block_edges, block_log_likelihood
-from aero_bayes.check.comparison import leave_future_out, leave_one_out, waic
-from aero_bayes.check.crossvalidation import leave_one_recording_out, time_ordered_scores
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
+from aero_bayes.posterior.comparison import leave_future_out, leave_one_out, waic
+from aero_bayes.posterior.crossvalidation import (
+    block_edges,
+    block_log_likelihood,
+    leave_one_recording_out,
+    time_ordered_scores,
+)
 from aero_bayes.simulation import Model, open_simulator
 
 BLOCKS, EACH = 12, 8

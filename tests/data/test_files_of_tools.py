@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 from aero_bayes import InputError, read_recording
 from aero_bayes.data import ColumnMap, Layout
-from aero_bayes.data.file_forms import column_names
+from aero_bayes.data.read import column_names
 
 pytestmark = pytest.mark.fast
 

@@ -11,7 +11,7 @@ import pytest
 
 from aero_bayes import InputError, Recording, read_recording
 from aero_bayes.data import Layout
-from aero_bayes.data.layout import ColumnMap
+from aero_bayes.data.columns import ColumnMap
 
 pytestmark = pytest.mark.fast
 

@@ -11,7 +11,7 @@ import pytest
 from facts import facts
 
 from aero_bayes.data import ColumnMap, Layout, read_recording
-from aero_bayes.data.file_forms import column_names
+from aero_bayes.data.read import column_names
 from aero_bayes.errors import InputError
 
 pytestmark = pytest.mark.fast

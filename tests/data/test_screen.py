@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording, screen
-from aero_bayes.data.findings import DataFinding
+from aero_bayes.data.find_table import DataFinding
 from aero_bayes.errors import InputError
 
 pytestmark = pytest.mark.fast

@@ -9,12 +9,19 @@ import pytest
 from facts import facts
 
 import simulated_rigs.aero as bench
-from aero_bayes.design import FAMILIES, Limits, SearchSettings, propose_experiment, separating_experiment
-from aero_bayes.design.information import ExperimentPredictor, posterior_sd
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import FitSettings, fit
-from aero_bayes.export import export_fmu
-from aero_bayes.sampling import laplace_evidence
+from aero_bayes.estimate import (
+    FAMILIES,
+    FitSettings,
+    Limits,
+    SearchSettings,
+    fit,
+    propose_experiment,
+    separating_experiment,
+)
+from aero_bayes.estimate.information import ExperimentPredictor, posterior_sd
+from aero_bayes.modelica import export_fmu
+from aero_bayes.posterior import laplace_evidence
 from aero_bayes.simulation import Model
 from simulated_rigs.designs import Levels, pulse
 

@@ -7,8 +7,8 @@ import pytest
 
 import aero_bayes
 from aero_bayes.estimate.diagnosis import CAUSES, Diagnosis, DiagnosisRow
+from aero_bayes.report import RunJson, VerdictJson
 from aero_bayes.report.words import verdict
-from aero_bayes.schema import RunJson, VerdictJson
 
 pytestmark = pytest.mark.fast
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import Model
 
 

@@ -23,7 +23,7 @@ from aero_bayes.estimate import (
     choose_interpolation,
     parameters_from_model,
 )
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import Model, open_simulator
 
 OSCILLATOR = """model Oscillator "A mass on a spring"

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from aero_bayes.estimate import Fit, FitSettings, Normal, fit_calibration
-from aero_bayes.estimate.band_width import conformal_quantile
-from aero_bayes.estimate.leave_out import BLOCK_COUNT, LinearisedFit, blocks_of_time
-from aero_bayes.sensors.whiteness import residual_correlation_time
-from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
+from aero_bayes.estimate.laplace import BLOCK_COUNT, LinearisedFit, blocks_of_time
+from aero_bayes.estimate.stage_report import conformal_quantile
+from aero_bayes.estimate.whiteness import residual_correlation_time
+from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 PRIOR_SD, ROWS, NOISE = 50.0, 240, 0.1
 SETTINGS = FitSettings(method="local", staged=False)

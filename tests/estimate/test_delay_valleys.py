@@ -6,7 +6,7 @@ import pytest
 import simulated_rigs.aero as bench
 from aero_bayes.estimate import CalibrationSettings, FitSettings, LocalResult, QuadraticModel, Stop, fit
 from aero_bayes.estimate.delays import laplace_log_evidence
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import Model
 
 

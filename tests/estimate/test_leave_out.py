@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from aero_bayes.estimate.leave_out import BLOCK_COUNT, LinearisedFit, blocks_of_time
+from aero_bayes.estimate.laplace import BLOCK_COUNT, LinearisedFit, blocks_of_time
+from aero_bayes.estimate.noise import SampleTimes
 from aero_bayes.estimate.objective import Series
-from aero_bayes.sensors.noise import SampleTimes
 
 
 def test_a_newton_step_is_the_refit_of_a_linear_model_without_the_block():

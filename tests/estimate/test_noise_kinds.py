@@ -10,8 +10,8 @@ from heated_room import C, G, fit, model, recording, with_readings
 
 import aero_bayes
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.sensors.noise import NoiseModel
 from aero_bayes.simulation import open_simulator
 
 

@@ -15,12 +15,12 @@ from numpy.random import Generator
 from scipy.optimize import minimize
 
 import aero_bayes
-from aero_bayes.check.residual_tests import check_residuals
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings
-from aero_bayes.estimate.filter_objective import objective_of
-from aero_bayes.sensors.noise import NoiseModel
+from aero_bayes.estimate.noise import NoiseModel
+from aero_bayes.estimate.objective import objective_of
+from aero_bayes.estimate.residual_tests import check_residuals
 from aero_bayes.simulation import open_simulator
 
 DRIFT = """model Drift

@@ -15,7 +15,7 @@ from aero_bayes.estimate import (
     local_fit,
     parameters_from_model,
 )
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import Model, open_simulator
 
 pytestmark = pytest.mark.fast

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from written_effects import write_effects
 
-from aero_bayes.export import declaration_of, export_fmu
+from aero_bayes.modelica import declaration_of, export_fmu
 
 BASE = "Aero.Systems.OneDof"
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import c_compiler, export_fmu, modelica_root, refuse_dropped, write_archive
-from aero_bayes.language.units import base_units, conversion, to_modelica_unit
+from aero_bayes.modelica import c_compiler, export_fmu, modelica_root, refuse_dropped, write_archive
+from aero_bayes.modelica.units import base_units, conversion, to_modelica_unit
 
 pytestmark = pytest.mark.fast
 

@@ -13,7 +13,7 @@ from facts import facts
 from hand_written_aero import NOMINAL, STATES, one_dof
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import (
+from aero_bayes.modelica import (
     FlatModel,
     add_input,
     add_output,
@@ -29,7 +29,7 @@ from aero_bayes.export import (
     replace_uses,
     set_parameter,
 )
-from aero_bayes.language.syntax import Call, Name, Number, names_in
+from aero_bayes.modelica.syntax import Call, Name, Number, names_in
 
 Write = Callable[[str, str], Path]
 

@@ -16,11 +16,11 @@ from scipy.integrate import solve_ivp
 
 import aero_bayes
 from aero_bayes.data import Layout, Recording
-from aero_bayes.export import export_fmu
-from aero_bayes.export.causalisation import causalise
-from aero_bayes.export.equation_system import translate
-from aero_bayes.export.rumoca_front import load_flat
-from aero_bayes.export.switching_surfaces import find_surfaces
+from aero_bayes.modelica import export_fmu
+from aero_bayes.modelica.causalisation import causalise
+from aero_bayes.modelica.equation_system import translate
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.modelica.switching_surfaces import find_surfaces
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,

@@ -13,7 +13,7 @@ from export_driver import driven
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,

@@ -17,7 +17,7 @@ from fmpy.validation import validate_fmu
 from hand_written_aero import NOMINAL, SCALES, STATES, half_quad, one_dof
 from scipy.integrate import solve_ivp
 
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import Experiment, InputSignal, Model, NativeSimulator, Problem, SolverSettings
 
 Built = Callable[[str], Path]

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from aero_bayes.export import Builder, Node, evaluate_nodes
-from aero_bayes.language.values import BINARY, UNARY
+from aero_bayes.modelica import Builder, Node, evaluate_nodes
+from aero_bayes.modelica.parse import BINARY, UNARY
 
 pytestmark = pytest.mark.fast
 

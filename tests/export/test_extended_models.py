@@ -10,8 +10,8 @@ import pytest
 from written_effects import write_effects
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
-from aero_bayes.laws import Candidate, LawPlaces, ModelicaFamily
+from aero_bayes.modelica import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
+from aero_bayes.structure import Candidate, LawPlaces, ModelicaFamily
 
 EVERY = LawPlaces("Aero.Systems.OneDof").candidates
 POINT = {

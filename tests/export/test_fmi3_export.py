@@ -12,7 +12,7 @@ from fmpy.validation import validate_fmu
 
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from aero_bayes.export import Builder, Events, Node, Value, call_table, evaluate_nodes, export_fmu
+from aero_bayes.modelica import Builder, Events, Node, Value, call_table, evaluate_nodes, export_fmu
 
 FloatArray = NDArray[np.float64]
 TYPES, INTERNAL = "Modelica.Blocks.Types.", "Modelica.Blocks.Tables.Internal."

@@ -14,7 +14,7 @@ from facts import facts
 from fmpy.validation import validate_fmu
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
+from aero_bayes.modelica import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
 from aero_bayes.simulation import Model
 
 Write = Callable[[str, str], Path]

@@ -10,8 +10,8 @@ import pytest
 from facts import facts
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu, first_compiler
-from aero_bayes.export.openmodelica import DERIVATIVES, FLAGS, first_error, script
+from aero_bayes.modelica import export_fmu, first_compiler
+from aero_bayes.modelica.compilers import DERIVATIVES, FLAGS, first_error, script
 
 pytestmark = pytest.mark.fast
 
@@ -67,7 +67,7 @@ def refuse(*_: object, **__: object) -> None:
 def test_what_the_embedded_exporter_refuses_goes_to_omc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     action = 'printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml'
     install(tmp_path, action, monkeypatch)
-    monkeypatch.setattr("aero_bayes.export.compilers.export_embedded", refuse)
+    monkeypatch.setattr("aero_bayes.modelica.compilers.export_embedded", refuse)
     assert export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu").is_file()
     used: list[str] = []
     monkeypatch.undo()
@@ -77,7 +77,7 @@ def test_what_the_embedded_exporter_refuses_goes_to_omc(tmp_path: Path, monkeypa
 
 def test_both_refusals_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(tmp_path, 'echo "Error: Class Foo not found."', monkeypatch)
-    monkeypatch.setattr("aero_bayes.export.compilers.export_embedded", refuse)
+    monkeypatch.setattr("aero_bayes.modelica.compilers.export_embedded", refuse)
     with pytest.raises(InputError, match=r"too hard.*Class Foo"):
         export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu")
 

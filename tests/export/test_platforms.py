@@ -17,8 +17,15 @@ import pytest
 
 from aero_bayes import InputError, export_fmu
 from aero_bayes.estimate.unfittable import no_parameter_text
-from aero_bayes.export.build import c_compiler, fmi_headers
-from aero_bayes.export.platforms import PLATFORMS, one_file, platforms_called, this_machine, zig_compiler
+from aero_bayes.modelica.build import (
+    PLATFORMS,
+    c_compiler,
+    fmi_headers,
+    one_file,
+    platforms_called,
+    this_machine,
+    zig_compiler,
+)
 from aero_bayes.simulation import Model
 
 #: Where Debian's cross libraries of ARM are, and Wine, which is not on the path.

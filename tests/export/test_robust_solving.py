@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import Builder, Scope, evaluate_nodes, export_fmu, possible_values
-from aero_bayes.language.syntax import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
+from aero_bayes.modelica import Builder, Scope, evaluate_nodes, export_fmu, possible_values
+from aero_bayes.modelica.syntax import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
 from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, open_simulator
 from tests.export.test_library_idioms import simulate
 

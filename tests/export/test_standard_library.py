@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu, library_roots, link_packages, load_flat, needed_libraries
+from aero_bayes.modelica import export_fmu, library_roots, link_packages, load_flat, needed_libraries
 
 SOURCE = Path(__file__).parent / "MslModels.mo"
 MODELS = re.findall(r"^  model (\w+)", SOURCE.read_text(encoding="utf-8"), re.MULTILINE)
@@ -78,7 +78,7 @@ def test_agrees_with_the_front_ends_simulator(model: str, tmp_path: Path) -> Non
 
 
 def test_a_library_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("aero_bayes.export.library._OWN", ())
+    monkeypatch.setattr("aero_bayes.modelica.library._OWN", ())
     monkeypatch.delenv("MODELICAPATH", raising=False)
     monkeypatch.delenv("OPENMODELICAHOME", raising=False)
     with pytest.raises(InputError, match=r"needs the Modelica Standard Library.*--library"):

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 
+from aero_bayes.commands import run_init
 from aero_bayes.errors import InputError
-from aero_bayes.export import explicit_model, export_fmu
-from aero_bayes.workflow import run_init
+from aero_bayes.modelica import explicit_model, export_fmu
 
 Write = Callable[[str, str], Path]
 

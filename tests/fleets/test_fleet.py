@@ -11,12 +11,11 @@ import pytest
 from click.testing import CliRunner
 
 from aero_bayes.cli import main
+from aero_bayes.commands import Rig, Table, read_fleet
+from aero_bayes.commands.fleet import attempt, fleet, tasks_of
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
-from aero_bayes.fleets import Rig, Table, read_fleet
-from aero_bayes.fleets.task import attempt
-from aero_bayes.fleets.whole import fleet, tasks_of
-from aero_bayes.schema import FleetJson, undeclared
+from aero_bayes.report import FleetJson, undeclared
 from simulated_rigs import write_fleet
 
 #: Fits from where they start; nothing that only a page of a single rig wants.
@@ -119,7 +118,7 @@ def test_two_rigs_of_one_name_are_refused(tmp_path: Path) -> None:
 
 
 def read_fleet_of(rigs: list[Rig]):
-    from aero_bayes.fleets import FleetPlan
+    from aero_bayes.commands import FleetPlan
 
     return FleetPlan({"model": {"name": "Aero.Systems.OneDof"}}, Path(), "fit", rigs)
 

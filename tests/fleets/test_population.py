@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm, t
 
-from aero_bayes.fleets.population import fit_population, stand_out
+from aero_bayes.commands.fleet_summary import fit_population, stand_out
 
 LEVELS = np.array([0.05, 0.5, 0.95])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.judge.prediction import Prediction, RmsError
+from aero_bayes.loop.unseen import Prediction, RmsError
 
 pytestmark = pytest.mark.fast
 

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from aero_bayes.judge import Prediction, RmsError, describe_error_change
+from aero_bayes.loop import Prediction, RmsError, describe_error_change
 
 pytestmark = pytest.mark.fast
 

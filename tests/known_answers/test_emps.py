@@ -11,7 +11,7 @@ import pytest
 
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings, FitSettings, Override, fit, parameters_from_model
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import Model
 
 PUBLISHED = {"M": 95.11, "F_v": 203.5, "F_c": 20.39, "offset": -3.16}

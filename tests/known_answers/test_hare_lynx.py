@@ -26,9 +26,9 @@ from aero_bayes.estimate import (
     calibrate,
     fit_calibration,
 )
-from aero_bayes.export import export_fmu
-from aero_bayes.sampling import SampleSettings, run_chain
-from aero_bayes.sampling.moves import WarpedStudentT
+from aero_bayes.modelica import export_fmu
+from aero_bayes.posterior import SampleSettings, run_chain
+from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, StartTarget, open_simulator
 
 HARE = (30, 47.2, 70.2, 77.4, 36.3, 20.6, 18.1, 21.4, 22, 25.4, 27.1, 40.3, 57, 76.6, 52.3, 19.5, 11.2, 7.6, 14.6, 16.2)

@@ -22,11 +22,16 @@ from aero_bayes.estimate import (
     calibrate,
     fit_calibration,
 )
-from aero_bayes.export import export_fmu
-from aero_bayes.sampling import SampleSettings, run_chain
-from aero_bayes.sampling.evidence import importance_posterior, laplace_evidence
-from aero_bayes.sampling.importance import adaptive_importance_sample, importance_sample, pareto_smooth
-from aero_bayes.sampling.moves import WarpedStudentT
+from aero_bayes.modelica import export_fmu
+from aero_bayes.posterior import SampleSettings, run_chain
+from aero_bayes.posterior.importance import (
+    adaptive_importance_sample,
+    importance_posterior,
+    importance_sample,
+    laplace_evidence,
+    pareto_smooth,
+)
+from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.simulation import Model, ParameterTarget, SolverSettings, open_simulator
 
 TIME = np.linspace(0.0, 8.0, 201)

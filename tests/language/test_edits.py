@@ -10,9 +10,9 @@ from numpy.random import Generator
 from small_rigs import RIGS
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.class_reader import read_classes
-from aero_bayes.language.classes import ClassText
-from aero_bayes.language.edits import (
+from aero_bayes.modelica.class_reader import read_classes
+from aero_bayes.modelica.classes import ClassText
+from aero_bayes.modelica.edits import (
     TextEdit,
     add_declarations,
     add_equations,
@@ -22,9 +22,9 @@ from aero_bayes.language.edits import (
     replace_names,
     unified_diff,
 )
-from aero_bayes.language.parse import sides_of
-from aero_bayes.language.tokens import one_line, tokenize
-from aero_bayes.ports import find_insertion_point, is_driver
+from aero_bayes.modelica.parse import sides_of
+from aero_bayes.modelica.tokens import one_line, tokenize
+from aero_bayes.structure import find_insertion_point, is_driver
 
 pytestmark = pytest.mark.fast
 

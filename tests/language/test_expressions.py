@@ -9,9 +9,8 @@ import pytest
 from numpy.random import Generator
 
 from aero_bayes.errors import InputError
-from aero_bayes.language.dimensions import dimension, dimension_of_unit, unit_text
-from aero_bayes.language.parse import parse_expression, parse_text
-from aero_bayes.language.syntax import (
+from aero_bayes.modelica.parse import evaluate_expression, parse_expression, parse_text
+from aero_bayes.modelica.syntax import (
     Array,
     Call,
     Comprehension,
@@ -27,8 +26,8 @@ from aero_bayes.language.syntax import (
     summands,
     walk,
 )
-from aero_bayes.language.tokens import tokenize
-from aero_bayes.language.values import evaluate_expression
+from aero_bayes.modelica.tokens import tokenize
+from aero_bayes.modelica.units import dimension, dimension_of_unit, unit_text
 
 pytestmark = pytest.mark.fast
 

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from small_rigs import RIGS
 
-from aero_bayes.export import export_flat
-from aero_bayes.export.embedded import export_embedded
-from aero_bayes.laws import LawPlaces, ModelicaFamily, compose_laws, place_laws
-from aero_bayes.laws.redeclare import load_with_redeclarations
+from aero_bayes.modelica import export_flat
+from aero_bayes.modelica.embedded import export_embedded
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,
@@ -24,6 +22,8 @@ from aero_bayes.simulation import (
     WorkerPool,
     open_simulator,
 )
+from aero_bayes.structure import LawPlaces, ModelicaFamily, compose_laws, place_laws
+from aero_bayes.structure.redeclare import load_with_redeclarations
 
 TIME = np.linspace(0.0, 4.0, 201)
 SIZES = {"u_n": 1.5, "f_n": 2.0, "v_n": 0.5, "x_n": 0.3, "x_w": 0.3, "q_n": 0.8, "h_n": 0.7, "i_n": 2.0, "t_n": 0.4}

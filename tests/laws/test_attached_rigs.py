@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.laws import LawPlaces, ModelicaFamily, place_laws
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,
@@ -20,6 +19,7 @@ from aero_bayes.simulation import (
     WorkerPool,
     open_simulator,
 )
+from aero_bayes.structure import LawPlaces, ModelicaFamily, place_laws
 
 RIGS = Path(__file__).parents[2] / "studies" / "real_rigs"
 QUICK = ("coil", "tank2006", "cartpendulum")

@@ -19,9 +19,9 @@ from aero_bayes.data import Layout, Recording, write_csv
 from aero_bayes.declared import DECLARATION_MEMBER
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
-from aero_bayes.export import declaration_of, export_fmu
-from aero_bayes.laws import LawPlaces, ModelicaFamily
+from aero_bayes.modelica import declaration_of, export_fmu
 from aero_bayes.simulation import Model, ModelicaSource
+from aero_bayes.structure import LawPlaces, ModelicaFamily
 
 SLEDGE = Path(__file__).parent.parent / "models" / "Sledge"
 DECLARED = declaration_of("Sledge.Rig", [SLEDGE])

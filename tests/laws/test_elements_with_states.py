@@ -11,19 +11,11 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from small_rigs import rig
 
-from aero_bayes.export import export_flat, load_flat
-from aero_bayes.laws import Law, place_law, ports_with_laws, write_laws
-from aero_bayes.laws.starting_values import fitted_parameters
-from aero_bayes.simulation import (
-    Experiment,
-    InputSignal,
-    Model,
-    NativeSimulator,
-    Problem,
-    SolverSettings,
-    WorkerPool,
-)
+from aero_bayes.modelica import export_flat, load_flat
+from aero_bayes.simulation import Experiment, InputSignal, Model, NativeSimulator, Problem, SolverSettings, WorkerPool
 from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.structure import Law, place_law, ports_with_laws, write_laws
+from aero_bayes.structure.modelica_family import fitted_parameters
 
 ROOM = """model Room
   input Real u(unit = "W");

@@ -14,11 +14,11 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import FlatEquation, add_input, evaluate_nodes
-from aero_bayes.export.compose import set_parameter
-from aero_bayes.language.classes import snake_case
-from aero_bayes.language.syntax import Call, Name, Number
-from aero_bayes.laws import (
+from aero_bayes.modelica import FlatEquation, add_input, evaluate_nodes
+from aero_bayes.modelica.classes import snake_case
+from aero_bayes.modelica.compose import set_parameter
+from aero_bayes.modelica.syntax import Call, Name, Number
+from aero_bayes.structure import (
     LAW_INTERFACES,
     Law,
     LawModels,
@@ -324,7 +324,7 @@ end Mine;
 
 
 def test_every_partial_model_has_a_shape() -> None:
-    from aero_bayes.export import modelica_root
+    from aero_bayes.modelica import modelica_root
 
     folder = modelica_root() / "Laws" / "Interfaces"
     assert {p.stem for p in folder.glob("*Law.mo")} == set(LAW_INTERFACES)

@@ -20,21 +20,7 @@ from small_rigs import RIGS, rig
 
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
-from aero_bayes.export import FlatModel, export_embedded, export_flat
-from aero_bayes.laws import (
-    FmuBoundary,
-    Law,
-    LawBlocks,
-    LawModels,
-    PlacedLaw,
-    attached,
-    compose_laws,
-    couple,
-    find_candidates,
-    place_law,
-    ports_with_laws,
-)
-from aero_bayes.ports import Port
+from aero_bayes.modelica import FlatModel, export_embedded, export_flat
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,
@@ -45,6 +31,20 @@ from aero_bayes.simulation import (
     SolverSettings,
     StartTarget,
     open_simulator,
+)
+from aero_bayes.structure import (
+    FmuBoundary,
+    Law,
+    LawBlocks,
+    LawModels,
+    PlacedLaw,
+    Port,
+    attached,
+    compose_laws,
+    couple,
+    find_candidates,
+    place_law,
+    ports_with_laws,
 )
 
 FloatArray = NDArray[np.float64]
@@ -201,7 +201,7 @@ def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -
 
 
 def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
-    from aero_bayes.laws import CandidateFilter, FmuPlaces
+    from aero_bayes.structure import CandidateFilter, FmuPlaces
 
     places = FmuPlaces("Plant", candidate_filter=CandidateFilter(laws=("deadzone",)), fmu=plant.path)
     with pytest.raises(InputError, match=facts("deadzone", "dead_zone")):

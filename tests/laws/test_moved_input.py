@@ -18,8 +18,8 @@ from aero_bayes.estimate import (
     parameters_from_model,
 )
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.laws import LawPlaces, ModelicaFamily
 from aero_bayes.simulation import DelayTarget, open_simulator
+from aero_bayes.structure import LawPlaces, ModelicaFamily
 
 SOURCE = """model Plate "A plate on a heater"
   input Real P(unit = "W");

@@ -9,14 +9,13 @@ import pytest
 from small_rigs import RIGS, rig
 
 from aero_bayes import Recording, fit, load_model
-from aero_bayes.estimate.calibration_settings import CalibrationSettings
-from aero_bayes.estimate.fit_settings import FitSettings
-from aero_bayes.laws import Law, ports_with_laws
-from aero_bayes.laws.candidates import is_possible
-from aero_bayes.laws.law_places import LawPlaces
-from aero_bayes.laws.modelica_family import ModelicaFamily
-from aero_bayes.ports import share_visited_twice
+from aero_bayes.estimate.initial_states import CalibrationSettings
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.simulation import open_simulator
+from aero_bayes.structure import Law, ports_with_laws, share_visited_twice
+from aero_bayes.structure.candidates import is_possible
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 
 def of(laws: tuple[Law, ...], kind: str, id_: str) -> Law:

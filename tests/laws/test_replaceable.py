@@ -13,10 +13,17 @@ from aero_bayes import Fit, fit
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import parameters_from_model
-from aero_bayes.export import ExplicitModel, evaluate_nodes, explicit_model
-from aero_bayes.laws import LawPlaces, ModelicaFamily, WrittenModel, place_laws, reserved_names, write_laws
-from aero_bayes.ports import port_table
+from aero_bayes.modelica import ExplicitModel, evaluate_nodes, explicit_model
 from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.structure import (
+    LawPlaces,
+    ModelicaFamily,
+    WrittenModel,
+    place_laws,
+    port_table,
+    reserved_names,
+    write_laws,
+)
 
 CIRCUIT = """package Circuit
   connector Pin

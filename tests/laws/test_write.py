@@ -15,18 +15,7 @@ from small_rigs import RIGS, Numbers, explicit, rig, somewhere
 from written_laws import SIZES, agree, uses_at
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_flat, export_fmu, load_flat
-from aero_bayes.laws import (
-    Law,
-    LawModels,
-    LawPlaces,
-    ModelicaFamily,
-    compose_laws,
-    find_candidates,
-    place_law,
-    ports_with_laws,
-    write_laws,
-)
+from aero_bayes.modelica import export_flat, export_fmu, load_flat
 from aero_bayes.simulation import (
     Experiment,
     InputSignal,
@@ -36,6 +25,17 @@ from aero_bayes.simulation import (
     Problem,
     SolverSettings,
     WorkerPool,
+)
+from aero_bayes.structure import (
+    Law,
+    LawModels,
+    LawPlaces,
+    ModelicaFamily,
+    compose_laws,
+    find_candidates,
+    place_law,
+    ports_with_laws,
+    write_laws,
 )
 
 ONE_OF_EACH = [

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from aero_bayes import LoopSettings
-from aero_bayes.loop.from_fit import settings_of
+from aero_bayes.loop.loop import settings_of
 
 
 @pytest.mark.parametrize("cost", ["posterior", "weighted", "eq6"])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from aero_bayes.estimate.noise import SampleTimes
 from aero_bayes.estimate.objective import Series, Whitened
 from aero_bayes.loop.first_fit import FIRST_ROWS, beginning_share
-from aero_bayes.sensors.noise import SampleTimes
 
 pytestmark = pytest.mark.fast
 

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from aero_bayes.data import Recording
-from aero_bayes.judge import Recordings
-from aero_bayes.laws import LawPlaces, ModelicaFamily
-from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, first_fit
+from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, Recordings, first_fit
 from aero_bayes.simulation import WorkerPool
+from aero_bayes.structure import LawPlaces, ModelicaFamily
 
 
 def test_a_model_without_a_free_parameter_is_simulated_with_its_values(tmp_path: Path) -> None:

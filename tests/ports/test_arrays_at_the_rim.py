@@ -10,9 +10,9 @@ import pytest
 from fmpy import simulate_fmu
 from numpy.typing import NDArray
 
-from aero_bayes.export import FlatModel, add_output, export_flat, load_flat
-from aero_bayes.language.syntax import Call, Name, Number
-from aero_bayes.laws import (
+from aero_bayes.modelica import FlatModel, add_output, export_flat, load_flat
+from aero_bayes.modelica.syntax import Call, Name, Number
+from aero_bayes.structure import (
     Law,
     LawModels,
     PlacedLaw,

@@ -10,9 +10,9 @@ from closed_form import held
 from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
-from aero_bayes.export import load_flat
-from aero_bayes.laws import ports_with_laws, shipped_laws
 from aero_bayes.loop import LoopSettings, close_loop
+from aero_bayes.modelica import load_flat
+from aero_bayes.structure import ports_with_laws, shipped_laws
 
 AXIS = """model Axis "A position loop"
   parameter Real J(unit = "kg", min = 0) = 0.6;

@@ -8,8 +8,8 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.export import load_flat
-from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, write_laws
+from aero_bayes.modelica import load_flat
+from aero_bayes.structure import Law, LawModels, compose_law, place_law, ports_with_laws, write_laws
 
 pytestmark = pytest.mark.fast
 

@@ -8,19 +8,20 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.export import load_flat
-from aero_bayes.language.dimensions import dimension_of_unit, unit_text
-from aero_bayes.laws import (
+from aero_bayes.modelica import load_flat
+from aero_bayes.modelica.units import dimension_of_unit, unit_text
+from aero_bayes.structure import (
+    DIFFERENCE,
     Law,
     LawModels,
     compose_law,
     find_candidates,
     place_law,
+    port_table,
     ports_with_laws,
     with_probes,
     write_laws,
 )
-from aero_bayes.ports import DIFFERENCE, port_table
 
 pytestmark = pytest.mark.fast
 

@@ -14,10 +14,9 @@ from written_laws import agree, uses_at
 from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
-from aero_bayes.export import load_flat
-from aero_bayes.laws import compose_laws, find_candidates, ports_with_laws, shipped_laws
 from aero_bayes.loop import LoopSettings, close_loop
-from aero_bayes.ports import Port
+from aero_bayes.modelica import load_flat
+from aero_bayes.structure import Port, compose_laws, find_candidates, ports_with_laws, shipped_laws
 
 CAR = """model Car "A quarter of a car"
   parameter Real m_b(unit = "kg", min = 0) = 250;

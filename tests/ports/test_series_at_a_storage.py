@@ -8,8 +8,8 @@ import numpy as np
 from fmpy import simulate_fmu
 from small_rigs import RIGS
 
-from aero_bayes.export import export_flat, load_flat
-from aero_bayes.laws import Law, LawModels, compose_law, find_candidates, place_law, ports_with_laws, write_laws
+from aero_bayes.modelica import export_flat, load_flat
+from aero_bayes.structure import Law, LawModels, compose_law, find_candidates, place_law, ports_with_laws, write_laws
 
 FILTER = """within ;
 model Filter "Source, resistor, capacitor, and a probe at their node"

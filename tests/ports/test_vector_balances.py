@@ -10,9 +10,17 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.export import FlatModel, load_flat
-from aero_bayes.laws import Law, LawModels, compose_law, place_law, ports_with_laws, reserved_names, write_laws
-from aero_bayes.ports import Port
+from aero_bayes.modelica import FlatModel, load_flat
+from aero_bayes.structure import (
+    Law,
+    LawModels,
+    Port,
+    compose_law,
+    place_law,
+    ports_with_laws,
+    reserved_names,
+    write_laws,
+)
 
 ARM = """model Arm "Two joints; {how}"
   parameter Real a = 0.3, b = 0.05, c = 0.02, d[2](each unit = "N.m.s/rad") = {{0.1, 0.2}};

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.fleets import Table
-from aero_bayes.fleets.summary import summarise_fleet
-from aero_bayes.report import write_fleet_page
-from aero_bayes.schema import FleetJson
+from aero_bayes.commands import Table
+from aero_bayes.commands.fleet_summary import summarise_fleet
+from aero_bayes.report import FleetJson, write_fleet_page
 
 
 def made_up(path: Path, count: int) -> tuple[Path, FleetJson]:

@@ -6,8 +6,7 @@ import re
 
 import pytest
 
-from aero_bayes.report import changed_equations, rounds_plate
-from aero_bayes.schema import CandidateJson, LoopJson, StepJson
+from aero_bayes.report import CandidateJson, LoopJson, StepJson, changed_equations, rounds_plate
 
 pytestmark = pytest.mark.fast
 

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from aero_bayes.estimate import autocorrelation
 from aero_bayes.report import (
     BITS,
     Canvas,
@@ -37,7 +38,6 @@ from aero_bayes.report import (
     symbol,
     tidy,
 )
-from aero_bayes.sensors import autocorrelation
 
 pytestmark = pytest.mark.fast
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from aero_bayes.schema import RunJson, undeclared
-from aero_bayes.workflow import write_result
+from aero_bayes.commands import write_result
+from aero_bayes.report import RunJson, undeclared
 
 pytestmark = pytest.mark.fast
 

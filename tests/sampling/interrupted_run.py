@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.sampling import SampleSettings, run_chain
-from aero_bayes.sampling.moves import WarpedStudentT
+from aero_bayes.posterior import SampleSettings, run_chain
+from aero_bayes.posterior.moves import WarpedStudentT
 
 SETTINGS = SampleSettings(
     walkers=8,

@@ -12,8 +12,8 @@ import pytest
 
 from aero_bayes.data import Recording, read_recording
 from aero_bayes.estimate import Fit, FitSettings, Status, SwarmSettings, fit
-from aero_bayes.export import export_fmu
-from aero_bayes.sampling import Posterior, SampleSettings, sample
+from aero_bayes.modelica import export_fmu
+from aero_bayes.posterior import Posterior, SampleSettings, sample
 from aero_bayes.simulation import Model
 from simulated_rigs.aero import Truth, effect, simulate_recording
 from simulated_rigs.designs import paper_step

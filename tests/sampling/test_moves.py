@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from aero_bayes.sampling.adaptation import (
+from aero_bayes.posterior.adaptation import (
     SurrogateDensity,
     independence_acceptance,
     log_prior_of,
     scan_axes,
     steps_to_leave,
 )
-from aero_bayes.sampling.moves import (
+from aero_bayes.posterior.moves import (
     DelayedAcceptanceMove,
     DelayedAcceptanceWalkMove,
     DifferentialMove,

@@ -10,7 +10,7 @@ import pytest
 from facts import facts
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.sampling import posterior_predictive
+from aero_bayes.posterior import posterior_predictive
 from aero_bayes.simulation import Outcome
 
 pytestmark = pytest.mark.fast

@@ -20,8 +20,8 @@ from facts import facts
 from scipy import stats
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.sampling import Adaptation, Chain, SampleSettings, run_chain
-from aero_bayes.sampling.moves import StretchMove, WarpedStudentT
+from aero_bayes.posterior import Adaptation, Chain, SampleSettings, run_chain
+from aero_bayes.posterior.moves import StretchMove, WarpedStudentT
 
 pytestmark = pytest.mark.long
 

@@ -6,13 +6,12 @@ import closed_form
 import numpy as np
 import pytest
 
-from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, Parameter
+from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, OutputNoise, Parameter
 from aero_bayes.estimate.local_fit import local_fit
-from aero_bayes.laws import CandidateTerm
-from aero_bayes.search import Blocks, CandidateModel, FittedModel, Row, Table, newton_errors, refitted_errors
-from aero_bayes.search.left_out import MORE_BLOCKS
-from aero_bayes.sensors import OutputNoise
+from aero_bayes.loop import Blocks, CandidateModel, FittedModel, Row, Table, newton_errors, refitted_errors
+from aero_bayes.loop.left_out import MORE_BLOCKS
 from aero_bayes.simulation import ParameterTarget
+from aero_bayes.structure import CandidateTerm
 
 pytestmark = pytest.mark.fast
 

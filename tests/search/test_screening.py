@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from test_left_out import PRIOR_SD, TIME, free, rows, study
 
-from aero_bayes.search import Blocks
-from aero_bayes.search.screen import Screen
+from aero_bayes.loop import Blocks
+from aero_bayes.loop.screen import Screen
 
 pytestmark = pytest.mark.fast
 

@@ -6,9 +6,15 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 import simulated_rigs.aero as bench
-from aero_bayes.estimate import FitSettings, NoiseModel, fit
-from aero_bayes.export import export_fmu
-from aero_bayes.sensors import describe_quantisation, interval_log_density, rounding_error
+from aero_bayes.estimate import (
+    FitSettings,
+    NoiseModel,
+    describe_quantisation,
+    fit,
+    interval_log_density,
+    rounding_error,
+)
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import Model
 
 pytestmark = pytest.mark.fast

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate import OutputNoise, estimate_noise, innovations
-from aero_bayes.sensors import SampleTimes, log_density, whiten
+from aero_bayes.estimate import OutputNoise, SampleTimes, estimate_noise, innovations, log_density, whiten
 
 pytestmark = pytest.mark.fast
 

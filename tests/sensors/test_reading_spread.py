@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from aero_bayes.sensors.reading_spread import SpreadModel, choose_spread, estimate_spread
+from aero_bayes.estimate.reading_spread import SpreadModel, choose_spread, estimate_spread
 
 pytestmark = pytest.mark.fast
 

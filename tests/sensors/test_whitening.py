@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import cho_solve
 from scipy.stats import multivariate_normal
 
-from aero_bayes.sensors import (
+from aero_bayes.estimate import (
     OutputNoise,
     SampleTimes,
     innovations,

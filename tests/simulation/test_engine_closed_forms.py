@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import (
     DelayTarget,
     Experiment,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import (
     Experiment,
     Model,

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import (
     DiffusionTarget,
     Experiment,
@@ -27,7 +27,7 @@ from aero_bayes.simulation import (
     StartTarget,
     open_simulator,
 )
-from aero_bayes.simulation.smoothing import smooth
+from aero_bayes.simulation.interface import smooth
 
 pytestmark = pytest.mark.fast
 

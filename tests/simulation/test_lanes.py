@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.export import export_fmu
-from aero_bayes.laws import LawBlocks, OpenModel, attached, couple
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import (
     DelayTarget,
     Experiment,
@@ -24,6 +23,7 @@ from aero_bayes.simulation import (
     StartTarget,
     WorkerPool,
 )
+from aero_bayes.structure import LawBlocks, OpenModel, attached, couple
 
 pytestmark = pytest.mark.fast
 

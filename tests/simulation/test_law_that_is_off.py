@@ -7,17 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.laws import (
-    FmuBoundary,
-    Law,
-    LawBlocks,
-    LawModels,
-    attached,
-    couple,
-    law_models,
-    place_law,
-    shipped_laws,
-)
 from aero_bayes.simulation import (
     Experiment,
     Model,
@@ -27,6 +16,17 @@ from aero_bayes.simulation import (
     SolverSettings,
     StartTarget,
     open_simulator,
+)
+from aero_bayes.structure import (
+    FmuBoundary,
+    Law,
+    LawBlocks,
+    LawModels,
+    attached,
+    couple,
+    law_models,
+    place_law,
+    shipped_laws,
 )
 
 pytestmark = pytest.mark.fast

@@ -13,7 +13,7 @@ from fmpy.fmi2 import FMU2Slave
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import (
     DelayTarget,
     Experiment,

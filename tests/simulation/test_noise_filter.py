@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from aero_bayes.simulation import Experiment, NativeSimulator, ParameterTarget, Problem, SolverSettings, StartTarget
-from aero_bayes.simulation.gaussian import gauss_newton_products
+from aero_bayes.simulation.interface import gauss_newton_products
 
 pytestmark = pytest.mark.fast
 

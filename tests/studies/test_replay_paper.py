@@ -11,7 +11,7 @@ from aero_closed_form import linear_run
 from click.testing import CliRunner
 
 from aero_bayes.cli import main
-from aero_bayes.schema import RunJson, undeclared
+from aero_bayes.report import RunJson, undeclared
 from aero_bayes.simulation import Outcome
 from paper_replay import paper_recording, replay_paper, write_run
 from paper_replay.paper import JOINT, PAPER, RERUN, SCALED, run_result

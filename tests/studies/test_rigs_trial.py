@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 
 from aero_bayes.errors import InputError
-from aero_bayes.export import export_fmu
+from aero_bayes.modelica import export_fmu
 from aero_bayes.simulation import Experiment, InputSignal, Model, Problem, SolverSettings, StartTarget, open_simulator
 from simulated_rigs import MODELS, LawPlace, LawTruth, draw_rig_trial, rig_kinds, simulate_rig, write_trial
 from simulated_rigs.distance import RigExperiment, arma_innovations

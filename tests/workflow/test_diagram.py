@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from aero_bayes.export import modelica_root
-from aero_bayes.language.component_tree import build_tree, look_up, read_library
-from aero_bayes.schema import ComponentJson, DiagramJson
-from aero_bayes.workflow import model_diagrams
+from aero_bayes.commands import model_diagrams
+from aero_bayes.modelica import modelica_root
+from aero_bayes.modelica.class_reader import build_tree, look_up, read_library
+from aero_bayes.report import ComponentJson, DiagramJson
 
 pytestmark = pytest.mark.fast
 

@@ -14,8 +14,8 @@ from facts import facts
 from scipy.io import savemat
 
 from aero_bayes.cli import main
-from aero_bayes.language.sources import main_class
-from aero_bayes.workflow import match_columns, split_unit
+from aero_bayes.commands import match_columns, split_unit
+from aero_bayes.modelica.sources import main_class
 
 pytestmark = pytest.mark.fast
 

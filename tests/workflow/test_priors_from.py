@@ -10,8 +10,8 @@ import xarray
 
 import aero_bayes
 from aero_bayes import InputError
+from aero_bayes.commands.job import fit_parameters
 from aero_bayes.config import load_config
-from aero_bayes.workflow.job import fit_parameters
 
 pytestmark = pytest.mark.fast
 

@@ -1,12 +1,11 @@
 """Recordings: read, check, units, align, split."""
 
-from aero_bayes.data.experiment import to_experiment
-from aero_bayes.data.findings import DataFinding
+from aero_bayes.data.columns import ColumnMap, Layout
+from aero_bayes.data.find_table import DataFinding
 from aero_bayes.data.initial_level import initial_level
-from aero_bayes.data.layout import ColumnMap, Layout
 from aero_bayes.data.noise import noise_floor, noise_floors, output_noise_floor, quantisation_step
 from aero_bayes.data.read import read_recording, read_recordings, write_csv
-from aero_bayes.data.recording import Recording
+from aero_bayes.data.recording import Recording, to_experiment
 from aero_bayes.data.screen import screen, screen_all
 from aero_bayes.data.summary import summarise
 from aero_bayes.declared import ColumnSpec

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.layout import Layout
+from aero_bayes.data.columns import Layout
 from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
 

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.data.findings import DataFinding, runs_of
-from aero_bayes.data.gaps import MAX_PARTS, MIN_PART_ROWS
+from aero_bayes.data.columns import MAX_PARTS, MIN_PART_ROWS, Rows
+from aero_bayes.data.find_table import DataFinding, runs_of
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.runs import Rows
 
 
 def with_steady_clock(recording: Recording) -> Recording:

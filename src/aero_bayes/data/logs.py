@@ -15,9 +15,8 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import seconds
-from aero_bayes.data.frames import missing_extra
 from aero_bayes.data.signals import Signals
-from aero_bayes.data.table import is_time_name
+from aero_bayes.data.table import is_time_name, missing_extra
 from aero_bayes.errors import InputError
 
 MDF, TDMS, LABVIEW = (b"MDF     ", b"UnFinMF "), b"TDSm", b"LabVIEW Measurement"

@@ -13,19 +13,60 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.data import logs, matlab, modelica_table
 from aero_bayes.data.cells import plain_seconds
 from aero_bayes.data.checks import MIN_SAMPLES, check_recording
 from aero_bayes.data.clock import with_steady_clock
-from aero_bayes.data.file_forms import column_names, data_files, read_columns
-from aero_bayes.data.layout import ColumnMap, Layout
+from aero_bayes.data.columns import ColumnMap, Layout
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import hide
-from aero_bayes.data.signals import Columns, Request, column_called, joined, without_repeats
+from aero_bayes.data.signals import Columns, Request, Signals, column_called, joined, pick_signals, without_repeats
+from aero_bayes.data.table import FrameTable, TableFile, is_table, read_table, row_names
+from aero_bayes.data.text_table import TextTable
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
-from aero_bayes.export.library import declaration_of
 from aero_bayes.files import whole_file
+from aero_bayes.modelica.library import declaration_of
 from aero_bayes.unknown_names import known_names_hint
+
+#: Suffixes of the files of a folder that are looked at.
+SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".xlsx", ".parquet", ".feather", ".mf4", ".tdms", ".lvm")
+#: Whether a file is of a form of named vectors, and what reads them.
+SIGNAL_FILES = tuple((form.is_one, form.signals_in) for form in (matlab, logs, modelica_table))
+
+
+def read_columns(path: Path, request: Request) -> Columns:
+    """Return the columns that a recording asks for, whatever the form of the file."""
+    try:
+        signals = _signals(path, request.memory)
+        return read_table(_table(path), request) if signals is None else pick_signals(path, signals, request)
+    except PermissionError:
+        raise InputError(f"{path}: may not be read (permission denied)") from None
+
+
+def data_files(folder: Path) -> list[Path]:
+    """Return the files of a folder that may hold data, by their suffix."""
+    return [p for p in sorted(folder.iterdir()) if p.is_file() and p.suffix.lower() in SUFFIXES]
+
+
+def column_names(path: Path) -> list[str]:
+    """Return names of the columns or signals of a file, or of all files of a folder."""
+    if path.is_dir():
+        return list(dict.fromkeys(name for file in data_files(path) for name in column_names(file)))
+    signals = _signals(path)
+    if signals is not None and not signals.vectors:
+        raise InputError(f"{path}: holds no signal over time{signals.hint}")
+    return row_names(_table(path)) if signals is None else list(signals.vectors)
+
+
+def _signals(path: Path, memory: int | None = None) -> Signals | None:
+    """Return the vectors of a file that holds named vectors; None for a table."""
+    return next((signals_in(path, memory) for is_one, signals_in in SIGNAL_FILES if is_one(path)), None)
+
+
+def _table(path: Path) -> TableFile:
+    return FrameTable(path) if is_table(path) else TextTable(path)
+
 
 #: How late after the first one's start a run in a table may start, as a share of the length of the one above it.
 MAX_LATE_START = 0.1

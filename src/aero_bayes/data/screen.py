@@ -2,20 +2,233 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from aero_bayes.data.findings import DataFinding, FindingKind, runs_of, told_numbers
-from aero_bayes.data.gaps import MIN_PART_ROWS, gap_rows
+from aero_bayes.arrays import FloatArray
+from aero_bayes.data.columns import (
+    MAD_TO_SD,
+    MIN_PART_ROWS,
+    Mask,
+    after_changes,
+    gap_rows,
+    noise_size,
+    runs,
+    typical_step,
+    wrapped_rows,
+)
+from aero_bayes.data.find_table import DataFinding, FindingKind, runs_of, told_numbers
+from aero_bayes.data.noise import quantisation_step
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.runs import Mask
-from aero_bayes.data.sentinels import impossible_inputs, sentinels
-from aero_bayes.data.stuck import stuck_rows
-from aero_bayes.data.wrapped import wrapped_rows
 from aero_bayes.display import with_unit
+
+#: What loggers and sensors are known to write for a reading that they do not have.
+KNOWN_CONSTANTS = frozenset({
+    -99999.0, -9999.0, -9999.9, -999.9, -999.0, -99.9, -99.0, 99.9, 99.0, 999.0, 999.9, 9999.0, 9999.9, 99999.0,
+    85.0, -127.0, -50.0, 0.0, 32767.0, -32768.0, 65535.0, 3276.7, -3276.8, 6553.5, 2147483647.0, -2147483648.0,
+})  # fmt: skip
+#: Longest run of a constant that is no reading, in rows; a known one that is impossible may last longer.
+MOST_ROWS = 5
+#: Largest share of the readings that such constants may be; a signal that is there more often is a signal.
+MAX_SHARE = 0.2
+#: Distance from both neighbours, in typical steps, from which a constant within the range is far off them.
+MIN_STEPS_OFF = 8.0
+#: Readings of a constant within the range of the others, and distinct other readings, that it takes.
+MIN_REPEATS, MIN_DISTINCT = 3, 5
+#: The median step without any one constant, a fifth of the readings at most, is no less than this quantile with it.
+LOW_QUANTILE = 0.15
+#: Share of a constant's runs that must be far off for a closer look; its runs are split by gaps there.
+LEAST_ISOLATED = 0.4
+#: Fewest readings that show what is usual.
+MIN_SENTINEL_READINGS = 12
+
+
+def sentinels(values: FloatArray, inputs: Mapping[str, FloatArray]) -> dict[float, Mask]:
+    """Mark rows of an output at constants that are no readings, by constant."""
+    found: dict[float, Mask] = {}
+    left = np.isfinite(values)
+    near = after_changes(inputs) if inputs else np.zeros(values.size, dtype=bool)
+    for _ in range(MIN_DISTINCT):
+        constant = _farthest_outside(values, left, near)
+        if constant is None:
+            break
+        found[constant] = left & (values == constant)
+        left &= ~found[constant]
+    likely = _likely(values[left])
+    for constant in _repeated(values, left):
+        if constant not in likely:
+            continue
+        rows = left & (values == constant)
+        if _far_off(values, left, rows, near):
+            found[constant] = rows
+            left = left & ~rows
+            likely = _likely(values[left])
+    return found
+
+
+def impossible_inputs(values: FloatArray) -> dict[float, Mask]:
+    """Mark rows of an input at known constants that are farther outside of its other values than these range."""
+    none = np.zeros(values.size, dtype=bool)
+    constant = _farthest_outside(values, np.isfinite(values), none)
+    if constant is None or constant not in KNOWN_CONSTANTS or constant == 0.0:
+        return {}
+    return {constant: values == constant}
+
+
+def _farthest_outside(values: FloatArray, left: Mask, near: Mask) -> float | None:
+    """Return the constant that is farthest outside of the range of all others; None if none is impossible."""
+    seen = values[left]
+    if seen.size < MIN_SENTINEL_READINGS:
+        return None
+    for constant in (float(seen.min()), float(seen.max())):
+        rows = left & (values == constant)
+        others = seen[seen != constant]
+        count = int(rows.sum())
+        if count > MAX_SHARE * seen.size or np.unique(others).size < MIN_DISTINCT:
+            continue
+        low, high = float(others.min()), float(others.max())
+        outside = max(low - constant, constant - high)
+        known = constant in KNOWN_CONSTANTS
+        if outside <= high - low or not (known or count >= 2):
+            continue
+        own = runs(rows)
+        if not (known and constant != 0.0) and max(stop - start for start, stop in own) > MOST_ROWS:
+            continue
+        if not known and sum(bool(near[start]) for start, _ in own) > 0.5 * len(own):
+            continue
+        return constant
+    return None
+
+
+def _repeated(values: FloatArray, left: Mask) -> list[float]:
+    """Find constants that occur often enough, and not too often; none for a sensor with coarse steps."""
+    seen = values[left]
+    if seen.size < MIN_SENTINEL_READINGS:
+        return []
+    distinct, counts = np.unique(seen, return_counts=True)
+    keep = (counts >= MIN_REPEATS) & (counts <= MAX_SHARE * seen.size)
+    # Of readings in coarse steps every one is repeated: looking at each would only cost time.
+    return [] if keep.sum() > 0.2 * distinct.size + 3 else [float(v) for v in distinct[keep]]
+
+
+def _likely(seen: FloatArray) -> set[float]:
+    """Return the constants that may be far off their neighbours, from one pass over all readings.
+
+    Each is looked at by itself
+    at the cost of all readings, and a long recording has a hundred thousand that occur three times."""
+    each = seen[np.concatenate(([True], np.diff(seen) != 0.0))]
+    if each.size < 3:
+        return set()
+    step = MAD_TO_SD * float(np.quantile(np.abs(np.diff(seen)), LOW_QUANTILE, method="lower"))
+    off = np.minimum(*(np.abs(each[1:-1] - other) for other in (each[:-2], each[2:])))
+    apart = (off > MIN_STEPS_OFF * step) & (off > 3.0 * np.abs(each[2:] - each[:-2]))
+    distinct, at = np.unique(each[1:-1], return_inverse=True)
+    isolated, total = np.bincount(at, apart, distinct.size), np.bincount(at, minlength=distinct.size)
+    return set(distinct[(isolated > 0) & (isolated >= LEAST_ISOLATED * total)].tolist())
+
+
+def _far_off(values: FloatArray, left: Mask, rows: Mask, near: Mask) -> bool:
+    """Return whether nearly each run of a constant is short and far off the readings before and after, which agree."""
+    at = np.flatnonzero(left & ~rows)
+    step = typical_step(values[at])
+    isolated = total = 0
+    for start, stop in runs(rows):
+        total += 1
+        place = int(np.searchsorted(at, start))
+        if stop - start > MOST_ROWS or near[start] or not 0 < place < at.size:
+            continue
+        before, after = values[at[place - 1]], values[at[place]]
+        off = min(abs(values[start] - before), abs(values[start] - after))
+        isolated += bool(off > MIN_STEPS_OFF * step and off > 3.0 * abs(after - before))
+    return isolated >= 2 and isolated >= 0.8 * total
+
+
+#: Fewest equal readings in a row that are stuck, and that are clipped at an extreme.
+MIN_STUCK, MIN_CLIPPED = 10, 4
+#: Share of neighbouring readings elsewhere that may be equal, in a channel that can be judged.
+MAX_EQUAL_SHARE = 0.05
+#: Readings before and after a run that must show noise, and how much of the channel's usual one.
+BESIDE, MIN_NOISE_SHARE = 20, 0.3
+#: Size of third differences over second ones, each over that of white noise, from which readings are noisy.
+MIN_NOISE_RATIO = 0.8
+#: Jump after a stuck run over an ordinary step, and speed before a clipped one over its change from reading to reading.
+MIN_MISSED, MIN_SPEED = 2.0, 5.0
+#: Share of the range within which two readings count as one: a print format may differ in the last digit.
+SAME = 1e-9
+
+
+def stuck_rows(values: FloatArray, inputs: Mapping[str, FloatArray]) -> tuple[Mask, Mask]:
+    """Mark rows where an output is stuck, and rows where it is clipped."""
+    stuck, clipped = np.zeros(values.size, dtype=bool), np.zeros(values.size, dtype=bool)
+    at = np.flatnonzero(np.isfinite(values))
+    seen = values[at]
+    if seen.size < 3 * MIN_STUCK or np.ptp(seen) == 0.0:
+        return stuck, clipped
+    equal = np.abs(np.diff(seen)) <= SAME * np.ptp(seen)
+    spans = [(start, stop + 1) for start, stop in runs(equal)]
+    ends = seen.min(), seen.max()
+    chosen = [
+        (start, stop) for start, stop in spans if stop - start >= (MIN_CLIPPED if seen[start] in ends else MIN_STUCK)
+    ]
+    inside = np.zeros(seen.size, dtype=bool)
+    for start, stop in chosen:
+        inside[start:stop] = True
+    elsewhere = ~(inside[:-1] | inside[1:])
+    if not chosen or elsewhere.sum() < MIN_STUCK or equal[elsewhere].mean() > MAX_EQUAL_SHARE:
+        return stuck, clipped
+    usual, near = noise_size(seen[~inside]), after_changes(inputs)[at] if inputs else np.zeros(at.size, dtype=bool)
+    noisy, begun = _is_noisy(seen[~inside]), np.searchsorted(at, _first_change(inputs))
+    ordinary = float(np.quantile(np.abs(np.diff(seen))[elsewhere], 0.95))
+    for start, stop in chosen:
+        around = np.concatenate([seen[max(start - BESIDE, 0) : start], seen[stop : stop + BESIDE]])
+        # What rests before a run begins reads the same by right, and so does what cannot fall below zero.
+        if start == 0 or start < begun or usual <= 0.0 or noise_size(around) < MIN_NOISE_SHARE * usual:
+            continue
+        if not (noisy or _missed(seen, stop, ordinary) or (seen[start] in ends and _abrupt(seen, start))):
+            continue
+        if seen[start] in ends and seen[start] != 0.0:
+            clipped[at[seen == seen[start]]] = True
+        elif seen[start] != 0.0 or (not near[start] and _jumps(seen, start, stop, usual)):
+            stuck[at[start + 1 : stop]] = True
+    return stuck, clipped
+
+
+def _is_noisy(values: FloatArray) -> bool:
+    """Return whether each reading has noise: then third differences are as large as second ones, and not rounded."""
+    if values.size < 3 * MIN_STUCK or quantisation_step(values) is not None:
+        return False
+    third = MAD_TO_SD * float(np.median(np.abs(np.diff(values, 3)))) / math.sqrt(20.0)
+    return third > MIN_NOISE_RATIO * noise_size(values)
+
+
+def _first_change(inputs: Mapping[str, FloatArray]) -> int:
+    """Return the row at which an input first changes; 0 where none does."""
+    rows = [int(np.argmax(values != values[0])) for values in inputs.values()]
+    return min((row for row in rows if row), default=0)
+
+
+def _missed(seen: FloatArray, stop: int, ordinary: float) -> bool:
+    """Return whether the reading after a run jumps to what the sensor missed."""
+    return stop < seen.size and abs(float(seen[stop] - seen[stop - 1])) > MIN_MISSED * ordinary
+
+
+def _abrupt(seen: FloatArray, start: int) -> bool:
+    """Return whether a run begins at full speed: what comes to rest slows down before."""
+    if start < 3:
+        return False
+    before, last = float(seen[start - 2] - seen[start - 3]), float(seen[start - 1] - seen[start - 2])
+    return abs(last) > MIN_SPEED * abs(last - before)
+
+
+def _jumps(seen: FloatArray, start: int, stop: int, usual: float) -> bool:
+    """Return whether a run begins and ends with a jump: a flow that was shut off rests at zero by right."""
+    before = abs(seen[start] - seen[start - 1]) if start else np.inf
+    after = abs(seen[stop] - seen[stop - 1]) if stop < seen.size else np.inf
+    return bool(min(before, after) > 10.0 * usual)
 
 
 def screen(recording: Recording) -> tuple[Recording, ...]:

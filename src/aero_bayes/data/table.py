@@ -1,23 +1,26 @@
-"""Tables of cells, whatever wrote them: signals in columns or in rows, with one clock or with several, and quality."""
+"""Tables that pandas reads: Excel, where the header may stand below a title, Parquet and Feather."""
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.data.cells import numbers_in, times_in
+from aero_bayes.data.find_table import longest_run, with_header
 from aero_bayes.data.signals import Columns, Request, column_called, joined
 from aero_bayes.errors import InputError
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
+
 
 Mask = NDArray[np.bool_]
 
@@ -264,3 +267,104 @@ def _quality_columns(names: Sequence[str], signals: Mapping[str, str]) -> dict[s
 def _bad(column: pandas.Series) -> Mask:
     """Mark rows whose cell of quality says that the reading is none."""
     return np.asarray(column.astype(str).str.contains(BAD_WORDS), dtype=bool)
+
+
+#: Function of pandas that reads a file by its suffix, and the part of an installation that it needs.
+READERS = {
+    ".xlsx": ("read_excel", "excel"),
+    ".xlsm": ("read_excel", "excel"),
+    ".parquet": ("read_parquet", "parquet"),
+    ".feather": ("read_feather", "parquet"),
+}
+#: Suffixes of tables that are not read, and what to do instead.
+REFUSED = {
+    ".xls": "save it as .xlsx or CSV",
+    ".ods": "save it as .xlsx or CSV",
+    ".pkl": "write it as CSV or Parquet",
+}
+#: Rows of a sheet in which its table is looked for.
+MOST_ROWS = 200
+
+
+def is_table(path: Path) -> bool:
+    """Return whether a file is a table that pandas reads, by its suffix.
+
+    InputError for one that is known and not read."""
+    suffix = path.suffix.lower()
+    if suffix in REFUSED:
+        raise InputError(f"{path}: {suffix} is not read: {REFUSED[suffix]}")
+    return suffix in READERS
+
+
+class FrameTable:
+    """A table that pandas reads whole; InputError if its reader is not installed, or cannot read the file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        name, extra = READERS[path.suffix.lower()]
+        # Without its name pandas would ask the file for its engine first.
+        options = {"engine": "openpyxl", "header": None, "sheet_name": None} if extra == "excel" else {}
+        frame = _read_with_extra(path, extra, name, **options)
+        self.first_row, self.where, self._note = 1, str(path), ""
+        if extra == "excel":
+            frame = self._sheet(frame)
+        elif frame.index.name is not None and frame.index.name not in frame.columns:
+            frame = frame.reset_index()
+        self.names = [str(column).strip() for column in frame.columns]
+        self._frame = frame.set_axis(range(len(self.names)), axis=1)
+
+    def head(self) -> pandas.DataFrame:
+        """Return the first rows."""
+        return self._frame.head(20)
+
+    def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
+        """Read columns by name."""
+        found = self._frame[[self.names.index(name) for name in columns]].set_axis(list(columns), axis=1)
+        if not len(found):
+            raise InputError(f"{self.path}: holds a header but no data, expected one sample a row")
+        digest, first = hashlib.sha256(self.path.read_bytes()).hexdigest(), self.first_row
+        return FileTable(found, digest, lambda row: f"row {row + first}", first, self._note)
+
+    def _sheet(self, sheets: dict[str, pandas.DataFrame]) -> pandas.DataFrame:
+        """Return the table of the first sheet that has one; its columns are those with a name."""
+        for title, sheet in sheets.items():
+            rows = [list(map(_text, row)) for row in sheet.head(MOST_ROWS).to_numpy()]
+            run = longest_run(rows)
+            if not run.stop:
+                continue
+            found = with_header(rows, run, f"{self.path}, sheet {title}")
+            stop = len(sheet)
+            while stop > found.first and not found.goes_on(list(map(_text, sheet.iloc[stop - 1]))):
+                stop -= 1
+            below = [r for r in range(stop, len(sheet)) if sheet.iloc[r].notna().any()]
+            self._note = found.note(f"{self.path.name}, sheet {title}", below)
+            self.first_row, self.where = found.first + 1, f"{self.path}, sheet {title}, row {found.header[0] + 1}"
+            data = sheet.iloc[found.first : stop, : len(found.names)].set_axis(found.names, axis=1)
+            used = [k for k, name in enumerate(found.names) if name]
+            return data.iloc[:, used].reset_index(drop=True).infer_objects()
+        raise InputError(f"{self.path}: no sheet has a row of names above rows of numbers")
+
+
+def _read_with_extra(path: Path, extra: str, reader: str, **options: Any) -> Any:
+    """Return what a reader of pandas makes of a file; InputError that names the extra where it needs one."""
+    import pandas
+
+    try:
+        return getattr(pandas, reader)(path, **options)
+    except ImportError:
+        raise missing_extra(path, extra) from None
+    except Exception as error:
+        reason = f"{error}".partition("\n")[0] or type(error).__name__
+        raise InputError(f"{path}: cannot be read as a table: {reason}") from None
+
+
+def missing_extra(path: Path, extra: str) -> InputError:
+    """Return the error for a file whose reader is not installed."""
+    return InputError(
+        f"{path}: reading {path.suffix} files needs a further package: pip install 'aero-bayes[{extra}]', or write the "
+        "signals as CSV"
+    )
+
+
+def _text(cell: Any) -> str:
+    return "" if cell is None or cell != cell else str(cell).strip()

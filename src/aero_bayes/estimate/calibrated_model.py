@@ -16,9 +16,12 @@ from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.recording_parameters import values_of_recordings
-from aero_bayes.export import export_flat, export_fmu, load_flat, rename_model, set_elements
 from aero_bayes.files import ScratchFolder, whole_file
-from aero_bayes.language.tokens import without_indices
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.modelica.compose import rename_model, set_elements
+from aero_bayes.modelica.embedded import export_flat
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.modelica.tokens import without_indices
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.start_parameters import start_parameters

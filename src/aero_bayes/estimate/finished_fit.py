@@ -8,21 +8,51 @@ from dataclasses import replace
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.estimate.fit_settings import FitSettings
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
-from aero_bayes.estimate.linear_intervals import failed_intervals
+from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.noise_report import structure_warnings
 from aero_bayes.estimate.objective import Evaluation, Objective
+from aero_bayes.estimate.other_tools import structure_warnings
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.stage_report import stage_report
 from aero_bayes.estimate.step_parameters import settle_blind
 from aero_bayes.estimate.target import NoiseLayout
-from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, Outcome
+
+#: How many times as far the log-likelihood may fall at an end as a linear model says, or as little, and the least fall
+#: that is looked at: below it the prior makes the interval.
+MAX_FACTOR, LEAST_FALL = 4.0, 0.3
+NOT_RELIABLE = "interval not reliable: the model is not linear over it; sample the posterior"
+
+
+def failed_intervals(objective: Objective, here: Optimum, laplace: Laplace) -> dict[str, str]:
+    """Return what is wrong with linearised intervals, by parameter: one simulation at each end shows it.
+
+    All other parameters are at their best there, as the linear model has it."""
+    free, names = list(here.free), objective.parameters.names
+    count = len(free)
+    covariance = laplace.covariance[:count, :count]
+    sd = np.sqrt(np.diag(covariance))
+    if not count or not np.all(sd > 0.0):
+        return {}
+    steps = NORMAL_HALF_WIDTH * covariance / sd[:, None]
+    rows = np.repeat(here.coordinates[None], 2 * count, axis=0)
+    rows[:, free] += np.concatenate([steps, -steps])
+    rows = np.clip(rows, *objective.parameters.box)
+    moved = rows[:, free] - here.coordinates[free]
+    score, information = here.whitened.score, here.whitened.information
+    expected = 0.5 * np.sum((moved @ information) * moved, axis=1) - moved @ score
+    failed: dict[str, str] = {}
+    for k, found in enumerate(objective.residuals(rows)):
+        if found is None or expected[k] < LEAST_FALL:
+            continue
+        fall = here.whitened.log_likelihood - objective.whiten(found, here.noise).log_likelihood
+        if not expected[k] / MAX_FACTOR < fall < expected[k] * MAX_FACTOR:
+            failed[names[free[k % count]]] = NOT_RELIABLE
+    return failed
 
 
 def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence, Sized
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,34 +13,102 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.arguments import require_all, require_type
+from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Checkpoint
-from aero_bayes.data import Recording
+from aero_bayes.data.recording import Recording
+from aero_bayes.declared import DeclaredParameter
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, calibrate
-from aero_bayes.estimate.declared import declared_overrides
-from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
-from aero_bayes.estimate.fit_settings import FitSettings
-from aero_bayes.estimate.global_search import (
-    GlobalSearch,
-    GlobalSearchResult,
-)
+from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.interpolation import choose_interpolation
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.listed_values import ValueCombination, combinations, compiled, split_values
-from aero_bayes.estimate.misread import with_misread_finding
+from aero_bayes.estimate.local_fit import OpenSimulator
+from aero_bayes.estimate.misread import with_misread_finding, without_outliers
 from aero_bayes.estimate.modes import Mode, find_modes, likelihood_temperature
+from aero_bayes.estimate.noise_estimation import whiten
 from aero_bayes.estimate.noise_kinds import choose_spreads, is_correlated, refit_with_spread
-from aero_bayes.estimate.outliers import without_outliers
-from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, chosen_parameters
-from aero_bayes.estimate.plausible import screened
-from aero_bayes.estimate.progressive_horizon import OpenSimulator
+from aero_bayes.estimate.objective import objective_of
+from aero_bayes.estimate.other_tools import ValueTrial
+from aero_bayes.estimate.parameters import ChosenParameters, Override, ParameterSet, chosen_parameters
+from aero_bayes.estimate.priors import LogNormal
+from aero_bayes.estimate.quantisation import describe_sensors
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.solver_difference import with_solver_difference
-from aero_bayes.estimate.value_comparison import ValueTrial
 from aero_bayes.progress import Progress, Watched, watching
-from aero_bayes.sensors.describe import describe_sensors
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
+
+
+def declared_overrides(model: Model) -> dict[str, Override]:
+    """Return priors, starts and bounds of the declared parameters that a model has; nothing for a model without any."""
+    own = {v.name: v.start for v in model.parameters}
+    declared = model.declared.parameters
+    return {name: _override(name, start, declared[name]) for name in declared if (start := own.get(name)) is not None}
+
+
+def _override(name: str, start: float, known: DeclaredParameter) -> Override:
+    """Set bounds a factor below the smaller and above the larger of start and prior median."""
+    if start <= 0.0:
+        raise InputError(
+            f"{name}: its declared prior is log-normal, and the model's own value {start:g} is not positive"
+        )
+    median = start if known.median is None else known.median
+    if known.relative_sd is not None:
+        prior = LogNormal.tolerance(median, known.relative_sd)
+    else:
+        prior = LogNormal.factor(median, known.factor)
+    low, high = min(start, prior.median), max(start, prior.median)
+    return Override(start, low / known.reach, high * known.reach, prior, "log", known.auto)
+
+
+#: The tolerances of the second run, as a share of the problem's own.
+TIGHTER = 0.1
+
+
+def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
+    """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit."""
+    calibration = fit.calibration
+    if calibration.simulated.process is not None:
+        return fit
+    usual = calibration.simulated.solver
+    relative, absolute = TIGHTER * usual.relative_tolerance, TIGHTER * usual.absolute_tolerance
+    solver = replace(usual, relative_tolerance=relative, absolute_tolerance=absolute)
+    exact = replace(calibration, simulated=replace(calibration.simulated, solver=solver))
+    moved = [np.zeros_like(y) for y in fit.fitted]
+    with suppress(CannotFinishError), open_simulator(exact.problem()) as simulator:
+        runs = simulator.simulate(fit.values[np.newaxis])
+        for e, (tight, fitted) in enumerate(zip(runs.outputs, fit.fitted, strict=True)):
+            moved[e] = tight[0] - fitted if runs.outcomes[0, e] == Outcome.OK else np.full_like(fitted, np.nan)
+    sizes = {}
+    for k, output in enumerate(calibration.data.outputs):
+        rows = np.concatenate([y[:, k] for y in moved])
+        if np.isfinite(rows).any():
+            sizes[output] = float(np.sqrt(np.nanmean(rows**2)))
+    return replace(fit, solver_difference=sizes, solver_shift=_shift(fit, moved) if sizes else {})
+
+
+def _shift(fit: Fit, moved: list[FloatArray]) -> dict[str, float]:
+    """Return by how many of its standard deviations each free parameter moves where the outputs do by ``moved`` (n, m).
+
+    To first order: one step of Gauss and Newton from the optimum."""
+    white = np.concatenate(
+        [
+            whiten(
+                np.nan_to_num(moved[s.experiment][s.sampling.index, s.column])[np.newaxis],
+                s.sampling,
+                fit.optimum.noise[s.output],
+            )[0][0]
+            for s in fit.series
+        ]
+    )
+    covariance = fit.optimum.laplace(fit.calibration.parameters)[0]
+    step = covariance @ (fit.optimum.whitened.slopes @ white)
+    sd = fit.laplace.sd[: len(step)]
+    names = fit.laplace.names[: len(step)]
+    return {name: abs(float(s)) for name, s in zip(names, step / np.maximum(sd, 1e-300), strict=True)}
+
 
 #: How often a fit is repeated without its outliers: the first one is drawn by them, so that it may not see all.
 MAX_OUTLIER_ROUNDS = 3
@@ -131,7 +199,7 @@ class _Request:
 
     def opened(self, problem: Problem, workers: int | None = None) -> Simulator:
         """Open a simulator of a problem."""
-        from aero_bayes.simulation import open_simulator
+        from aero_bayes.simulation.engines import open_simulator
 
         return open_simulator(
             problem, engine=self.settings.engine, workers=self.workers if workers is None else workers

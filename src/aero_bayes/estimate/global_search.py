@@ -5,9 +5,10 @@ The command ``fit``, the noise model of the closed loop and every refit of a who
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -15,19 +16,73 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
-from aero_bayes.estimate.delays import better_delays, delay_columns, scan_delays
+from aero_bayes.estimate.delays import better_delays, delay_columns, scan_delays, with_few_samples, with_loose_solver
 from aero_bayes.estimate.laplace import with_robust_covariance
-from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise, local_fit
-from aero_bayes.estimate.model_error import correlated_outputs, estimate_output_noise
+from aero_bayes.estimate.levenberg_marquardt import GlobalSearchSettings, Stage, stages_by_effect
+from aero_bayes.estimate.local_fit import (
+    LocalFitSettings,
+    OpenSimulator,
+    Optimum,
+    fit_noise,
+    fit_progressive_horizon,
+    floor_ratio,
+    local_fit,
+)
+from aero_bayes.estimate.noise import NoiseKind, OutputNoise
+from aero_bayes.estimate.noise_estimation import estimate_noise, whiten
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.progressive_horizon import OpenSimulator, fit_progressive_horizon, floor_ratio
-from aero_bayes.estimate.reduced_problem import with_few_samples, with_loose_solver
-from aero_bayes.estimate.search_settings import GlobalSearchSettings
-from aero_bayes.estimate.staged import Stage, stages_by_effect
 from aero_bayes.estimate.step_parameters import other_plateaus
 from aero_bayes.estimate.target import Target
+from aero_bayes.estimate.whiteness import FALSE_ALARM_RATE, correlation_p_value, is_rotor_speed, ripple_means
 from aero_bayes.progress import Progress, Watched
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise
+
+
+def correlated_outputs(objective: Objective, here: Optimum, noise: Mapping[str, OutputNoise]) -> set[str]:
+    """Find outputs whose innovations are correlated over time, or with another output of the same recording.
+
+    Sensors have noise of their own each. What two outputs have in common, and what one-step predictions leave of the
+    past, is an error of the model. Outputs whose noise the user declares white are taken at that word."""
+    units = objective.calibration.model.units
+    turning = {s.experiment for s in objective.series if is_rotor_speed(s.measured, units[s.output])}
+    innovations = []
+    for series, residual in zip(objective.series, here.evaluation.residual, strict=True):
+        rows, _ = whiten(residual[None], series.sampling, noise[series.output])
+        rotor = series.experiment in turning
+        innovations.append(ripple_means(rows[0], series.sampling.interval) if rotor else rows[0])
+    pairs = [
+        (j, k)
+        for j, k in combinations_with_replacement(range(len(innovations)), 2)
+        if objective.series[j].experiment == objective.series[k].experiment
+        and innovations[j].size == innovations[k].size
+    ]
+    found: set[str] = set()
+    for j, k in pairs:
+        if correlation_p_value(innovations[j], innovations[k]) < FALSE_ALARM_RATE / len(pairs):
+            found |= {objective.series[j].output, objective.series[k].output}
+    return {output for output in found if objective.calibration.noise.kind(output) == "auto"}
+
+
+def estimate_output_noise(
+    objective: Objective, here: Optimum, white_outputs: Collection[str] = ()
+) -> dict[str, OutputNoise]:
+    """Estimate noise by its exact likelihood; for ``white_outputs``, weighted by their residual, by its RMS."""
+    calibration, found = objective.calibration, dict(objective.calibration.known_noise)
+    scale = dict(zip(calibration.data.outputs, calibration.data.scale.tolist(), strict=True))
+    for output in (o for o in objective.outputs if o not in calibration.known_noise):
+        own = [k for k, s in enumerate(objective.series) if s.output == output]
+        white = output in white_outputs
+        n = estimate_noise(
+            [objective.series[k].sampling.time for k in own],
+            [objective.series[k].sampling.equalised(here.evaluation.residual[k]) for k in own],
+            "white" if white else calibration.noise.kind(output),
+            here.noise[output],
+            max(calibration.data.floors.get(output, 0.0), 1e-7 * scale[output]),
+        )
+        if (spread := calibration.data.spreads.get(output)) is not None:
+            n = replace(n, sd_white=n.sd_white * spread.widening, sd_ou=n.sd_ou * spread.widening)
+        found[output] = replace(n, model_error=True) if white else n
+    return found
+
 
 #: Noise of every output under Eq. 6, as a share of the smallest range of an output; it only sets the tolerances.
 EQ6_NOISE_SHARE = 1e-3

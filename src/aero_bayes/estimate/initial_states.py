@@ -1,20 +1,43 @@
-"""Initial values of the states in each recording: fixed at a reading, or estimated beside the parameters."""
+"""Process noise of a calibration: diffusion of named states and the readings' noise, as parameters beside the others.
+
+Diffusion and reading noise hang together in the likelihood, so that both are searched and sampled with the parameters.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data import Recording, output_noise_floor
-from aero_bayes.data.runs import noise_size
+from aero_bayes.data.columns import noise_size
+from aero_bayes.data.noise import output_noise_floor
+from aero_bayes.data.read import column_names
+from aero_bayes.data.recording import Recording
+from aero_bayes.data.screen import screen_all
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
-from aero_bayes.estimate.priors import Normal
-from aero_bayes.simulation import Model, Variable, open_simulator
-from aero_bayes.simulation.interface import Experiment, Outcome, Problem, StartTarget
+from aero_bayes.estimate.priors import LogNormal, Normal
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import (
+    DiffusionTarget,
+    Experiment,
+    Interpolation,
+    Outcome,
+    Problem,
+    ProcessNoise,
+    ReadingNoiseTarget,
+    SolverSettings,
+    StartTarget,
+)
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model_description import Variable
+from aero_bayes.simulation.problem_checks import check_process
+from aero_bayes.unknown_names import closest_name
 
 #: ``reading``: states that are outputs start at their first reading; ``estimated``: every state's start is estimated;
 #: ``auto``: those that are outputs and may start anywhere are estimated about their reading.
@@ -158,3 +181,193 @@ def first_reading_of(values: FloatArray, recording: Recording) -> float | None:
     if seen.size == 0 or recording.time[seen[0]] - recording.time[0] > 0.01 * recording.duration:
         return None
     return float(values[seen[0]])
+
+
+DelayPolicy = Literal["auto", "free", "none"]
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """How recordings are turned into a problem.
+
+    Parameters
+    ----------
+    outputs : tuple of str, optional
+        Outputs to fit; all that were recorded and that the model has by default.
+    delay : {"auto", "free", "none"}
+        A delay of the inputs: of all by one time, a nuisance parameter of each recording, or of single ones, a
+        parameter of the rig. ``auto`` frees it where the input changes and the samples are closer than five times
+        ``max_input_delay``.
+    max_input_delay : float or mapping of str to float, optional
+        Upper bound of the delay in s, or of the delays of single inputs by name; one below zero is a lower bound, for
+        an input that acts before it is logged. A delay moves the recorded signal, so that it is exact however long. By
+        default what the model's package declares, and where it declares none there
+        is no delay.
+    initial_states : {"auto", "reading", "estimated"}
+        Initial values of states, see :class:`StartPolicy`.
+    may_start_at_rest : tuple of str, optional
+        Outputs whose state may start anywhere, at rest; other states start at the model's own values unless the
+        recording begins in mid-motion. By default what the model's package declares, else every output that is a
+        state.
+    most_readings : int, optional
+        Readings of an output that a recording keeps; beyond it every n-th is kept.
+    keep_standstill_readings : bool
+        Whether all readings of a counter at standstill are fitted. Comparisons of models use few of them.
+    interpolation : {"auto", "hold", "linear"} or mapping
+        Whether inputs hold from a sample to the next or run in straight lines, all of them or by name; ``auto`` lets
+        the fit decide for each that moves from sample to sample (see :mod:`aero_bayes.estimate.interpolation`).
+    solver : SolverSettings
+
+    Examples
+    --------
+    >>> from aero_bayes.estimate import CalibrationSettings
+    >>> settings = aero_bayes.FitSettings(calibration=CalibrationSettings(delay="none"))
+    >>> list(aero_bayes.fit(recording, model, parameters=free, settings=settings, workers=0).parameters)
+    ['k', 'd', 'position_start']
+    """
+
+    outputs: tuple[str, ...] | None = None
+    delay: DelayPolicy = "auto"
+    max_input_delay: float | Mapping[str, float] | None = None
+    initial_states: StartPolicy = "auto"
+    may_start_at_rest: tuple[str, ...] | None = None
+    most_readings: int | None = None
+    keep_standstill_readings: bool = True
+    interpolation: Literal["auto", "hold", "linear"] | Mapping[str, Interpolation] = "hold"
+    solver: SolverSettings = field(default_factory=SolverSettings)
+
+
+#: If the model starts above the first temperature in K, readings that begin below the second must be degrees Celsius.
+MIN_KELVIN_START, MAX_CELSIUS_READING = 200.0, 150.0
+
+
+def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
+    """Refuse recordings that lack an input of the model, or whose temperatures are in another unit."""
+    for recording in recordings:
+        _check_inputs(recording, model)
+        _check_temperatures(recording, model)
+
+
+def screened(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
+    """Mend and tell faults of recordings, and cut them at gaps; units that they lack are the model's."""
+    units = {v.name: v.unit for v in (*model.inputs, *model.outputs)}
+    return screen_all([replace(r, units={**units, **r.units}) if set(units) - set(r.units) else r for r in recordings])
+
+
+def _check_inputs(recording: Recording, model: Model) -> None:
+    missing = [v.name for v in model.inputs if v.name not in recording.inputs]
+    if missing:
+        path = recording.path
+        there = column_names(path) if path is not None and path.is_file() else [*recording.inputs, *recording.outputs]
+        close = closest_name(missing[0], there)
+        meant = f"; did you mean {close}?" if close else ""
+        raise InputError(
+            f"{path or recording.name}: the input {missing[0]} of model {model.name} has no column (there are "
+            f"{', '.join(there)}{meant}); name it in [data] inputs and [data.columns.{missing[0]}], or give it a "
+            f"value: [data] constants = {{{missing[0]} = ...}}"
+        )
+
+
+def _check_temperatures(recording: Recording, model: Model) -> None:
+    warm = max((s.start or 0.0 for s in model.states if s.unit == "K"), default=0.0)
+    for v in (*model.inputs, *model.outputs):
+        values = {**recording.inputs, **recording.outputs}.get(v.name)
+        if v.unit != "K" or values is None or not np.isfinite(values).any():
+            continue
+        start, first = _start_of_plausible(v, model) or warm, float(values[np.isfinite(values)][0])
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        if start > MIN_KELVIN_START and first < MAX_CELSIUS_READING:
+            raise InputError(
+                f"{recording.path or recording.name}, column {v.name}: reads {low:.4g} to {high:.4g}, where the model "
+                f'starts at {start:.4g} K: looks like degC or degF; say so, as by [data.columns.{v.name}] unit = "degC"'
+            )
+
+
+def _start_of_plausible(v: Variable, model: Model) -> float | None:
+    state = state_of(model, v.name)
+    return v.start if state is None else state.start
+
+
+#: What the name of a diffusion's parameter begins with; the state follows.
+DIFFUSION_PREFIX = "process."
+#: Prior of a diffusion: its median moves the state by this share of its range over a recording.
+DIFFUSION_SHARE = 0.1
+#: Prior of the reading noise: its median as a share of the output's range.
+READING_SHARE = 0.01
+#: Standard deviation of the logarithms of both, and the largest distance of the bounds from the median.
+SIGMA, LIMIT = 2.5, 10.0
+
+
+def process_parameters(
+    noise: NoiseModel, model: Model, experiments: Sequence[Experiment], floors: Mapping[str, float]
+) -> tuple[ProcessNoise, list[Parameter]]:
+    """Return the process noise that is given, and parameters for what is estimated of it."""
+    for name in noise.process:
+        model.state_index(name)
+    held = {name: float(value) for name, value in noise.process.items() if value != "estimated"}
+    wanted = [name for name, value in noise.process.items() if value == "estimated"]
+    given = ProcessNoise(held)
+    check_process(model, given)
+    states = [model.states[model.state_index(name)] for name in wanted]
+    sizes = state_sizes(model, experiments[0], states)
+    duration = max(float(e.time[-1] - e.time[0]) for e in experiments)
+    found = [
+        _parameter(
+            f"{DIFFUSION_PREFIX}{name}", f"{state.unit or 1}/sqrt(s)",
+            DIFFUSION_SHARE * sizes[state.name] / math.sqrt(duration), f"diffusion of {name}", DiffusionTarget(name),
+        )
+        for name, state in zip(wanted, states, strict=True)
+    ]  # fmt: skip
+    for column, output in enumerate(experiments[0].outputs):
+        values = np.concatenate([_measured(e)[:, column] for e in experiments])
+        found.append(
+            _parameter(
+                f"noise.{output}.sd_white", model.units[output], READING_SHARE * _range_of_process_noise(values),
+                f"noise of the readings of {output}", ReadingNoiseTarget(output), floors.get(output, 0.0),
+            )
+        )  # fmt: skip
+    return given, found
+
+
+def uncertain_start(
+    start: Mapping[str, float],
+    estimated: Sequence[Parameter],
+    experiment: Experiment,
+    model: Model,
+    given: Mapping[str, float],
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Compute initial values of states and their standard deviations, by state.
+
+    An initial value is not estimated beside process noise but integrated out: one that is free to meet the first
+    reading would let that reading's noise shrink to nothing."""
+    mean, sd = dict(start), {}
+    for p in estimated:
+        if isinstance(p.target, StartTarget) and isinstance(p.prior, Normal):
+            mean[p.target.state], sd[p.target.state] = p.start, p.prior.sd
+    for column, output in enumerate(experiment.outputs):
+        state = state_of(model, output)
+        if state is not None and state.name in start:
+            sd[state.name] = MAX_SPREAD_SHARE * _range_of_process_noise(_measured(experiment)[:, column])
+    for name, value in given.items():
+        state_name = model.states[model.state_index(name)].name
+        mean.pop(state_name, None)
+        sd[state_name] = value
+    return mean, sd
+
+
+def _range_of_process_noise(values: FloatArray) -> float:
+    return float(np.nanmax(values) - np.nanmin(values)) or 1.0
+
+
+def _measured(experiment: Experiment) -> FloatArray:
+    if experiment.measured is None:
+        raise InputError("an experiment without measurements cannot be fitted")
+    return experiment.measured
+
+
+def _parameter(
+    name: str, unit: str, median: float, about: str, target: DiffusionTarget | ReadingNoiseTarget, floor: float = 0.0
+) -> Parameter:
+    """Return a positive number of which little more than the order of magnitude is known."""
+    low, high = max(median * math.exp(-LIMIT), floor), median * math.exp(LIMIT)
+    return Parameter(name, unit, max(median, 1.01 * floor), low, high, LogNormal(median, SIGMA), "log", about, target)

@@ -1,22 +1,23 @@
-"""Minimise a cost inside bounds by the Levenberg-Marquardt method.
-
-Each step minimises the damped quadratic model of the cost inside the box by an active-set method, so that a parameter
-at its bound is left out of the step. The damping follows Nielsen (1999), "Damping parameter in Marquardt's method".
-After each step the cost function may estimate its noise again at the same point, as a likelihood with unknown noise
-does; this is block coordinate descent over parameters and noise.
-"""
+"""Settings of a fit."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.display import SettingsDisplay
+from aero_bayes.estimate import swarm as pso
+from aero_bayes.estimate.initial_states import CalibrationSettings
+from aero_bayes.estimate.listed_values import ListedValue
+from aero_bayes.estimate.noise import NoiseModel
+from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.step_rule import CostShape, StepRule
+from aero_bayes.estimate.swarm import SwarmSettings
 
 
 class Stop(Enum):
@@ -226,3 +227,129 @@ def _converged(
     if np.all(np.abs(newton) <= settings.step_tolerance * (np.abs(point) + settings.step_tolerance)):
         return Stop.SMALL_STEP
     return None
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage: the parameters that are fitted, and the outputs that they are fitted to."""
+
+    parameters: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+def _causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArray) -> tuple[Stage, ...]:
+    """Order stages from the effects of parameters on outputs."""
+    moved = [frozenset(np.flatnonzero(effect[:, k] > 0.0).tolist()) for k in range(len(outputs))]
+    stages: list[Stage] = []
+    settled: set[int] = set()
+    for members in sorted(set(moved), key=lambda s: (len(s), sorted(s))):
+        new = sorted(members - settled)
+        if not new:
+            continue
+        settled |= set(new)
+        group = tuple(out for out, m in zip(outputs, moved, strict=True) if m == members)
+        stages.append(Stage(tuple(names[j] for j in new), group))
+    return tuple(stages)
+
+
+def stages_by_effect(objective: Objective, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
+    """Order stages of the free columns by their effects at a point (p,) in search coordinates.
+
+    None where one would do."""
+    calibration = objective.calibration
+    found = objective.evaluate(point, free)
+    if found is None or found.slopes is None or len(calibration.data.outputs) == 1:
+        return ()
+    effect = np.zeros((len(free), len(calibration.data.outputs)))
+    for k, series in enumerate(objective.series):
+        size = np.max(np.abs(found.slopes[k]), axis=1) / calibration.data.scale[series.column]
+        effect[:, series.column] = np.maximum(effect[:, series.column], size)
+    names = [objective.parameters.names[j] for j in free]
+    stages = _causal_stages(names, calibration.data.outputs, np.where(effect > 1e-6, effect, 0.0))
+    return stages if len(stages) > 1 else ()
+
+
+CostKind = Literal["posterior", "weighted", "eq6"]
+
+#: When a local search of a whole model stops unless the caller says otherwise: its intervals need no more digits, and
+#: along a kink or at the solver's noise further steps gain nothing.
+WHOLE_MODEL_LOCAL = LocalSettings(tolerance=1e-4, max_rejections=15, min_decrease=0.005)
+
+
+@dataclass(frozen=True)
+class GlobalSearchSettings:
+    """Settings of the global search."""
+
+    cost: CostKind = "posterior"
+    staged: bool = True
+    stages: tuple[Stage, ...] | None = None
+    swarm: pso.SwarmSettings | None = field(default_factory=pso.SwarmSettings)
+    local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
+    samples: int = 600
+    starts: int = 3
+    max_correlation_time: float | None = None
+    check_noise: bool = True
+    good_enough: float = 0.0
+
+
+Engine = Literal["native", "fmpy"]
+
+
+@dataclass(frozen=True, repr=False)
+class FitSettings(SettingsDisplay):
+    """How a fit is done.
+
+    Parameters
+    ----------
+    method : {"pso+local", "pso", "local"}
+        ``pso+local``: the swarm, then the local search from its best particles.
+    cost : {"posterior", "weighted", "eq6"}
+        What is minimised: the negative log-posterior, with correlated noise where the data show it; squared errors
+        weighted by each output's white noise; or the paper's Eq. 6, squared errors as they are. The last two leave
+        the priors out.
+    staged : bool
+        Let the local search fit in the direction of causality before it fits all together.
+    stages : tuple of Stage, optional
+        Stages in place of those that the model's own structure gives.
+    pso : SwarmSettings
+        Of the particle swarm.
+    local : LocalSettings
+        Of each local search of the whole model, as given.
+    swarm_samples : int
+        Samples a recording that the swarm sees.
+    starts : int
+        Particles that the local search starts from, besides the starting values.
+    calibration : CalibrationSettings
+    noise : NoiseModel
+    engine : {"native", "fmpy"}
+    fixed : mapping of str to float
+        Model parameters held at other values than the model's own.
+    values : mapping of str to sequence
+        Values of parameters that are each fitted, and compared: numbers, True and False, enumeration literals.
+
+    Examples
+    --------
+    >>> aero_bayes.FitSettings(method="local").global_search.swarm is None  # no particle swarm first
+    True
+    """
+
+    method: Literal["pso+local", "pso", "local"] = "pso+local"
+    cost: CostKind = "posterior"
+    staged: bool = True
+    stages: tuple[Stage, ...] | None = None
+    pso: SwarmSettings = field(default_factory=SwarmSettings)
+    local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
+    swarm_samples: int = 600
+    starts: int = 3
+    calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
+    noise: NoiseModel = field(default_factory=NoiseModel)
+    engine: Engine = "native"
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, Sequence[ListedValue]] = field(default_factory=dict)
+
+    @property
+    def global_search(self) -> GlobalSearchSettings:
+        """Settings of the search for the optimum."""
+        swarm = self.pso if self.method != "local" else None
+        local = self.local if self.method != "pso" else replace(self.local, iterations=0)
+        return GlobalSearchSettings(self.cost, self.staged, self.stages, swarm, local, self.swarm_samples, self.starts)

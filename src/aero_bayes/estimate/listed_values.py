@@ -15,9 +15,10 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.parameters import ChosenParameters, Override, ParameterSet
 from aero_bayes.estimate.unfittable import choices_of, listed_choices, no_parameter_text, own_value_reason
-from aero_bayes.export import FlatModel, FlatVariable, load_flat
 from aero_bayes.files import ScratchFolder
-from aero_bayes.language.syntax import Number
+from aero_bayes.modelica.flat import FlatModel, FlatVariable
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.modelica.syntax import Number
 from aero_bayes.simulation.model import Model
 
 #: A value as the user gives it: a number, true or false, or the name of an enumeration literal.

@@ -1,8 +1,7 @@
-"""Fit the free parameters locally: Levenberg-Marquardt on whitened residuals, the noise estimated between the steps.
+"""Fit the beginning of the recordings first, then ever longer horizons.
 
-Parameters and noise are maximised in turn (coordinate ascent on the joint likelihood), so that each model under
-comparison gets its own most likely noise. In the ratio of two such likelihoods a thousand correlated samples do not
-count as a thousand. The noise also weighs the outputs against each other.
+The likelihood of a long recording of an oscillating or unstable system has many local optima; that of its beginning has
+few. Multiple shooting is another remedy (Voss, Timmer and Kurths, 2004, Int. J. Bifurcation and Chaos 14, 1905).
 """
 
 from __future__ import annotations
@@ -10,14 +9,15 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, pack_all, unpack_all
+from aero_bayes.data.noise import noise_floors
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.cost_shape import cost_shape
 from aero_bayes.estimate.gaussian import log_precision, parameter_covariance
 from aero_bayes.estimate.levenberg_marquardt import (
     LocalResult,
@@ -26,10 +26,12 @@ from aero_bayes.estimate.levenberg_marquardt import (
     Stop,
     levenberg_marquardt,
 )
+from aero_bayes.estimate.noise import NoiseKind, OutputNoise
+from aero_bayes.estimate.noise_estimation import update_output_noise
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.sensors.noise import NoiseKind, OutputNoise
-from aero_bayes.sensors.noise_estimation import update_output_noise
+from aero_bayes.estimate.step_rule import cost_shape
+from aero_bayes.simulation.interface import Problem, Simulator
 
 #: Smallest noise as a share of an output's range: data without noise leave no more than the rounding of numbers.
 ROUNDING = 1e-13
@@ -312,3 +314,70 @@ def local_fit(
         tuple(free), cost_function.full(found.point), dict(here.noise), level, here.log_prior,
         level + here.log_prior + occam, covariance, here.evaluation, here.whitened, found.reason, found.iterations,
     )  # fmt: skip
+
+
+OpenSimulator = Callable[[Problem], AbstractContextManager[Simulator]]
+
+#: Shares of the recordings that are fitted one after the other.
+HORIZON_SHARES = (0.05, 0.075, 0.11, 0.17, 0.25, 0.38, 0.57, 0.8)
+#: Residual over noise floor up to which no other optimum can be much better.
+GOOD_FIT_RATIO = 1.2
+#: From this share on, the residuals must be at most this many times those of a fit that is known already.
+MIN_CHECKED_SHARE, MAX_RESIDUAL_RATIO = 0.17, 0.8
+
+
+def fit_progressive_horizon(
+    whole: Objective,
+    start: FloatArray,
+    free: Sequence[int],
+    settings: LocalFitSettings,
+    open_simulator: OpenSimulator,
+    known: FloatArray | None = None,
+) -> tuple[FloatArray, int]:
+    """Fit ever longer horizons by least squares."""
+    by_squares = settings.least_squares(whole.outputs)
+
+    def fit_horizons() -> Arrays:
+        point, steps = start, 0
+        for share in HORIZON_SHARES:
+            part = replace(whole.calibration, data=whole.calibration.data.beginning(share))
+            with open_simulator(part.problem()) as simulator, suppress(CannotFinishError):
+                objective = whole.with_calibration(part, simulator)
+                found = local_fit(objective, point, free, settings=by_squares)
+                point, steps = found.coordinates, steps + found.steps
+                if share >= MIN_CHECKED_SHARE and known is not None:
+                    (reference,) = objective.residuals(known[np.newaxis, :])
+                    if (
+                        reference is not None
+                        and _residual_ratio(found.evaluation.residual, reference.residual) > MAX_RESIDUAL_RATIO
+                    ):
+                        break
+        return {"point": point, "steps": np.array(steps)}
+
+    key = (start, tuple(free), by_squares, known)
+    end = whole.cached("progressive_horizon", key, fit_horizons)
+    return end["point"].astype(np.float64), int(end["steps"])
+
+
+def floor_ratio(objective: Objective, residual: Sequence[FloatArray]) -> float:
+    """Return the largest ratio of an output's RMS residual to its noise floor.
+
+    Infinite where a noise floor is unknown."""
+    recordings, worst = objective.calibration.data.recordings, 0.0
+    floors = noise_floors(recordings, objective.outputs)
+    if any((r.name, o) not in floors for r in recordings for o in objective.outputs if o in r.outputs):
+        return math.inf
+    for (_, output), floor in floors.items():
+        own = [r for s, r in zip(objective.series, residual, strict=True) if s.output == output]
+        size = math.sqrt(float(np.mean(np.concatenate(own) ** 2)))
+        worst = max(worst, size / floor if floor > 0.0 else math.inf)
+    return worst
+
+
+def _residual_ratio(these: Sequence[FloatArray], those: Sequence[FloatArray]) -> float:
+    """Compute the geometric mean over all series of the ratio of their RMS residuals."""
+    logs = [
+        0.5 * math.log(max(float(one @ one), 1e-300) / max(float(other @ other), 1e-300))
+        for one, other in zip(these, those, strict=True)
+    ]
+    return math.exp(sum(logs) / len(logs))

@@ -23,7 +23,7 @@ from aero_bayes.estimate.local_fit import Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.swarm import SwarmResult
-from aero_bayes.sensors.whiteness import residual_correlation_time
+from aero_bayes.estimate.whiteness import residual_correlation_time
 
 #: Least probability, beside the reported optimum, of another one that is told.
 MIN_MODE_SHARE = 0.02

@@ -12,10 +12,10 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
+from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Series
-from aero_bayes.sensors.noise import NoiseModel
-from aero_bayes.sensors.reading_spread import SpreadModel, choose_spread, estimate_spread
-from aero_bayes.sensors.whiteness import FALSE_ALARM_RATE, correlation_p_value
+from aero_bayes.estimate.reading_spread import SpreadModel, choose_spread, estimate_spread
+from aero_bayes.estimate.whiteness import FALSE_ALARM_RATE, correlation_p_value
 
 #: Fits in turn with the spread of the readings, and relative change of a spread at which they have converged.
 MAX_REFITS, MIN_CHANGE = 10, 0.02

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +16,137 @@ from aero_bayes.display import with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.fitted_result import FittedResult
+from aero_bayes.estimate.identifiability import Estimate, Status
+from aero_bayes.estimate.initial_states import DIFFUSION_PREFIX
 from aero_bayes.estimate.laplace import Laplace
-from aero_bayes.estimate.value_comparison import ValueTrial
+from aero_bayes.estimate.listed_values import ListedValue, value_text, values_text
+from aero_bayes.estimate.measured_data import MeasuredData
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.prediction import FittedResult
+from aero_bayes.estimate.whiteness import block_variance_ratio
 from aero_bayes.files import whole_file
-from aero_bayes.simulation.interface import ParameterTarget, StartTarget
+from aero_bayes.simulation.interface import ParameterTarget, ProcessNoise, StartTarget
+
+#: Variance of averages over that of white noise above which a reader is warned.
+MAX_NOISE_EXCESS = 2.0
+
+
+def noise_table(data: MeasuredData, noise: Mapping[str, OutputNoise]) -> dict[str, dict[str, object]]:
+    """Write the noise by output for result.json: ``sd`` and lag-one ``rho`` at the sample interval, and their parts."""
+    table = noise_at_interval(noise, float(np.median(np.concatenate([np.diff(e.time) for e in data.experiments]))))
+    for name, spread in data.spreads.items():
+        table[name] |= {"kind": spread.kind, "base": spread.base}
+        if spread.kind != "constant":
+            table[name] |= {"freedom": spread.freedom} if spread.kind == "student" else {"per_unit": spread.per_unit}
+        if spread.scales:
+            table[name]["by_recording"] = noise_by_recording(data, name, noise[name].sd)
+    return table
+
+
+def noise_by_recording(data: MeasuredData, output: str, sd: float) -> dict[str, float]:
+    """Return the standard deviation of an output's noise in each recording that has it, from that over all readings."""
+    column, found = data.outputs.index(output), {}
+    for name, experiment, measured in zip(data.names, data.experiments, data.measured, strict=True):
+        seen = np.isfinite(measured[:, column])
+        if seen.any() and experiment.spread is not None:
+            found[name] = sd * float(np.sqrt(np.mean(experiment.spread[seen, column] ** 2)))
+    return found
+
+
+def noise_at_interval(noise: Mapping[str, OutputNoise], interval: float) -> dict[str, dict[str, object]]:
+    """Describe the noise by output, with its correlation ``rho`` over a sample interval in s."""
+    return {
+        name: {"sd": n.sd, "rho": n.rho(interval), "sd_white": n.sd_white, "sd_ou": n.sd_ou, "tau_s": n.tau}
+        for name, n in noise.items()
+    }
+
+
+def process_noise_table(process: ProcessNoise | None, parameters: Mapping[str, Estimate]) -> dict[str, object]:
+    """Write the diffusion by state as result.json has it, with the spread of those that were estimated."""
+    given = process.diffusion if process is not None else {}
+    table: dict[str, object] = {name: {"value": value} for name, value in given.items()}
+    for name, estimate in parameters.items():
+        if name.startswith(DIFFUSION_PREFIX):
+            table[name.removeprefix(DIFFUSION_PREFIX)] = estimate.to_dict()
+    return table
+
+
+def structure_warnings(
+    calibration: Calibration, innovations: Mapping[str, FloatArray], noise: Mapping[str, OutputNoise]
+) -> tuple[str, ...]:
+    """Return one sentence for each output whose residual the noise cannot explain.
+
+    ``innovations`` are whitened residuals."""
+    units = calibration.model.units
+    lines = []
+    for name in calibration.data.outputs:
+        n, unit = noise[name], units.get(name, "")
+        if n.model_error:
+            lines.append(
+                f"The model does not explain {name}: its residual of {n.sd:.3g} {unit} is not sensor noise. The fit "
+                "weights it as least squares does. The intervals are those of the values that describe experiments of "
+                "this kind best. The true values may lie outside of them."
+            )
+            continue
+        excess = block_variance_ratio(innovations[name])
+        if excess > MAX_NOISE_EXCESS:
+            lines.append(
+                f"The residual of {name} changes more slowly than its noise model allows: averages have {excess:.1f} "
+                "times the expected variance, so that its intervals are too narrow."
+            )
+    return tuple(lines)
+
+
+Json = dict[str, object]
+
+
+@dataclass(frozen=True)
+class ValueTrial:
+    """A fit with some values of the listed parameters."""
+
+    values: Mapping[str, ListedValue]
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    modifiers: Mapping[str, str] = field(default_factory=dict)
+    share: float = 0.0
+    worse_by: float = math.inf
+    failed: str = ""
+
+    def to_dict(self) -> Json:
+        """Return the entry of result.json."""
+        return {"values": dict(self.values), "share": self.share, "worse_by": self.worse_by, "failed": self.failed}
+
+
+def chosen_estimates(trials: Sequence[ValueTrial]) -> dict[str, Estimate]:
+    """Return the listed parameters as entries of the table of parameters."""
+    table = {}
+    for name, value in trials[0].values.items() if trials else ():
+        tried = ", ".join(dict.fromkeys(value_text(t.values[name]) for t in trials))
+        number = trials[0].numbers[name]
+        table[name] = Estimate(
+            name, number, None, None, None, None, "", Status.FIXED, note=f"{value_text(value)}: likeliest of {tried}"
+        )
+    return table
+
+
+def trials_sentence(trials: Sequence[ValueTrial]) -> str:
+    """Say which of the listed values is reported, and how much worse the others are; empty where none are listed."""
+    if not trials:
+        return ""
+    others = [
+        f"{values_text(t.values)} failed" if t.failed else f"{values_text(t.values)} ({_percent(t.share)} likely, "
+        f"log-posterior lower by {t.worse_by:.3g})"
+        for t in trials[1:]
+    ]  # fmt: skip
+    beside = f"; others: {', '.join(others)}" if others else ""
+    best = f"{values_text(trials[0].values)} is reported ({_percent(trials[0].share)} likely)"
+    return f"Of the listed values {best}{beside}."
+
+
+def _percent(share: float) -> str:
+    if share < 1e-3:
+        return "less than 0.1 %"
+    return "more than 99.9 %" if share > 0.999 else f"{100.0 * share:.3g} %"
+
 
 #: Longest name that MATLAB takes (its ``namelengthmax``).
 MATLAB_NAME = 63

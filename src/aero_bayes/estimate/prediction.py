@@ -1,8 +1,9 @@
-"""Predicted readings of a recording, whether it was fitted or not, with bands."""
+"""What a fit and a posterior have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,28 +11,124 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data import Recording
-from aero_bayes.display import table_html
-from aero_bayes.errors import CannotFinishError
+from aero_bayes.data.recording import Recording
+from aero_bayes.display import parameter_lines, table_html
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.predictive import (
-    Predictive,
-    edges,
-    predict_from_filter,
-    predict_from_outputs,
-    recording_log_density,
-)
+from aero_bayes.estimate.identifiability import Estimate
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.noise_estimation import reading_log_density
 from aero_bayes.estimate.simulate import as_recording, run_filter, run_problem
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
-from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Filtered, Outcome
 from aero_bayes.simulation.model import Model
+from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Predictive:
+    """Predictions for one recording."""
+
+    time: FloatArray
+    lower: FloatArray
+    median: FloatArray
+    upper: FloatArray
+    fit_lower: FloatArray
+    fit_upper: FloatArray
+    draw_time: FloatArray
+    draws: FloatArray
+    block_edges: FloatArray
+    log_likelihood: FloatArray
+
+
+def recording_log_density(time: FloatArray, residual: FloatArray, noise: FloatArray) -> FloatArray:
+    """Compute the log-density (k, n) of readings given earlier ones, of residuals (k, n, m), noise (k, m, 3)."""
+    out = np.zeros(residual.shape[:2])
+    for j in range(residual.shape[2]):
+        out += reading_log_density(time, residual[:, :, j], noise[:, j])
+    return out
+
+
+def edges(n: int, blocks: int) -> NDArray[np.int64]:
+    """Cut rows into ``blocks`` blocks of about equal length; returns the edges, the ends included."""
+    return np.unique(np.linspace(0, n, min(blocks, n) + 1).astype(np.int64))
+
+
+def _noise_draws(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
+    """Draw noise, shape (k, n, m), for noise triples (k, m, 3)."""
+    k, m = noise.shape[:2]
+    white, ou, tau = np.moveaxis(noise, 2, 0)
+    out = np.empty((k, time.size, m))
+    state = rng.standard_normal((k, m))
+    for j in range(time.size):
+        if j:
+            rho = np.exp(-(time[j] - time[j - 1]) / np.where(tau > 0.0, tau, 1.0))
+            state = rho * state + np.sqrt(1.0 - rho**2) * rng.standard_normal((k, m))
+        out[:, j] = ou * state
+    return np.asarray(out + white[:, None] * rng.standard_normal(out.shape))
+
+
+def predict_from_outputs(
+    time: FloatArray, outputs: NDArray[np.float32], noise: FloatArray, density: FloatArray, factors: FloatArray,
+    rng: np.random.Generator, stored: int, blocks: int,
+) -> Predictive:  # fmt: skip
+    """Predict readings from simulated outputs (k, n, m), noise triples (k, m, 3) and densities of blocks (k, b)."""
+    sd = np.hypot(noise[:, np.newaxis, :, 0], noise[:, np.newaxis, :, 1])
+    return _summarise(
+        time, outputs, sd, lambda rows: _noise_draws(rng, time[rows], noise), density, factors, stored, blocks
+    )
+
+
+def predict_from_filter(
+    time: FloatArray, measured: FloatArray, predicted: FloatArray, variance: FloatArray, factors: FloatArray,
+    rng: np.random.Generator, stored: int, blocks: int,
+) -> Predictive:  # fmt: skip
+    """Predict readings from a filter's predictions (k, n, m) of independent readings, and their variances."""
+    density = np.nansum(-0.5 * ((measured - predicted) ** 2 / variance + np.log(2.0 * np.pi * variance)), axis=2)
+    bounds = edges(time.size, blocks)
+    sd = np.sqrt(variance)
+    return _summarise(
+        time, predicted.astype(np.float32), sd, lambda rows: sd[:, rows] * rng.standard_normal(sd[:, rows].shape),
+        np.add.reduceat(density, bounds[:-1], axis=1), factors, stored, blocks,
+    )  # fmt: skip
+
+
+def _summarise(
+    time: FloatArray,
+    outputs: NDArray[np.float32],
+    sd: FloatArray,
+    noise: Callable[[NDArray[np.int64]], FloatArray],
+    density: FloatArray,
+    factors: FloatArray,
+    stored: int,
+    blocks: int,
+) -> Predictive:
+    """Summarise readings by bands and draws."""
+    _, n, m = outputs.shape
+    lower, median, upper = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
+    fit_lower, fit_upper = np.empty((n, m)), np.empty((n, m))
+    variance = np.broadcast_to(np.mean(sd**2, axis=0), (n, m))
+    for first in range(0, n, 4000):
+        part = outputs[:, first : first + 4000].astype(np.float64)
+        fit_lower[first : first + 4000], fit_upper[first : first + 4000] = np.quantile(part, [0.05, 0.95], axis=0)
+        spread = factors * np.sqrt(variance[first : first + 4000] + part.var(axis=0))
+        centre = part.mean(axis=0)
+        median[first : first + 4000] = centre
+        lower[first : first + 4000], upper[first : first + 4000] = centre - spread, centre + spread
+    chosen = np.unique(np.linspace(0, n - 1, min(stored, n)).astype(np.int64))
+    draws = outputs[:, chosen].astype(np.float64) + noise(chosen)
+    bounds = edges(n, blocks)
+    return Predictive(
+        time, lower, median, upper, fit_lower, fit_upper, time[chosen], draws,
+        time[np.minimum(bounds, n - 1)], density,
+    )  # fmt: skip
+
 
 #: Sample times of which whole draws are kept, and blocks of time whose density is given.
 _STORED, _BLOCKS = 600, 60
@@ -172,3 +269,103 @@ class FittedPredictor:
             y32 = found.outputs[0][good].astype(np.float32)
             part = predict_from_outputs(time, y32, noise, density, self.band_factors, rng, _STORED, _BLOCKS)
         return RecordingPrediction(calibration.model, recording, outputs, part)
+
+
+class FittedResult(ABC):
+    """What a fit and a posterior have in common: an entry for each parameter, and predictions of recordings."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> dict[str, Estimate]:
+        """Every parameter by name."""
+
+    @property
+    @abstractmethod
+    def predictor(self) -> FittedPredictor:
+        """Predicts recordings from draws of parameters."""
+
+    @abstractmethod
+    def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
+        """Return draws of free and noise parameters in SI units, shape (draws, d)."""
+
+    def __getitem__(self, name: str) -> Estimate:
+        table = self.parameters
+        if name not in table:
+            raise InputError(f"no parameter {name!r}{known_names_hint(str(name), table)}")
+        return table[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.parameters
+
+    def summary(self) -> str:
+        """Return a table of the parameters as text: value, 90 % interval, unit, status.
+
+        Examples
+        --------
+        >>> fit.summary().splitlines()[0].split()[:2]
+        ['parameter', 'value']
+        """
+        return "\n".join(parameter_lines(self.parameters))
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
+
+        The value of a posterior is its median.
+
+        Examples
+        --------
+        >>> fit.to_frame().loc["k", ["unit", "status"]].to_list()
+        ['N/m', 'identified']
+        >>> bool(posterior.to_frame().loc["k", "q05"] < posterior.to_frame().loc["k", "q95"])
+        True
+        """
+        import pandas
+
+        rows = {name: entry.to_dict() for name, entry in self.parameters.items()}
+        return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+
+    def predict(
+        self,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        draws: int = 200,
+        seed: int = 1,
+        workers: int | None = 0,
+    ) -> RecordingPrediction:
+        """Predict new readings with a 90 % band, for a recording whether it was fitted or not.
+
+        A posterior predicts from its own draws, a fit from draws of the Gaussian approximation of its posterior.
+
+        Parameters
+        ----------
+        inputs : Recording or mapping of str to array_like, shape (n,)
+            As :meth:`Fit.simulate` takes them.
+        draws : int
+            Draws of the parameters that are simulated.
+        seed : int
+            Of what is drawn: the noise, and the parameters of a fit.
+        workers : int, optional
+            Worker processes; none beside this one by default, None for all cores.
+
+        Returns
+        -------
+        RecordingPrediction
+            Median, 90 % bands with noise and without, and how the readings lie in them. The band is as wide as noise
+            and parameters make it, and wider where the fit missed readings that were left out of it.
+
+        Raises
+        ------
+        InputError
+            For inputs that the model does not have, or one that is missing.
+        CannotFinishError
+            If no draw can be simulated.
+
+        Examples
+        --------
+        >>> posterior.predict(test, draws=50).to_frame().shape == (test.rows, 3)
+        True
+        >>> fit.predict(test, draws=50).to_frame().shape == (test.rows, 3)
+        True
+        """
+        points = self._parameter_draws(draws, seed)
+        return self.predictor.predict(points, inputs, seed=seed, workers=workers)

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from aero_bayes.data import Recording
+from aero_bayes.data.recording import Recording
 from aero_bayes.estimate.initial_states import first_reading_of, state_of
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
-from aero_bayes.simulation import Model
 from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.start_parameters import start_parameters
 
 

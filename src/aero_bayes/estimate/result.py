@@ -13,34 +13,34 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arguments import require_type
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data import Recording
+from aero_bayes.data.recording import Recording
 from aero_bayes.diagnosis_backend import diagnosis_of
 from aero_bayes.display import with_unit
 from aero_bayes.estimate import cost as costs
-from aero_bayes.estimate.band_width import band_factors
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis
-from aero_bayes.estimate.fit_settings import FitSettings
-from aero_bayes.estimate.identifiability import Identifiability
+from aero_bayes.estimate.identifiability import Estimate, Identifiability, estimates_html
 from aero_bayes.estimate.laplace import Laplace
-from aero_bayes.estimate.laplace_estimates import laplace_estimates
-from aero_bayes.estimate.levenberg_marquardt import Stop
+from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.modes import Mode, modes_sentence
-from aero_bayes.estimate.noise_report import noise_table, process_noise_table
+from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.objective import Series
-from aero_bayes.estimate.other_tools import OtherTools
-from aero_bayes.estimate.parameter_estimates import Estimate, estimates_html
+from aero_bayes.estimate.other_tools import (
+    OtherTools,
+    ValueTrial,
+    chosen_estimates,
+    noise_table,
+    process_noise_table,
+    trials_sentence,
+)
 from aero_bayes.estimate.prediction import FittedPredictor
 from aero_bayes.estimate.simulate import simulate
-from aero_bayes.estimate.stage_report import StageReport
+from aero_bayes.estimate.stage_report import StageReport, band_factors, laplace_estimates
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
-from aero_bayes.estimate.value_comparison import ValueTrial, chosen_estimates, trials_sentence
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
-from aero_bayes.sensors.noise import OutputNoise
-from aero_bayes.simulation.interface import Outcome, Simulator
-from aero_bayes.simulation.smoothing import SmoothedStates
+from aero_bayes.simulation.interface import Outcome, Simulator, SmoothedStates
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data import Recording, to_experiment
+from aero_bayes.data.recording import Recording, to_experiment
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.interpolation import interpolation_for
+from aero_bayes.estimate.interpolation import first_reading, interpolation_for, typical
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.estimate.new_recording import first_reading, typical
-from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
     Filter,
     Filtered,

@@ -1,20 +1,20 @@
-"""Steps of a local search at kinks of the cost and along logarithmic coordinates.
+"""What is known of a likelihood's shape: which coordinates are logarithms, and where delays cause kinks.
 
-A gradient does not describe the far side of a kink, so steps may be confined to the smooth region about the point.
-Along a logarithmic coordinate a step may be linear in the logarithm or in its value, whichever the quadratic model
-predicts better. The curvature that such a reparametrisation removes is the parameter-effects curvature of Bates and
-Watts (1980, J. R. Stat. Soc. B 42, 1).
+A delay that moves a jump of the input across a sample changes that reading at once, so that the likelihood has a kink
+there. A gradient taken on one side of a kink says nothing about the other side.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.simulation.interface import DelayTarget
 
 #: Distance from a kink, as a share of the smooth region, up to which a coordinate counts as at the kink.
 KINK_TOLERANCE = 1e-3
@@ -97,3 +97,31 @@ class StepRule:
         tolerance = KINK_TOLERANCE * (high - low)
         at_kink = (x <= low + tolerance) | (x >= high - tolerance)
         return bool(np.any(at_kink & (np.abs(x - point[kinked]) <= tolerance)))
+
+
+#: Margin at both ends of a sample interval, as a share of it: at the kink itself a derivative may be of either side.
+KINK_MARGIN = 1e-6
+
+
+def cost_shape(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> CostShape:
+    """Tell which of the free coordinates are logarithms, and where a delay among them has kinks.
+
+    ``intervals`` are the sample intervals of the recordings in s."""
+    own = type(parameters)(tuple(parameters.items[j] for j in free))
+    steps = {
+        k: intervals[item.recording] if item.recording is not None else min(intervals)
+        for k, item in enumerate(own.items)
+        if isinstance(item.target, DelayTarget)
+    }
+
+    def smooth_region(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values = own.from_search(point)
+        low, high = np.full(point.size, -np.inf), np.full(point.size, np.inf)
+        for k, step in steps.items():
+            first = np.floor(values[k] / step + KINK_MARGIN)
+            for bound, at in ((low, first + KINK_MARGIN), (high, first + 1.0 - KINK_MARGIN)):
+                values[k] = at * step
+                bound[k] = own.to_search(values)[k]
+        return low, high
+
+    return CostShape(smooth_region if steps else None, own.logarithmic)

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.filter_objective import objective_of
 from aero_bayes.estimate.levenberg_marquardt import FixedCost, QuadraticModel
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.sensors.noise import OutputNoise
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.objective import objective_of
 from aero_bayes.simulation.interface import Outcome, Simulator
 
 _NOISE_PARTS = ("sd_white", "sd_ou", "tau")

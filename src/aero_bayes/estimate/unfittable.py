@@ -6,8 +6,9 @@ from contextlib import suppress
 
 from aero_bayes.display import join_names
 from aero_bayes.errors import InputError
-from aero_bayes.export import FlatModel, FlatVariable, load_flat
-from aero_bayes.language.syntax import Call, Expression, Name, Number, names_in, short_text
+from aero_bayes.modelica.flat import FlatModel, FlatVariable
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.modelica.syntax import Call, Expression, Name, Number, names_in, short_text
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
 

@@ -1,8 +1,33 @@
-"""From a residual to the effect that the model lacks: first fit, search, decision, extension, judgement."""
+"""What a model predicts of recordings, fitted and unseen, and how far it is off."""
 
-from aero_bayes.loop.context import LoopContext, LoopStatistics
-from aero_bayes.loop.first_fit import first_fit
-from aero_bayes.loop.loop import LoopSettings, close_loop
+from aero_bayes.loop.first_fit import LoopContext, LoopSettings, LoopStatistics, first_fit
+from aero_bayes.loop.left_out import Blocks, newton_errors, refitted_errors
+from aero_bayes.loop.loop import close_loop
+from aero_bayes.loop.models import CandidateModel, FittedModel
 from aero_bayes.loop.result import LoopResult
+from aero_bayes.loop.search import Search
+from aero_bayes.loop.table import Row, Table
+from aero_bayes.loop.unseen import Prediction, Recordings, RmsError, Unseen, describe_error_change, rms_error
 
-__all__ = ["LoopContext", "LoopResult", "LoopSettings", "LoopStatistics", "close_loop", "first_fit"]
+__all__ = [
+    "Blocks",
+    "CandidateModel",
+    "FittedModel",
+    "LoopContext",
+    "LoopResult",
+    "LoopSettings",
+    "LoopStatistics",
+    "Prediction",
+    "Recordings",
+    "RmsError",
+    "Row",
+    "Search",
+    "Table",
+    "Unseen",
+    "close_loop",
+    "describe_error_change",
+    "first_fit",
+    "newton_errors",
+    "refitted_errors",
+    "rms_error",
+]

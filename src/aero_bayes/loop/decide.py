@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from aero_bayes.search.table import MATERIAL, Table, Terms, law_of
+from aero_bayes.loop.table import MATERIAL, Table, Terms, law_of
 
 ClaimKind = Literal["law", "place", "one of"]
 

@@ -2,23 +2,122 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
-from aero_bayes.check.residual_tests import ResidualReport, check_residuals
+from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
-from aero_bayes.judge.prediction import Prediction
-from aero_bayes.laws.model_family import CurveBasis, ExtendedModel
-from aero_bayes.loop.context import LoopContext
-from aero_bayes.loop.decide import Decision
-from aero_bayes.loop.first_fit import FirstFit, refitted
-from aero_bayes.loop.found_effect import Alternative, FoundEffect, LearnedCurve, NewParameter
-from aero_bayes.search.search import Search
-from aero_bayes.search.table import Table, law_of
+from aero_bayes.loop.decide import ClaimKind, Decision
+from aero_bayes.loop.first_fit import FirstFit, LoopContext, refitted
+from aero_bayes.loop.search import Search
+from aero_bayes.loop.table import Table, Terms, law_of
+from aero_bayes.loop.unseen import Prediction
+from aero_bayes.structure.model_family import CurveBasis, ExtendedModel
+
+
+@dataclass(frozen=True)
+class NewParameter:
+    """A parameter of the model that came out: value, standard deviation and central 90 % interval in SI units."""
+
+    name: str
+    value: float
+    sd: float
+    q05: float
+    q95: float
+    unit: str
+    description: str
+
+    def __float__(self) -> float:
+        return self.value
+
+    def to_dict(self) -> dict[str, object]:
+        numbers = {name: getattr(self, name) for name in ("value", "sd", "q05", "q95", "unit")}
+        return {**numbers, "q50": self.value}
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedCurve:
+    """What a port gives over a signal: ``x``, ``value`` and its standard deviation ``sd``, shape (n,) each."""
+
+    x: FloatArray
+    value: FloatArray
+    sd: FloatArray
+    x_unit: str
+    unit: str
+
+    def to_dict(self) -> dict[str, object]:
+        numbers = {name: getattr(self, name).tolist() for name in ("x", "value", "sd")}
+        return {**numbers, "x_unit": self.x_unit, "unit": self.unit}
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """What does as well in the place of an effect, and the left-out error with it over that with the effect."""
+
+    id: str
+    port: str
+    error_ratio: float
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that was added, and what is claimed of it.
+
+    ``share`` is the error on left-out readings with it over that without it, in the output ``share_of`` where it falls
+    most, and ``share_sd`` its standard error. ``claim`` is None for one that the configuration requires."""
+
+    id: str
+    port: str
+    kind: Literal["catalogue", "free_form"]
+    parameters: tuple[NewParameter, ...]
+    share: float
+    share_sd: float
+    share_of: str
+    claim: ClaimKind | None
+    alternatives: tuple[Alternative, ...]
+    summary: str
+    widths: Mapping[str, float] = field(default_factory=dict)
+    over: str = ""
+    looks_like: str = ""
+    curve: LearnedCurve | None = None
+
+    def to_dict(self, modelica: str) -> dict[str, object]:
+        """Return the entry of result.json; ``modelica`` is the file that holds it."""
+        found: dict[str, object] = {**vars(self), "modelica": modelica, "widths": dict(self.widths)}
+        found["parameters"] = {p.name: p.to_dict() for p in self.parameters}
+        found["alternatives"] = [vars(one) for one in self.alternatives]
+        found["curve"] = None if self.curve is None else self.curve.to_dict()
+        return found
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The smallest size of a law at a port that would have been named: a value of its first parameter.
+
+    Its signature in the outputs, once the free parameters have readjusted, raises the error that the model leaves by
+    what a material term has to lower it."""
+
+    law: str
+    port: str
+    parameter: str
+    smallest: float
+    unit: str
+
+
+def limits_of(search: Search, model: Terms) -> tuple[Limit, ...]:
+    """What the recordings would have shown beside a structure; what no size shows is left out."""
+    return tuple(
+        Limit(law_of(id_), found.port, found.parameter[0], found.smallest, found.parameter[1])
+        for id_, found in sorted(search.screened.get(model, {}).items())
+        if math.isfinite(found.smallest) and id_ not in search.source.held
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,29 +2,188 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
+from aero_bayes.arguments import names_of
 from aero_bayes.arrays import FloatArray
-from aero_bayes.check.residual_tests import ResidualReport, check_residuals
-from aero_bayes.data import noise_floors
+from aero_bayes.data.noise import noise_floors
+from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.finished_fit import finished_fit
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
-from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.objective import Series, Whitened
-from aero_bayes.estimate.parameters import Parameter, ParameterSet, chosen_parameters
-from aero_bayes.estimate.progressive_horizon import GOOD_FIT_RATIO
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, Optimum
+from aero_bayes.estimate.noise import NoiseModel
+from aero_bayes.estimate.objective import Objective, Series, Whitened, objective_of
+from aero_bayes.estimate.parameters import ChosenParameters, Parameter, ParameterSet, chosen_parameters
 from aero_bayes.estimate.recording_parameters import for_recordings
+from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
-from aero_bayes.loop.context import LoopContext
-from aero_bayes.sensors.noise import NoiseModel
-from aero_bayes.simulation import Model
+from aero_bayes.loop.unseen import Recordings, Unseen
+from aero_bayes.parallel import ParallelMap
+from aero_bayes.progress import Progress, Watched
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Outcome, Problem, Simulator, SolverSettings
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.model_family import ModelFamily
+
+
+@dataclass(frozen=True, repr=False)
+class LoopSettings(SettingsDisplay):
+    """Settings of the closed loop.
+
+    Parameters
+    ----------
+    fit : FitSettings, optional
+        How the first model and the extended one are fitted; by default as the fit was that is given, else by a local
+        search.
+    parameters : sequence of str, mapping or ParameterSet, optional
+        What is fitted of the first model, as for :func:`aero_bayes.fit`; by default what the given fit found free, else
+        what the model's package declares to be searched. The others may be found to have a wrong value.
+    solver : SolverSettings
+        Of the simulations of the loop, which compares models: it is coarser than that of a fit.
+    most_readings : int
+        Readings of an output that a recording keeps; beyond it every n-th is kept.
+    effects : tuple of str, optional
+        Ids or laws that are tried; all by default.
+    exclude : tuple of str
+        Ids, ports or laws that are not tried.
+    require : tuple of str
+        Ids of terms that have to be in the model.
+    ports, laws : tuple of str, optional
+        The only ports and laws that are tried; all by default.
+    max_effects : int
+        Terms that are added at most.
+    held_out : float
+        Last share of each recording that is not fitted but used as test data, if no test recording is given.
+    cache : Path, optional
+        Folder of FMUs that are kept between runs; by default ``fmu`` in the folder of the run, removed at the end.
+    max_minutes : float
+        Time limit of the search; the loop continues with what was found by then, and says so.
+    max_error_ratio : float
+        Largest ratio of the error on unseen data to that of the fit for a model to count as adequate.
+
+    Examples
+    --------
+    >>> settings = aero_bayes.LoopSettings(parameters=("k", "d"), exclude=("F",))
+    >>> settings.fitting.calibration.most_readings
+    8000
+    >>> settings
+    LoopSettings(parameters=('k', 'd'), exclude=('F',))
+    """
+
+    fit: FitSettings | None = None
+    parameters: ChosenParameters | None = None
+    solver: SolverSettings = field(default_factory=lambda: SolverSettings(1e-5, 1e-5))
+    most_readings: int = 8000
+    effects: tuple[str, ...] | None = None
+    exclude: tuple[str, ...] = ()
+    require: tuple[str, ...] = ()
+    ports: tuple[str, ...] | None = None
+    laws: tuple[str, ...] | None = None
+    max_effects: int = 3
+    held_out: float = 0.3
+    cache: Path | None = None
+    max_minutes: float = 20.0
+    max_error_ratio: float = 3.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cache", None if self.cache is None else Path(self.cache))
+        for name in ("effects", "exclude", "require", "ports", "laws"):
+            given = getattr(self, name)
+            object.__setattr__(self, name, given if given is None else names_of(given, name))
+
+    @property
+    def fitting(self) -> FitSettings:
+        """How models are fitted in the loop: with its solver, and of a counter at standstill few readings only."""
+        fit = self.fit or FitSettings(method="local")
+        calibration = replace(
+            fit.calibration, most_readings=self.most_readings, keep_standstill_readings=False, solver=self.solver
+        )
+        return replace(fit, calibration=calibration)
+
+
+class LoopStatistics:
+    """Time spent in each stage, the time limit, and counts of simulations; the only part of a loop that changes.
+
+    The search ends early where the progress that is ``watched`` is asked to end."""
+
+    def __init__(self, watched: Watched | None = None) -> None:
+        self.watched = watched or Watched()
+        self.seconds: dict[str, float] = {}
+        self.outcomes: Counter[Outcome] = Counter()
+        self._clock = time.perf_counter()
+        self._until = math.inf
+
+    def set_time_limit(self, seconds: float) -> None:
+        """Limit the time from now on, in s."""
+        self._until = time.perf_counter() + seconds
+
+    def time_is_up(self) -> bool:
+        """Whether the time limit has passed, or the search is asked to end."""
+        return time.perf_counter() > self._until or self.watched.again()
+
+    def end_stage(self, stage: str) -> None:
+        """Add the time since the last stage ended to this stage."""
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._clock
+        self._clock = now
+
+
+@dataclass(frozen=True, eq=False)
+class LoopContext:
+    """What all stages of a loop share.
+
+    ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1)."""
+
+    family: ModelFamily
+    recordings: Recordings
+    settings: LoopSettings
+    pool: WorkerPool
+    folder: Path
+    progress: Progress
+    statistics: LoopStatistics
+    seed: int = 1
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the model's outputs."""
+        return {v.name: v.unit for v in self.family.base_model().outputs}
+
+    def open(self, problem: Problem) -> Simulator:
+        """A simulator on the loop's workers."""
+        return open_simulator(problem, pool=self.pool)
+
+    def open_objective(self, calibration: Calibration) -> Objective:
+        """A calibration with a simulator of its own, which the caller closes."""
+        return self.objective(calibration, self.open(calibration.problem()))
+
+    def objective(self, calibration: Calibration, simulator: Simulator) -> Objective:
+        """A calibration on a simulator that is open; its simulations are counted."""
+        found = objective_of(calibration, simulator)
+        found.outcomes = self.statistics.outcomes
+        return found
+
+    @property
+    def map(self) -> ParallelMap:
+        """A map over independent fits, one process a worker; none is begun after the time limit."""
+        return ParallelMap(self.pool, self.statistics.time_is_up)
+
+    @property
+    def unseen(self) -> Unseen:
+        """The recordings whole, to run fitted models over."""
+        return Unseen(self.recordings, self.settings.fitting.calibration, self.family, self.open)
+
 
 #: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched. It
 #: tells at least this share of what the whole tells, reading by reading.

@@ -11,23 +11,21 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.check.residual_tests import ResidualReport, reports_by_recording
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.identifiability import Identifiability
+from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.residual_tests import ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
-from aero_bayes.judge.prediction import Prediction, Shift
-from aero_bayes.judge.recordings import Recordings
-from aero_bayes.loop.fitted_loop import FittedLoop
-from aero_bayes.loop.found_effect import FoundEffect, Limit, NewParameter
-from aero_bayes.loop.steps import Step
+from aero_bayes.loop.decide import Decision
+from aero_bayes.loop.extend import FoundEffect, Limit, NewParameter
+from aero_bayes.loop.table import Table, Terms
+from aero_bayes.loop.unseen import Prediction, Recordings, Shift
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
-from aero_bayes.search.table import Table, Terms
-from aero_bayes.sensors.noise import OutputNoise
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
@@ -36,6 +34,106 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+class FittedLoop:
+    """The fit of the model that came out of a loop, and what is asked of it most."""
+
+    after: Fit
+
+    @property
+    def fit(self) -> Fit:
+        """The fit of the model that came out: what takes a fit takes the loop's result, too.
+
+        Examples
+        --------
+        >>> loop.fit["k"].unit
+        'N/m'
+        """
+        return self.after
+
+    def summary(self) -> str:
+        """Return the parameters of the model that came out as a table: value, 90 % interval, unit, status.
+
+        Examples
+        --------
+        >>> loop.summary().splitlines()[0].split()[:2]
+        ['parameter', 'value']
+        """
+        return self.after.summary()
+
+    def to_matlab(self, path: Path | str) -> Path:
+        """Write the values of the model that came out for MATLAB to a ``path``; see :meth:`Fit.to_matlab`.
+
+        Examples
+        --------
+        >>> loop.to_matlab("loop.m").name
+        'loop.m'
+        """
+        return self.after.to_matlab(path)
+
+
+@dataclass(frozen=True)
+class StepCandidate:
+    """A term beside those of the rounds before: the left-out error with it, refitted or not, over that without it."""
+
+    id: str
+    port: str
+    share: float
+    share_sd: float
+    refitted: bool = True
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one term is worth beside those before it; ``equivalent`` are those that do as well in its place."""
+
+    number: int
+    candidates: tuple[StepCandidate, ...]
+    chosen: str | None
+    equivalent: tuple[str, ...]
+    why: str
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the entry of result.json."""
+        own = {name: value for name, value in vars(self).items() if name != "number"}
+        return {**own, "round": self.number, "candidates": [vars(one) for one in self.candidates]}
+
+
+def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, ...]:
+    """Return one step for each term of the model, the one that explains most first, and one for what is left."""
+    found: list[Step] = []
+    base, left = tuple(sorted(required)), [t for t in decision.model if t not in required]
+    while base in table.rows:
+        larger = (k for k in table.rows if len(k) == len(base) + 1 and set(base) < set(k))
+        beside = {next(iter(set(k) - set(base))): k for k in larger}
+        chosen = min((t for t in left if t in beside), key=lambda t: table.order(beside[t]), default=None)
+        chosen = chosen or next(iter(left), None)
+        rivals = [
+            StepCandidate(t, table.ports.get(t, ""), *table.share(k, base)[:2], table.rows[k].refitted)
+            for t, k in beside.items()
+        ]
+        rivals.sort(key=lambda one: (one.share, one.id))
+        if chosen is None:
+            if not rivals:
+                break
+            why = f"with {rivals[0].id} the error on left-out readings {fall(rivals[0].share, rivals[0].share_sd)}"
+            return (*found, Step(len(found) + 1, tuple(rivals), None, (), f"no further term is in the model; {why}"))
+        claim = decision.claims[chosen]
+        alike = tuple(o for o, _ in claim.alternatives)
+        why = f"with {chosen} the error of {claim.share_of} on left-out readings {fall(claim.share, claim.share_sd)}"
+        why += f"; what else does as well: {', '.join(alike)}" if alike else ""
+        found.append(Step(len(found) + 1, tuple(rivals), chosen, (chosen, *alike) if alike else (), why))
+        left.remove(chosen)
+        base = tuple(sorted((*base, chosen)))
+    return tuple(found)
+
+
+def fall(share: float, sd: float) -> str:
+    """How far an error falls, in words."""
+    verb, change = ("rises", share - 1.0) if share > 1.0 else ("falls", 1.0 - share)
+    return f"{verb} by {100.0 * change:.0f} % (+- {100.0 * sd:.0f})"
+
 
 #: Height of the page in a notebook, in pixels: one screen.
 FRAME_HEIGHT = 700

@@ -13,15 +13,14 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
-from aero_bayes.report.drawing import Line, Panel, Source
-from aero_bayes.report.figure import Plate, plate
+from aero_bayes.report.drawing import Line, Panel, Plate, Source, plate
 from aero_bayes.report.forest import forest_plate
 from aero_bayes.report.page import fill
 from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.schema_estimate import ParameterJson, QuantilesJson
 from aero_bayes.report.svg import SERIES
 from aero_bayes.report.tables import Column, generic_cell, html_table, parameter_quantity, status_pill
 from aero_bayes.report.text import NO_VALUE, pretty_unit, scaled_unit, signal_title, significant, symbol
-from aero_bayes.schema import ParameterJson, QuantilesJson
 
 Runs = Mapping[str, RunDirectory]
 

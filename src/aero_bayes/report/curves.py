@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Source, Terms
-from aero_bayes.report.figure import Plate, plate
+from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, Source, Terms, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM_COLOUR
 from aero_bayes.report.text import greek_name, role_words, scaled_unit, signal_title

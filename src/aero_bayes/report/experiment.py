@@ -9,9 +9,10 @@ from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.report.curves import largest, named
-from aero_bayes.report.drawing import Band, Layer, Line, Panel, Source
-from aero_bayes.report.figure import Plate, plate
+from aero_bayes.report.drawing import Band, Layer, Line, Panel, Plate, Source, plate
 from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.schema_estimate import QuantilesJson
+from aero_bayes.report.schema_run import DesignJson
 from aero_bayes.report.svg import INK, SERIES
 from aero_bayes.report.tables import Column, bar, html_table, parameter_quantity
 from aero_bayes.report.text import (
@@ -26,7 +27,6 @@ from aero_bayes.report.text import (
     symbol,
     tidy,
 )
-from aero_bayes.schema import DesignJson, QuantilesJson
 
 _TIME = "plan/time"
 #: Difference in log-evidence above which two models count as separated (odds of 20 to 1).

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from aero_bayes.report import words
-from aero_bayes.report.figure import Plate
+from aero_bayes.report.drawing import Plate
 from aero_bayes.report.loop_figures import curve_plate
 from aero_bayes.report.loop_story import changed_equations
+from aero_bayes.report.schema_loop import EffectJson, LoopJson, RecordingErrorJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import significant, symbol
-from aero_bayes.schema import EffectJson, LoopJson, RunJson
-from aero_bayes.schema.loop import RecordingErrorJson
 
 #: Outputs whose bars are drawn, those whose error falls most; the table of errors has all.
 MOST_BARS = 3

@@ -5,6 +5,9 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson
+from aero_bayes.report.schema_loop import RecordingErrorJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
 from aero_bayes.report.text import (
     NO_VALUE,
@@ -18,9 +21,6 @@ from aero_bayes.report.text import (
     symbol,
     tidy,
 )
-from aero_bayes.schema import McmcJson, ModeDrawsJson, RunJson
-from aero_bayes.schema.estimate import DiagnosisJson
-from aero_bayes.schema.loop import RecordingErrorJson
 
 #: Above this, ensembles do not agree.
 R_HAT_LIMIT = 1.01

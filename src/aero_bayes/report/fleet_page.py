@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from aero_bayes.files import whole_file
 from aero_bayes.report.page import fill
+from aero_bayes.report.schema_run import FleetJson, RangeJson, RigReasonJson, RunJson
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import (
     NO_VALUE,
@@ -23,8 +24,7 @@ from aero_bayes.report.text import (
     significant,
     symbol,
 )
-from aero_bayes.schema import FleetJson, RangeJson, RigReasonJson, RunJson
-from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
+from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 _OUTCOMES = {"adequate": "the model is adequate", "extended": "an effect was added",
              "unexplained": "an effect is missing, and no candidate explains it"}  # fmt: skip

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate
+from aero_bayes.report.drawing import NARROW_WIDTH, WIDE_WIDTH, Plate
+from aero_bayes.report.schema_estimate import QuantilesJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, signed, significant, symbol
-from aero_bayes.schema import QuantilesJson, RunJson
-from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
+from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 #: By parameter what is drawn of each series, in the order of the colours; None where a series has no such parameter.
 Rows = Mapping[str, Sequence[QuantilesJson | None]]

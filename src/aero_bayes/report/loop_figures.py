@@ -9,13 +9,12 @@ import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.report.curves import largest
-from aero_bayes.report.drawing import Band, Line, Panel, tick_text
-from aero_bayes.report.figure import NARROW_WIDTH, WIDE_WIDTH, Plate, plate
+from aero_bayes.report.drawing import NARROW_WIDTH, WIDE_WIDTH, Band, Line, Panel, Plate, plate, tick_text
+from aero_bayes.report.schema_loop import CandidateJson, EffectJson, LoopJson, StepJson
 from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit
-from aero_bayes.schema import CandidateJson, EffectJson, LoopJson, StepJson
-from aero_bayes.simulation.gaussian import NORMAL_HALF_WIDTH
+from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 PORT = 430.0
 _ROW, _TOP = 19.0, 46.0

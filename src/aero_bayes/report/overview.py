@@ -9,9 +9,9 @@ from markupsafe import Markup
 
 from aero_bayes.report import words
 from aero_bayes.report.findings import R_HAT_LIMIT, errors_of
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.tables import Column, generic_cell, html_table
 from aero_bayes.report.text import count, duration, role_words, scaled_unit, significant, symbol, tidy
-from aero_bayes.schema import RunJson
 
 _HASH_SHOWN = 16
 

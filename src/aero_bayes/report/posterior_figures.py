@@ -12,8 +12,7 @@ from markupsafe import Markup
 from scipy.ndimage import gaussian_filter
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel
-from aero_bayes.report.figure import Plate, plate
+from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, SERIES, Canvas
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import greek_name, minus, rounded_value, significant, symbol

@@ -8,12 +8,11 @@ import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.report.drawing import Dots, Layer, Line, Panel
-from aero_bayes.report.figure import Plate, plate
+from aero_bayes.report.drawing import Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.schema_estimate import ProfileJson
 from aero_bayes.report.svg import ACCENT, INK, MEASURED
 from aero_bayes.report.text import NO_VALUE, greek_name, rounded_value, symbol
-from aero_bayes.schema import ProfileJson
 
 #: How far up a profile is drawn; the threshold of a 90 % interval is at 1.35.
 _TOP = 5.0

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.whiteness import autocorrelation
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
-from aero_bayes.report.drawing import Band, Line, Panel
-from aero_bayes.report.figure import SMALL_WIDTH, Plate, plate
+from aero_bayes.report.drawing import SMALL_WIDTH, Band, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK
 from aero_bayes.report.text import greek_name, scaled_unit, significant
-from aero_bayes.sensors.whiteness import autocorrelation
 
 _MIN_SAMPLES = 16
 

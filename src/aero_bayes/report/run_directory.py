@@ -16,7 +16,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
-from aero_bayes.schema import SCHEMA, RunJson
+from aero_bayes.report.schema_run import SCHEMA, RunJson
 
 if TYPE_CHECKING:
     import pandas
@@ -87,7 +87,7 @@ class RunDirectory:
         Traceback (most recent call last):
         aero_bayes.errors.InputError: ...: the run has no posterior.nc; aero-bayes posterior writes one
         """
-        from aero_bayes.sampling.inferencedata import load
+        from aero_bayes.posterior.inferencedata import load
 
         path = self.path / "posterior.nc"
         if not path.is_file():

@@ -7,13 +7,12 @@ from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.report.curves import largest
-from aero_bayes.report.drawing import Line, Panel, Source
-from aero_bayes.report.figure import Plate, plate
+from aero_bayes.report.drawing import Line, Panel, Plate, Source, plate
 from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.schema_loop import StudyJson
 from aero_bayes.report.svg import MEASURED, SERIES
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import sentence, tidy
-from aero_bayes.schema import StudyJson
 
 
 def study_plate(run: RunDirectory, study: StudyJson) -> Plate | None:

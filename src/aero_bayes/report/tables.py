@@ -9,6 +9,7 @@ from typing import Literal
 
 from markupsafe import Markup, escape
 
+from aero_bayes.report.schema_estimate import ParameterJson, QuantilesJson
 from aero_bayes.report.text import (
     NO_VALUE,
     RoundedValue,
@@ -20,7 +21,6 @@ from aero_bayes.report.text import (
     symbol,
     tidy,
 )
-from aero_bayes.schema import ParameterJson, QuantilesJson
 
 _STATUS_WORDS = {
     "identified": "the data determine it",

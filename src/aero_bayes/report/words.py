@@ -9,10 +9,10 @@ import re
 from collections.abc import Iterator, Sequence
 
 from aero_bayes.display import join_names
+from aero_bayes.report.schema_estimate import DiagnosisJson, ParameterJson, VerdictJson
+from aero_bayes.report.schema_loop import EffectJson, LimitJson, LoopJson, RecordingErrorJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.text import minus, pretty_unit, rounded_value, significant
-from aero_bayes.schema import ParameterJson, RunJson, VerdictJson
-from aero_bayes.schema.estimate import DiagnosisJson
-from aero_bayes.schema.loop import EffectJson, LimitJson, LoopJson, RecordingErrorJson
 
 #: Paragraphs of the page, by section.
 LEADS = {

@@ -7,21 +7,70 @@ import ctypes
 import os
 import pickle
 import time as clock
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from fmpy.fmi1 import FMICallException
+from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.engine_library import LoadError
-from aero_bayes.simulation.input_signals import linear_signals, signals_of_run, value_at
-from aero_bayes.simulation.interface import InputSignal, Outcome, ParameterTarget, Problem
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Experiment,
+    InputSignal,
+    InputTarget,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    ProblemTarget,
+)
 from aero_bayes.simulation.model_description import ModelDescription
 from aero_bayes.simulation.worker_main import JOB_WORDS, NOT_LOADED, SPENT
+
+
+def signals_of_run(
+    experiment: Experiment, row: Sequence[ProblemTarget | None], values: FloatArray
+) -> tuple[InputSignal, ...]:
+    """Apply one parameter vector's delays and additions to grid values to the input signals of an experiment."""
+    signals = []
+    for signal in experiment.inputs:
+        level, delay = signal.values.astype(float).copy(), 0.0
+        for value, target in zip(values, row, strict=True):
+            if isinstance(target, InputTarget) and target.input == signal.name:
+                level[target.index] += value
+            if isinstance(target, DelayTarget) and target.input in (None, signal.name):
+                delay += float(value)
+        signals.append(replace(signal, time=signal.time + delay, values=level))
+    return tuple(signals)
+
+
+def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
+    """Compute an input at times of any shape."""
+    at = np.asarray(time, dtype=float)
+    if signal.interpolation == "linear":
+        return np.asarray(np.interp(at, signal.time, signal.values))
+    cell = np.searchsorted(signal.time, at + 1e-12 * np.maximum(1.0, np.abs(at)), side="right") - 1
+    return np.asarray(signal.values[np.maximum(cell, 0)])
+
+
+def value_at(signal: InputSignal, t: float, segment: float) -> float:
+    """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
+    if signal.interpolation == "linear":
+        return float(np.interp(t, signal.time, signal.values))
+    cell = int(np.searchsorted(signal.time, segment + 1e-12 * max(1.0, abs(segment)), side="right")) - 1
+    return float(signal.values[max(cell, 0)])
+
+
+def linear_signals(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
+    """Return those that are interpolated linearly."""
+    return tuple(signal for signal in signals if signal.interpolation == "linear")
+
 
 LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
 STEP_SHARE = 1e-6  # of a step: samples that are so near to its end are there

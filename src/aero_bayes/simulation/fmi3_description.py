@@ -7,15 +7,17 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.description_xml import checked_identifier, is_true, step_size
-from aero_bayes.simulation.model_description import OWN_EXPORTER, Kind, ModelDescription, Variable
-from aero_bayes.simulation.model_structure import (
+from aero_bayes.simulation.fmi2_description import (
     candidate_copies,
     check_variables,
+    checked_identifier,
+    is_true,
     jacobian_pattern,
     refuse_selected_states,
     sha256,
+    step_size,
 )
+from aero_bayes.simulation.model_description import OWN_EXPORTER, Kind, ModelDescription, Variable
 
 _KINDS: dict[str, Kind] = {"Float64": "real", "Int32": "integer", "Boolean": "boolean"}
 

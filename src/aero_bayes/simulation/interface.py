@@ -1,8 +1,7 @@
-"""The contract between a simulator and everything that uses one.
+"""States given all readings, from what a filter knew before each of them.
 
-A :class:`Problem` says what to simulate (a model, the experiments, what each column of a parameter matrix means);
-a :class:`Simulator` answers with trajectories, sensitivities or reduced likelihoods, and with one typed
-:class:`Outcome` for every run. Nothing above this module knows which engine does the work.
+The modified Bryson-Frazier form of the Rauch-Tung-Striebel smoother (Bierman, 1973, International Journal of Control
+18, 65): no covariance is inverted, so that states without any uncertainty are no exception.
 """
 
 from __future__ import annotations
@@ -15,9 +14,63 @@ from typing import Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.model_description import ModelDescription
+
+#: Standard deviations of a normal density on either side of its mean that hold 90 %.
+NORMAL_HALF_WIDTH = 1.6448536269514722
+
+
+def ou_precision(time: FloatArray, sd: float, tau: float) -> tuple[FloatArray, FloatArray, float]:
+    """Diagonal, off-diagonal and log-determinant of the precision of an Ornstein-Uhlenbeck process."""
+    phi = np.exp(-np.diff(time) / tau)
+    fresh = -np.expm1(-2.0 * np.diff(time) / tau)
+    diagonal = np.ones(time.size)
+    diagonal[:-1] += phi**2 / fresh
+    diagonal[1:] += phi**2 / fresh
+    log_det = -time.size * 2.0 * np.log(sd) - float(np.sum(np.log(fresh)))
+    return diagonal / sd**2, -phi / fresh / sd**2, log_det
+
+
+def apply_inverse_covariance(time: FloatArray, noise: FloatArray, columns: FloatArray) -> tuple[FloatArray, float]:
+    """K^-1 times each column, and log det K."""
+    white, sd, tau = (float(v) for v in noise)
+    if sd == 0.0 or tau <= 0.0:
+        variance = white**2 + sd**2
+        return columns / variance, time.size * float(np.log(variance))
+    diagonal, off, log_det = ou_precision(time, sd, tau)
+    band = np.zeros((2, time.size))
+    band[0] = 1.0 + white**2 * diagonal
+    band[1, :-1] = white**2 * off
+    factor = cholesky_banded(band, lower=True)
+    solved = cho_solve_banded((factor, True), columns)
+    weighed = diagonal[:, None] * solved
+    weighed[:-1] += off[:, None] * solved[1:]
+    weighed[1:] += off[:, None] * solved[:-1]
+    return weighed, 2.0 * float(np.sum(np.log(factor[0]))) - log_det
+
+
+def gauss_newton_products(
+    time: FloatArray, measured: FloatArray, output: FloatArray, sensitivity: FloatArray, noise: FloatArray
+) -> tuple[float, FloatArray, FloatArray, float]:
+    """Cost, gradient, Gauss-Newton matrix and log-likelihood of one experiment."""
+    q = sensitivity.shape[2]
+    cost, log_likelihood, gradient, hessian = 0.0, 0.0, np.zeros(q), np.zeros((q, q))
+    for index in range(measured.shape[1]):
+        seen = ~np.isnan(measured[:, index])
+        if not seen.any():
+            continue
+        residual = output[seen, index] - measured[seen, index]
+        slopes = sensitivity[seen, index]
+        weighed, log_det = apply_inverse_covariance(time[seen], noise[index], np.column_stack([residual, slopes]))
+        cost += 0.5 * float(residual @ weighed[:, 0])
+        gradient += slopes.T @ weighed[:, 0]
+        hessian += slopes.T @ weighed[:, 1:]
+        log_likelihood -= 0.5 * (log_det + residual.size * float(np.log(2.0 * np.pi)))
+    return cost, gradient, hessian, log_likelihood - cost
+
 
 Interpolation = Literal["hold", "linear"]
 
@@ -283,3 +336,57 @@ class Filter(Simulator, Protocol):
     def filtered_states(self, values: FloatArray) -> tuple[FilteredStates, ...]:
         """Return the states in each recording at one parameter vector (p,); CannotFinishError where a run fails."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedStates:
+    """Mean and standard deviation (n, s) of the s states at each sample, given all readings of the recording."""
+
+    mean: FloatArray
+    sd: FloatArray
+
+    @property
+    def band(self) -> tuple[FloatArray, FloatArray]:
+        """Ends (n, s) of the central intervals of 90 %."""
+        return self.mean - NORMAL_HALF_WIDTH * self.sd, self.mean + NORMAL_HALF_WIDTH * self.sd
+
+    def at(self, time: FloatArray, samples: FloatArray) -> SmoothedStates:
+        """Return the states at times (k,) in s, along straight lines between the ``samples`` (n,).
+
+        NaN outside of them."""
+        mean, sd = (
+            np.column_stack([np.interp(time, samples, row, np.nan, np.nan) for row in rows.T])
+            for rows in (self.mean, self.sd)
+        )
+        return SmoothedStates(mean, sd)
+
+
+def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:
+    """Smooth a filter's states."""
+    n, s = filtered.mean.shape
+    mean, sd = np.empty((n, s)), np.empty((n, s))
+    adjoint, information = np.zeros(s), np.zeros((s, s))
+    for k in range(n - 1, -1, -1):
+        covariance = filtered.covariance[k]
+        for h, gain, away, variance in reversed(reading_updates(filtered, measured, k)):
+            keep = np.eye(s) - np.outer(gain, h)
+            adjoint = keep.T @ adjoint - h * (away / variance)
+            information = keep.T @ information @ keep + np.outer(h, h) / variance
+        mean[k] = filtered.mean[k] - covariance @ adjoint
+        sd[k] = np.sqrt(np.maximum(np.diag(covariance - covariance @ information @ covariance), 0.0))
+        step = filtered.transition[k]
+        adjoint, information = step.T @ adjoint, step.T @ information @ step
+    return SmoothedStates(mean, sd)
+
+
+def reading_updates(
+    filtered: FilteredStates, measured: FloatArray, k: int
+) -> list[tuple[FloatArray, FloatArray, float, float]]:
+    """Slope, gain, innovation and its variance of each reading of a sample, in the order in which they were taken."""
+    covariance, found = filtered.covariance[k], []
+    for o in np.flatnonzero(np.isfinite(measured[k])):
+        h, variance = filtered.slopes[k, o], float(filtered.variance[k, o])
+        gain = covariance @ h / variance
+        covariance = covariance - np.outer(gain, gain) * variance
+        found.append((h, gain, float(measured[k, o] - filtered.predicted[k, o]), variance))
+    return found

@@ -2,26 +2,157 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shutil
+import subprocess
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from threading import Lock
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from aero_bayes.arrays import FloatArray
+from aero_bayes.build_cache import user_cache
 from aero_bayes.declared import DECLARATION_MEMBER, PackageDeclaration, parse_declaration
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
-from aero_bayes.export.library import declaration_of
-from aero_bayes.export.platforms import Platform, this_machine
+from aero_bayes.files import ScratchFolder
+from aero_bayes.modelica.build import Platform, this_machine, write_archive
+from aero_bayes.modelica.library import declaration_of
 from aero_bayes.simulation import archive
-from aero_bayes.simulation.description_xml import parse_description
-from aero_bayes.simulation.fmi2_description import read_fmi2_description
+from aero_bayes.simulation.fmi2_description import parse_description, read_fmi2_description
 from aero_bayes.simulation.fmi3_description import read_fmi3_description
+from aero_bayes.simulation.interface import (
+    Experiment,
+    InputSignal,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    ProblemTarget,
+    SolverSettings,
+    StartTarget,
+)
 from aero_bayes.simulation.model_description import BINARY_FOLDERS, ModelDescription, listed
-from aero_bayes.simulation.source_fmu import built_from_source
-from aero_bayes.simulation.state_copies import verified_copies
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 if TYPE_CHECKING:
     import pandas
+
+
+#: Seconds that a compilation may take.
+BUILD_TIME_LIMIT = 600.0
+
+
+def built_from_source(path: Path, model: ModelDescription, names: Collection[str]) -> Path:
+    """Return the FMU with a binary for this machine, compiled from the source inside it."""
+    here = this_machine()
+    binary = f"{BINARY_FOLDERS[model.fmi_version]}/{model.identifier}{here.suffix}"
+    have = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+    there = ", ".join(have) or "no machine"
+    if not any(n.startswith("sources/") and n.endswith((".c", ".cpp", ".xml")) for n in names):
+        raise InputError(
+            f"{path}: has no {binary}, binaries for {there} only and no source: export it with a "
+            f"binary for {here.name}, or with its source code"
+        )
+    kept = user_cache() / "made" / f"{path.stem}-{model.sha256[:32]}-{here.name}.fmu"
+    if kept.exists():
+        return kept
+    if shutil.which("cmake") is None:
+        raise InputError(f"{path}: has binaries for {there} only; to compile its source: pip install cmake")
+    with ScratchFolder() as folder:
+        unpacked, build = folder / "fmu", folder / "build"
+        unpacked.mkdir()
+        build.mkdir()
+        archive.extract(path, unpacked)
+        _compile(path, unpacked, build)
+        if not (unpacked / binary).is_file():
+            raise InputError(f"{path}: its source was compiled, but to something else than {binary}")
+        files = (file for file in sorted(unpacked.rglob("*")) if file.is_file())
+        write_archive(kept, {file.relative_to(unpacked).as_posix(): file.read_bytes() for file in files})
+    return kept
+
+
+def _compile(path: Path, unpacked: Path, build: Path) -> None:
+    import fmpy
+
+    try:
+        from fmpy.build import create_cmake_settings
+
+        create_cmake_settings(unzipdir=unpacked, build_dir=build)
+    except Exception as error:
+        reason = f"{error}".partition("\n")[0]
+        raise InputError(f"{path}: its source says not how it is compiled: {reason}") from None
+    scripts = Path(fmpy.__file__).parent / "c-code"
+    for command in (["-S", str(scripts), "-B", str(build)], ["--build", str(build), "--target", "install"]):
+        done = subprocess.run(
+            ["cmake", *command], capture_output=True, text=True, check=False, timeout=BUILD_TIME_LIMIT
+        )
+        if done.returncode != 0:
+            lines = f"{done.stdout}\n{done.stderr}".splitlines()
+            shown = next((line for line in lines if "error" in line.lower()), lines[-1] if lines else "?")
+            raise InputError(f"{path}: its source does not compile: {shown.strip()[:200]}")
+
+
+_PROBE_POINTS = 6
+_known: dict[str, Mapping[str, int]] = {}  # by the FMU's checksum: a fact about a file, looked up once
+_lock = Lock()
+
+
+def verified_copies(model: ModelDescription) -> Mapping[str, int]:
+    """Return the candidates that equalled a state in every run, and the position of that state.
+
+    Runs the FMU in a worker process, once for each file."""
+    with _lock:
+        if model.sha256 not in _known:
+            _known[model.sha256] = _verify(model) if model.candidate_copies else {}
+        return _known[model.sha256]
+
+
+def _verify(model: ModelDescription) -> dict[str, int]:
+    candidates = dict(model.candidate_copies)
+    parameters = [p for p in model.parameters if p.start is not None]
+    targets: tuple[ProblemTarget, ...] = (
+        *(StartTarget(state.name) for state in model.states),
+        *(ParameterTarget(parameter.name) for parameter in parameters),
+    )
+    names = (*candidates, *(model.states[state].name for state in candidates.values()))
+    time = np.array([0.0, 1e-6, 2e-6])
+    experiments = tuple(
+        Experiment(
+            time,
+            names,
+            tuple(InputSignal(u.name, time[:1], np.array([(u.start or 0.0) + shift])) for u in model.inputs),
+        )
+        for shift in (0.0, 1e-3)
+    )
+    plain = replace(model, candidate_copies=())  # every output is asked of the FMU
+    problem = Problem(plain, experiments, (targets,) * 2, settings=SolverSettings(1e-4, 1e-4, 1000, 1.0))
+    with NativeSimulator(problem, workers=1) as simulator:
+        found = simulator.simulate(_points(model, [p.start or 0.0 for p in parameters]))
+    verified = {}
+    for place, (name, state) in enumerate(candidates.items()):
+        ran, same = False, True
+        for outputs, outcome in zip(found.outputs, found.outcomes.T, strict=True):
+            good = outcome == Outcome.OK
+            a, b = outputs[good, :, place], outputs[good, :, len(candidates) + place]
+            ran |= bool(good[1:].any())
+            same &= bool(np.allclose(a, b, rtol=1e-9, atol=1e-12))
+        if ran and same:
+            verified[name] = state
+    return verified
+
+
+def _points(model: ModelDescription, parameters: list[float]) -> FloatArray:
+    """Return the model's own values, then others nearby: states and parameters, all moved at once."""
+    rng = np.random.default_rng(0)
+    own = np.array([*((s.start or 0.0) for s in model.states), *parameters])
+    size = np.array([*((s.nominal or abs(s.start or 0.0) or 1.0) for s in model.states), *np.abs(parameters)])
+    moved = own + 1e-3 * size * rng.uniform(0.5, 1.0, (_PROBE_POINTS, own.size)) * rng.choice(
+        [-1.0, 1.0], (_PROBE_POINTS, own.size)
+    )
+    moved[: _PROBE_POINTS // 2, len(model.states) :] = parameters  # where the model does not run with other parameters
+    return np.vstack([own, moved])
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from aero_bayes.errors import InputError
-from aero_bayes.export.platforms import this_machine
+from aero_bayes.modelica.build import this_machine
 from aero_bayes.simulation import archive
 
 BINARY_FOLDERS = {version: f"binaries/{folder}" for version, folder in this_machine().folders.items()}

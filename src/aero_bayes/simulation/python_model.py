@@ -14,17 +14,11 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.input_signals import signal_values, signals_of_run
-from aero_bayes.simulation.interface import (
-    Outcome,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-)
+from aero_bayes.simulation.cosimulation_runs import signal_values, signals_of_run
+from aero_bayes.simulation.interface import Outcome, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
-from aero_bayes.simulation.problem_checks import check_problem
-from aero_bayes.simulation.reduction import SingleRuns
+from aero_bayes.simulation.problem_checks import SingleRuns, check_problem
 
 #: An input as a function of time (s), of a number or of an array.
 Signal = Callable[[ArrayLike], FloatArray]

@@ -10,14 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.simulation.interface import (
-    Experiment,
-    InputSignal,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-)
+from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model_description import ModelDescription
 from aero_bayes.simulation.native_simulator import NativeSimulator
 

@@ -23,9 +23,8 @@ from aero_bayes.simulation import worker_main
 from aero_bayes.simulation.engine_library import LoadError, engine_path
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model_description import ModelDescription
-from aero_bayes.simulation.shared_memory import SharedMemory
 from aero_bayes.simulation.supervision import TODO, Batch, Supervisor
-from aero_bayes.simulation.worker_group import WorkerGroup, stop_all
+from aero_bayes.simulation.worker_group import SharedMemory, WorkerGroup, stop_all
 
 #: Runs of a model: where its first ones all crashed or ran out of time no further one is begun.
 MAX_LOST_RUNS = 24

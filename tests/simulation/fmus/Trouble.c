@@ -131,7 +131,7 @@ static int derivative(Model *m, unsigned unknown, unsigned known, double *v)
 }
 
 #ifdef LANES /* the same equation over several parameter vectors at a time */
-#include "../../../src/aero_bayes/export/native/lanes.h"
+#include "../../../src/aero_bayes/modelica/native/lanes.h"
 #define EACH for (int l = 0; l < lanes; l++)
 static double slope(double mode, double t, double x)
 {

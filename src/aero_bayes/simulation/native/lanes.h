@@ -1,10 +1,10 @@
 /* Several runs at a time, one in each lane of a vector register, for FMUs that carry their equations in this form
- * (export/native/lanes.h). Each lane has its own time, step size, error control and inputs; only the arithmetic of a step
+ * (modelica/native/lanes.h). Each lane has its own time, step size, error control and inputs; only the arithmetic of a step
  * is shared, so that what a lane computes does not depend on its neighbours. */
 #ifndef AB_LANES_ENGINE_H
 #define AB_LANES_ENGINE_H
 
-#include "../../export/native/lanes.h"
+#include "../../modelica/native/lanes.h"
 #include "engine.h"
 
 enum { WIDE = AB_LANES, STAGES = 8 };

@@ -1,0 +1,360 @@
+"""One function a command: read everything, do the work, write the run directory, draw its page."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from aero_bayes.checkpoint import Checkpoint
+from aero_bayes.commands.context import context_part, resumable
+from aero_bayes.commands.describe import preamble, residual_table, values_line
+from aero_bayes.commands.job import (
+    Job,
+    RunOptions,
+    built_model,
+    check_default,
+    layout_of,
+    open_job,
+    recordings_of,
+    tell_notes,
+    which_model,
+)
+from aero_bayes.commands.loop import (
+    extended_job,
+    fit_settings,
+    loop_part,
+    loop_series,
+    loop_settings,
+    profile_part,
+    run_loop,
+    sample_settings,
+    with_chosen_values,
+)
+from aero_bayes.config import Config, ModelSection, PredictionSection, load_config
+from aero_bayes.data.summary import summarise
+from aero_bayes.display import join_names, parameter_lines
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.calibrated_model import CalibratedModel
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.initial_states import check_plausible
+from aero_bayes.estimate.result import Fit
+from aero_bayes.loop.result import LoopResult
+from aero_bayes.modelica.library import declaration_of
+from aero_bayes.progress import ProgressBar
+from aero_bayes.report import words
+from aero_bayes.report.page import write_run_page
+from aero_bayes.report.results import merge, plain, write_result, write_series
+from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.series import (
+    Series,
+    band_series,
+    fitted_series,
+    measured_series,
+    only_measured,
+    state_series,
+    unfitted_series,
+)
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.model import ModelicaSource
+
+if TYPE_CHECKING:
+    from aero_bayes.posterior.posterior import Posterior
+
+
+Json = dict[str, Any]
+
+#: Posterior draws behind a recording's density, behind those of stretches, and stretches known before the first is
+#: predicted, as a share of all.
+DRAWS, STRETCH_DRAWS, INITIAL_SHARE = 10, 100, 0.5
+#: Rows of all recordings up to which posteriors of the past are computed anew without being asked.
+MAX_REFIT_ROWS = 10_000
+
+
+def prediction_settings(job: Job) -> PredictionSection | None:
+    """Return the settings with ``refits`` decided; None for a single recording, or if switched off."""
+    section = job.config.prediction
+    if len(job.recordings) < 2 or section.max_seconds == 0.0:
+        return None
+    short = sum(r.rows for r in job.recordings) <= MAX_REFIT_ROWS
+    return section if section.refits is not None else section.model_copy(update={"refits": short})
+
+
+def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
+    """Return the ``prediction`` entry of result.json; nothing for a single recording, or where it is switched off."""
+    section = prediction_settings(job)
+    if section is None:
+        return {}
+    # with the sampler, which takes a second to import
+    from aero_bayes.posterior.crossvalidation import leave_one_recording_out, time_ordered_scores
+
+    opener = partial(open_simulator, engine=job.engine, workers=job.options.workers)
+    rng = np.random.default_rng([job.options.seed, 7])
+    entry: Json = {}
+    try:
+        with threadpool_limits(limits=1, user_api="blas"):
+            left_out = leave_one_recording_out(
+                found, opener, rng, draws=DRAWS, progress=progress, time_limit=section.max_seconds
+            )
+            entry["recordings"] = {one.recording: one.to_dict() for one in left_out}
+            ordered = time_ordered_scores(
+                found, opener, rng, blocks=section.stretches, first=max(1, round(INITIAL_SHARE * section.stretches)),
+                draws=STRETCH_DRAWS, refits=bool(section.refits), progress=progress,
+            )  # fmt: skip
+            entry["stretches"] = ordered.to_dict()
+    except CannotFinishError as error:
+        entry["note"] = f"not completed: {error}"
+    missing = [r.name for r in job.recordings if r.name not in entry.get("recordings", {})]
+    if missing and "note" not in entry:
+        entry["note"] = f"{', '.join(missing)} not predicted: the time limit of {section.max_seconds:g} s was reached"
+    return {"prediction": entry}
+
+
+def run_fit(files: Sequence[Path], options: RunOptions) -> None:
+    """Run ``aero-bayes fit``: PSO, then bounded local search."""
+    began = time.perf_counter()
+    job = open_job(files, options)
+    with resumable(job, "fit") as checkpoint:
+        with ProgressBar(options.quiet) as progress:
+            found = fit_job(job, progress, checkpoint)
+            checks = _checks(job, found, progress)
+        result, series = fit_part(job, found)
+        _finish(job, "fit", began, [result, checks], series, found, _calibrated(job, found))
+
+
+def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
+    """Run ``aero-bayes posterior``: fit, then MCMC."""
+    began = time.perf_counter()
+    job = open_job(files, options)
+    with resumable(job, "posterior") as checkpoint:
+        with ProgressBar(options.quiet) as progress:
+            found = fit_job(job, progress, checkpoint)
+            checks = _checks(job, found, progress)
+            posterior = _sample(job, found, progress, checkpoint)
+        result, series = fit_part(job, found)
+        sampled, bands = _posterior_part(posterior)
+        result = merge(result, sampled, checks)
+        _finish(job, "posterior", began, [result], series | bands, found, _calibrated(job, found))
+
+
+def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
+    """Run ``aero-bayes close-loop``: find the effect that the model lacks, and the error before and after."""
+    began = time.perf_counter()
+    job = open_job(train, options, tests=test, loop=True)
+    with resumable(job, "close-loop") as checkpoint:
+        values: Json = {}
+        with ProgressBar(options.quiet) as progress:
+            if job.values:
+                found = fit_job(job, progress)
+                job, values = with_chosen_values(job, found), {"fit": {"values": [t.to_dict() for t in found.trials]}}
+            loop = run_loop(job, progress)
+            posterior = _sample(job, loop.after, progress, checkpoint) if options.posterior else None
+        result, series = _loop_page_parts(job, loop)
+        if posterior is not None:
+            sampled, bands = _posterior_part(posterior)
+            result, series = merge(result, sampled), series | bands
+        _finish(job, "close-loop", began, [result, values], series, loop.after, loop.calibrated)
+
+
+def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
+    """Run all stages on one page, as plain ``make`` does: fit, closed loop, posterior of the final model."""
+    began = time.perf_counter()
+    job = open_job(files, options, tests=tests)
+    if job.modelica:
+        loop_settings(job)
+    with resumable(job, "all") as checkpoint:
+        with ProgressBar(options.quiet) as progress:
+            base = fit_job(job, progress, checkpoint)
+            job = with_chosen_values(job, base)
+            # With listed values the model of the job may be another class than that of the fit.
+            loop = run_loop(job, progress, None if base.trials else base) if job.modelica else None
+            final = extended_job(job, loop) if loop is not None else job
+            found = base if final is job else fit_job(final, progress, checkpoint, again=True)
+            checks = _checks(final, found, progress)
+            posterior = _sample(final, found, progress, checkpoint)
+        result, series = fit_part(final, found)
+        sampled, bands = _posterior_part(posterior)
+        result = merge(result, sampled, checks)
+        series = series | bands
+        if loop is None:
+            _finish(final, "all", began, [result], series, found, _calibrated(final, found))
+            return
+        story = loop_part(job, loop)
+        series = loop_series(job, loop) | measured_series(job.tests) | series
+        parts = [result, {key: story[key] for key in ("loop", "words")}]
+        _finish(final, "all", began, parts, series, found, _calibrated(final, found))
+
+
+def run_check(files: Sequence[Path], config_path: Path | None) -> None:
+    """Run ``aero-bayes check``: summarise every recording; all are read before the first is printed."""
+    config = load_config(config_path)
+    name, fmu = which_model(config, RunOptions(Path()))
+    declared = declaration_of(name, config.model.sources)
+    model = None if declared.systems else built_model(config, name, fmu)
+    layout = layout_of(config, model.declared if model is not None else declared, model)
+    if config_path is None:
+        check_default(files, layout)
+    recordings = recordings_of(config, files, layout)
+    tell_notes(recordings)
+    if model is not None:
+        check_plausible(recordings, model)
+    summaries = [summarise(recording) for recording in recordings]
+    click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
+
+
+def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None, *, again: bool = False) -> Fit:
+    """Fit a job; ``again`` starts a local fit from the start values, without a swarm."""
+    settings = fit_settings(job)
+    if not job.parameters:
+        known = sorted(v.name for v in job.model.parameters)
+        raise InputError(
+            f"model {job.model.name} declares no parameters to fit: name them, "
+            f"e.g. [parameters.{next(iter(known), 'p')}] with free = true"
+        )
+    return fit(
+        job.recordings,
+        job.model,
+        parameters=job.parameters,
+        settings=replace(settings, method="local") if again else settings,
+        seed=job.options.seed,
+        workers=job.options.workers,
+        progress=progress,
+        checkpoint=checkpoint,
+    )
+
+
+def _sample(job: Job, found: Fit, progress: ProgressBar, checkpoint: Checkpoint) -> Posterior:
+    from aero_bayes.posterior.sample import sample
+
+    posterior = sample(
+        found,
+        settings=sample_settings(job),
+        seed=job.options.seed,
+        workers=job.options.workers,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+    posterior.save(job.options.out / "posterior.nc")
+    return posterior
+
+
+def _checks(job: Job, found: Fit, progress: ProgressBar) -> Json:
+    """Compute profiles of doubtful parameters, and how well the recordings predict each other."""
+    return merge(profile_part(job, found, progress), prediction_part(job, found, progress))
+
+
+def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
+    start = preamble(job, "fit")
+    result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
+    for entry in result["recordings"]:
+        entry["rms"] = dict(found.rms_by_recording.get(entry["name"], {}))
+    used = [{r.name: r for r in found.calibration.data.recordings}.get(r.name, r) for r in job.recordings]
+    series = measured_series(used) | unfitted_series(job.read or job.recordings, used)
+    series |= fitted_series(found)
+    names = [state.name for state in found.calibration.model.states]
+    states = dict(zip(found.calibration.data.names, found.states, strict=False))
+    return result, series | state_series(names, states)
+
+
+def _loop_page_parts(job: Job, loop: LoopResult) -> tuple[Json, Series]:
+    given = (*job.recordings, *job.tests)
+    series = measured_series(given) | unfitted_series(job.read, given) | loop_series(job, loop)
+    return merge(preamble(job, "close-loop"), loop_part(job, loop)), series
+
+
+def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
+    bands = posterior.predictive
+    return posterior.to_dict(), band_series(
+        posterior.calibration.data.names, posterior.fit.outputs, [b.lower for b in bands], [b.upper for b in bands]
+    )
+
+
+def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
+    """Return the model with all values of a fit; none where it came as an FMU."""
+    return found.calibrated if job.modelica else None
+
+
+def _finish(
+    job: Job,
+    command: str,
+    began: float,
+    parts: Sequence[Json],
+    series: Series,
+    fit: Fit,
+    calibrated: CalibratedModel | None,
+) -> None:
+    """Write the run directory and print its place; then the fitted model for other tools."""
+    out = job.options.out
+    result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
+    page, told = _page(job, result, series)
+    for line in (words.verdict(told).text, "", *parameter_lines(told.parameters), "", words.checks_line(told)):
+        click.echo(words.plain(line))
+    if result.get("fit", {}).get("values"):
+        click.echo(values_line(result["fit"]["values"]))
+    click.echo(f"wrote {out / 'result.json'} and {page}")
+    named = calibrated.name.rpartition(".")[2] if calibrated is not None else f"{Path(job.name).stem}_fitted"
+    script = re.sub(r"\W", "_", named)
+    made = [fit.to_matlab(out / f"{script}.m")]
+    if calibrated is not None:
+        # what is written must compile: the FMU is made first
+        try:
+            fmu = calibrated.export_fmu(out / f"{calibrated.name}.fmu")
+        except InputError as error:
+            click.echo(f"note: no model with the fitted values is written: {error}", err=True)
+        else:
+            made[:0] = [calibrated.write(out), fmu]
+    click.echo(f"wrote {join_names([str(path) for path in made])}: all fitted values, for other tools")
+
+
+def _page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
+    """Write the files of a run and draw its page; return the page, and what it tells."""
+    out = job.options.out
+    # Result and page stand together or not at all, also where the disk is full: both are made beside, then moved.
+    with TemporaryDirectory(dir=out, prefix=".run-") as beside:
+        made = Path(beside)
+        if (posterior := out / "posterior.nc").is_file():
+            os.link(posterior, made / posterior.name)
+        write_series(made, only_measured(series))
+        told = RunJson.model_validate(plain(result | context_part(job, result)))
+        told = told.model_copy(update={"verdict": words.verdict(told)})
+        write_result(made, told)
+        page = write_run_page(made)
+        for name in ("series.npz", "result.json", page.name):
+            (made / name).replace(out / name)
+    return out / page.name, told
+
+
+def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
+    """Write the folder of a fit, a posterior or a loop that no command made: what a command writes; return the page."""
+    fit = found if isinstance(found, Fit) else found.before if isinstance(found, LoopResult) else found.fit
+    calibration, model = fit.calibration, fit.calibration.model
+    source = model.source or ModelicaSource(model.name)
+    config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
+    job = Job(
+        RunOptions(folder), config, source.name, model.source is not None, model, calibration.data.recordings, (),
+        calibration.parameters, dict(calibration.simulated.fixed),
+    )  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    if isinstance(found, LoopResult):
+        known = found.recordings
+        job = job if known is None else replace(job, recordings=known.train, tests=known.test)
+        if found.modelica_path:  # the diagram of the extended model is drawn from its file
+            (folder / found.modelica_path).write_text(found.modelica, encoding="utf-8")
+        result, series = _loop_page_parts(job, found)
+    else:
+        result, series = fit_part(job, fit)
+        if not isinstance(found, Fit):
+            sampled, bands = _posterior_part(found)
+            result, series = merge(result, sampled, {"command": "posterior"}), series | bands
+            found.save(folder / "posterior.nc")
+    return _page(job, result, series)[0]

@@ -1,0 +1,246 @@
+"""``aero-bayes design``: the next experiment, as a signal to play, and what is expected of it."""
+
+from __future__ import annotations
+
+import difflib
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from aero_bayes.commands.commands import fit_job, fit_part
+from aero_bayes.commands.context import context_part, resumable
+from aero_bayes.commands.job import Job, RunOptions, open_job, which_model
+from aero_bayes.commands.loop import fit_settings
+from aero_bayes.config import load_config
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.information import Limits
+from aero_bayes.estimate.propose import Design, ProposedInput, default_limits, propose_experiment
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.separation import Separation, expected_outputs, separating_experiment
+from aero_bayes.estimate.signal_search import SearchSettings
+from aero_bayes.progress import ProgressBar
+from aero_bayes.report.page import write_run_page
+from aero_bayes.report.results import merge, write_result, write_series
+from aero_bayes.report.series import Series, only_measured
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.model import Model
+from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
+
+Json = dict[str, Any]
+
+#: The signal to play, in the run's folder.
+SIGNAL_FILE = "next_experiment.csv"
+#: Starting values tried for a rival effect's parameters, at most.
+MAX_STARTS = 4
+
+
+@dataclass(frozen=True)
+class DesignOptions:
+    """What the experiment is for and what the rig allows.
+
+    ``aim`` names parameters, by default the weak ones; ``separate`` two effects."""
+
+    aim: tuple[str, ...] = ()
+    separate: tuple[str, str] | None = None
+    duration: float = 30.0
+    rate_hz: float | None = None
+    amplifier: float | None = None
+    travel: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Two effects to tell apart."""
+
+    first: str
+    second: str
+
+
+def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions) -> None:
+    """Fit, propose the experiment, and write signal, result and page."""
+    began = time.perf_counter()
+    Limits(1.0 if wanted.amplifier is None else wanted.amplifier, dict(wanted.travel or {}))
+    rivals = _rivals(wanted, options)
+    job = open_job(files, options)
+    _check_request(job, wanted, rivals)
+    with resumable(job, "design") as checkpoint:
+        with ProgressBar(options.quiet) as progress:
+            base = fit_job(job, progress, checkpoint)
+            limits = _limits(base, wanted)
+            part, plan, signal = (
+                _narrow(job, base, limits, wanted, progress)
+                if rivals is None
+                else _separate(job, base, rivals, limits, wanted, progress)
+            )
+        result, series = fit_part(job, base)
+        closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
+        write_series(options.out, only_measured(series) | plan)
+        signal.write_csv(options.out / SIGNAL_FILE)
+        result = merge(result, part, closing)
+        result |= context_part(job, result)
+        write_result(options.out, result)
+        page = write_run_page(options.out)
+        click.echo(result["verdict"]["text"].replace("`", ""))
+        click.echo(f"wrote {options.out / SIGNAL_FILE}, {options.out / 'result.json'} and {page}")
+
+
+def _narrow(
+    job: Job, base: Fit, limits: Limits, wanted: DesignOptions, progress: ProgressBar
+) -> tuple[Json, Series, ProposedInput]:
+    """Return the experiment for parameters."""
+    design = propose_experiment(
+        base, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, targets=wanted.aim or None,
+        settings=_effort(job), workers=job.options.workers, progress=progress,
+    )  # fmt: skip
+    found = design.to_dict() | {"kind": "narrow", "file": SIGNAL_FILE, "unit": design.unit}
+    return {"design": found, "verdict": _narrow_verdict(design)}, _plan(design, {"expected": base}, job), design
+
+
+def _effort(job: Job) -> SearchSettings:
+    return SearchSettings(seed=job.options.seed, engine=job.engine)
+
+
+def _separate(
+    job: Job, base: Fit, rivals: Rivals, limits: Limits, wanted: DesignOptions, progress: ProgressBar
+) -> tuple[Json, Series, ProposedInput]:
+    """Return the experiment for two effects."""
+    section, ids = job.config.model, (rivals.first, rivals.second)
+    folder, narrowed = job.options.out / "fmu", CandidateFilter(effects=ids)
+    family = ModelicaFamily(LawPlaces(job.name, section.sources, section.libraries, narrowed), folder)
+    family.prepare(base.calibration, base.optimum, open_simulator)
+    first, of_first = _with_effect(job, base, family, rivals.first, progress)
+    second, of_second = _with_effect(job, base, family, rivals.second, progress)
+    apart = separating_experiment(
+        first, second, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, settings=_effort(job),
+        workers=job.options.workers, progress=progress,
+    )  # fmt: skip
+    found = apart.to_dict() | {
+        "kind": "separate",
+        "file": SIGNAL_FILE,
+        "unit": base.calibration.model.units[apart.input],
+        "effects": [rivals.first, rivals.second],
+        "log_posterior_now": [first.log_posterior, second.log_posterior],
+        "models": [_effect_entry(rivals.first, first, of_first), _effect_entry(rivals.second, second, of_second)],
+    }
+    plan = _plan(apart, {rivals.first: first, rivals.second: second}, job)
+    words = {id_: family.describe(id_) for id_ in ids}
+    return {"design": found, "verdict": _separate_verdict(rivals, apart), "words": words}, plan, apart
+
+
+def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
+    """Return an effect as it was fitted to the recordings at hand."""
+    table = found.parameters
+    parameters = {own: table[own].to_dict() for own in names if own in table}
+    return {"id": name, "model": found.calibration.model.name, "parameters": parameters}
+
+
+def _with_effect(
+    job: Job, base: Fit, family: ModelicaFamily, name: str, progress: ProgressBar
+) -> tuple[Fit, list[str]]:
+    """Return the base model with an effect, written, built and fitted, and the names of the effect's parameters."""
+    own = [p.name for p in family.parameters(name)]
+    rows = family.starts(name) or (tuple(p.start for p in family.parameters(name)),)
+    tried = [dict(zip(own, row, strict=True)) for row in rows]
+    written = family.extend([name], tried[0], job.options.out)
+    here = {old: new for pairs in written.names.values() for old, new in pairs}
+    values = [float(base[p.name]) if p.name in base else p.start for p in job.parameters]
+    found: list[Fit] = []
+    for k, row in enumerate(tried[:: max(1, -(-len(tried) // MAX_STARTS))]):
+        progress(f"fit with {name}", k / MAX_STARTS, "")
+        starts = {here[n]: v for n, v in row.items()}
+        started = [
+            replace(p, start=min(max(starts.get(p.name, p.start), p.lower), p.upper)) for p in written.parameters
+        ]
+        found.append(
+            fit(
+                job.recordings,
+                written.model,
+                parameters=job.parameters.with_start(np.array(values)).extended(started),
+                settings=replace(fit_settings(job), method="local"),
+                seed=job.options.seed,
+                workers=job.options.workers,
+            )
+        )
+    return max(found, key=lambda candidate: candidate.log_posterior), [here[n] for n in own]
+
+
+def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) -> Series:
+    """Return ``plan/...``: the signal and the prediction of each model."""
+    series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
+    for label, found in models.items():
+        seen = expected_outputs(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
+        for k, output in enumerate(seen.outputs):
+            series[f"plan/middle/{label}/{output}"] = seen.middle[:, k]
+            series[f"plan/lower/{label}/{output}"] = seen.lower[:, k]
+            series[f"plan/upper/{label}/{output}"] = seen.upper[:, k]
+    return series
+
+
+def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
+    """Return which effects to tell apart, if any."""
+    if wanted.separate is None:
+        return None
+    if wanted.aim:
+        raise InputError("--aim and --separate exclude each other: give one of them")
+    config = load_config(options.config)
+    name, fmu = which_model(config, options)
+    if fmu is None:
+        every = LawPlaces(name, config.model.sources, config.model.libraries).candidates
+        known = [candidate.id for candidate in every]
+    else:
+        known = list(Model.load(fmu).declared.effects)
+    first, second = wanted.separate
+    for id_ in wanted.separate:
+        if id_ not in known:
+            near = difflib.get_close_matches(id_, known, n=1, cutoff=0.0)
+            raise InputError(f"--separate: unknown effect {id_!r}; did you mean {', '.join(near) or 'none'}?")
+    if first == second:
+        raise InputError(f"--separate {first} {second}: expected two different effects")
+    return Rivals(first, second)
+
+
+def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> None:
+    """Check the request before the first simulation."""
+    known = {v.name for v in job.model.outputs}
+    for name in wanted.travel or ():
+        if name not in known:
+            raise InputError(f"--travel {name}: model {job.name} has no such output; it has {', '.join(sorted(known))}")
+    for name in wanted.aim:
+        if name not in job.parameters:
+            raise InputError(f"--aim {name}: no parameter of the fit; it has {', '.join(job.parameters.names)}")
+    if rivals is not None and not job.modelica:
+        raise InputError(f"{job.model.path}: effects are written into Modelica source; --model must name a class")
+    rate = wanted.rate_hz or job.recordings[0].rate_hz
+    if not wanted.duration * rate >= 10.0:
+        raise InputError(f"an experiment of {wanted.duration:g} s at {rate:g} Hz has fewer than ten samples")
+
+
+def _limits(base: Fit, wanted: DesignOptions) -> Limits:
+    usual = default_limits(base)
+    return Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})})
+
+
+def _narrow_verdict(design: Design) -> Json:
+    aimed = design.targets
+    names = ", ".join(f"`{name}`" for name in aimed) if len(aimed) <= 4 else f"{len(aimed)} parameters"
+    text = f"{design.in_words} would make the intervals of {names} {design.gain:.1f} times narrower."
+    return {"level": "good" if design.gain > 1.1 else "warning", "text": text}
+
+
+def _separate_verdict(rivals: Rivals, apart: Separation) -> Json:
+    pair = f"`{rivals.first}` and `{rivals.second}`"
+    if apart.log_evidence < 1.0:
+        return {
+            "level": "warning",
+            "text": f"No experiment within these limits that was tried would tell {pair} apart.",
+        }
+    expected = f"The expected difference in log-evidence is {apart.log_evidence:.3g}."
+    text = f"{apart.in_words} would tell {pair} apart. {expected}"
+    return {"level": "good" if apart.log_evidence > 3.0 else "warning", "text": text}

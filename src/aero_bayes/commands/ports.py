@@ -1,0 +1,301 @@
+"""``aero-bayes ports``: where an effect may be missing in a model, which laws fit, and whether the data show it."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from aero_bayes.arrays import FloatArray
+from aero_bayes.commands.commands import fit_job
+from aero_bayes.commands.job import RunOptions, open_job, which_model, without_units
+from aero_bayes.config import load_config
+from aero_bayes.data.noise import noise_floors, output_noise_floor
+from aero_bayes.display import with_unit
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.objective import Objective, objective_of
+from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.priors import Uniform
+from aero_bayes.estimate.result import Fit
+from aero_bayes.files import ScratchFolder
+from aero_bayes.loop.extend import Limit, limits_of
+from aero_bayes.loop.models import ModelSource
+from aero_bayes.loop.search import Control, Library, Search
+from aero_bayes.modelica.compose import add_parameter, equate
+from aero_bayes.modelica.embedded import export_flat
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.library_view import path_in_library
+from aero_bayes.modelica.syntax import Call, Expression, Name, Number
+from aero_bayes.parallel import ParallelMap
+from aero_bayes.progress import ProgressBar
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.balance import Port, PortKind, port_table, signal_expression
+from aero_bayes.structure.compose import with_probes
+from aero_bayes.structure.fmu_family import FmuPlaces
+from aero_bayes.structure.law import SIGNAL_DEFAULTS
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
+from aero_bayes.structure.nominal_values import NOMINAL_QUANTILE, port_nominals
+from aero_bayes.structure.placed_law import describe_law, identifier
+
+PortRow = dict[str, Any]
+
+#: What a probe has the size of, by the name that laws know it by.
+PROBE_SIZES: Mapping[PortKind, str] = {
+    "input": "u_n", "output": "u_n", "reading": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n",
+}  # fmt: skip
+#: The response of a port is the change of the outputs, in standard deviations of noise, to a probe as large as all else
+#: at the port. Responses from which a term counts as barely visible, and as visible.
+MIN_BARELY_VISIBLE_RESPONSE, MIN_VISIBLE_RESPONSE = 3.0, 30.0
+RESPONSE_NOTE = (
+    "response: change of the outputs, in standard deviations of their noise, by a term as large as all else at "
+    "the port, less what the free parameters imitate.\n"
+    f"visible in these data: yes from {MIN_VISIBLE_RESPONSE:g}, barely from {MIN_BARELY_VISIBLE_RESPONSE:g}.\n"
+    "limits: the smallest size of each law, a value of its first parameter, that would be named beside what the model "
+    "leaves now."
+)
+#: Share of a signal's size over which what changes with its direction changes.
+TRANSITION_SHARE = 0.1
+
+
+def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
+    """Print the ports of a model; with recordings, whether an effect there would be visible."""
+    with ScratchFolder() as scratch:
+        rows = _rows(RunOptions(scratch / "run", model, config, quiet=True), data)
+    click.echo(json.dumps(rows, indent=2) if as_json else _as_table(rows))
+    if data and not as_json:
+        click.echo(RESPONSE_NOTE)
+
+
+def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
+    config = load_config(options.config)
+    name, fmu = which_model(config, options)
+    if fmu is not None:
+        if data:
+            raise InputError(f"{fmu}: --data needs the Modelica source of the model, not an FMU")
+        around = FmuPlaces(fmu.stem, config.model.sources, config.model.libraries, fmu=fmu)
+        around.check()
+        if without := without_units(around.inner):
+            click.echo(f"note: {without}", err=True)
+        return port_table(around.ports)
+    places = LawPlaces(name, config.model.sources, config.model.libraries)
+    if not places.declared.effects:
+        return _model_ports(places, options, data)
+    if data:
+        raise InputError(f"{name}: --data is not possible, because {places.declared.package} declares its ports")
+    named = [c for c in places.candidates if c.alias]
+    return [{"id": c.id, "port": places.port_name(c.port), "summary": describe_law(c.law, c.port)} for c in named]
+
+
+def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
+    """Return rows of :func:`~aero_bayes.structure.balance.port_table`, with recordings ``response`` and ``visible``.
+
+    ``options.out`` is where FMUs are built for the recordings' sake."""
+    rows: list[PortRow] = port_table(places.ports)
+    if data:
+        job = open_job(data, options)
+        with ProgressBar(options.quiet) as progress:
+            found = fit_job(job, progress, again=True)
+        family = ModelicaFamily(places, options.out)
+        responses = _port_responses(family, found)
+        limits = _limits(found, family)
+        for row in rows:
+            row["response"] = responses.get(row["id"])
+            row["visible"] = visibility(row["response"])
+            row["limits"] = [vars(one) for one in limits if one.port == row["id"]]
+    return rows
+
+
+def _limits(fit: Fit, family: ModelicaFamily) -> tuple[Limit, ...]:
+    """What the recordings of a fit show of each law at each port of its model, beside what the fit leaves."""
+    with WorkerPool(0) as pool:
+        open_ = partial(open_simulator, pool=pool)
+        objective = lambda own: objective_of(own, open_(own.problem()))  # noqa: E731
+        source = ModelSource(family, fit.calibration, fit.free, objective, open_, {})
+        placed = family.prepare(fit.calibration, fit.optimum, open_)
+        laws = tuple(t for t in placed if t not in family.curves())
+        floors = noise_floors(fit.calibration.data.recordings, fit.outputs)
+        control = Control(ParallelMap(pool), Counter(), lambda: False, lambda what, share: None)
+        search = Search(source, Library(laws, {}, ()), floors, control)
+        search.begin(dict(zip(fit.calibration.parameters.names, fit.values.tolist(), strict=True)))
+        search.screen((), laws)
+        search.models.close()
+        return limits_of(search, ())
+
+
+def visibility(response: float | None) -> str:
+    """Return whether the data show a term at a port: ``yes``, ``barely`` or ``no`` by its response.
+
+    ``unknown`` without."""
+    if response is None:
+        return "unknown"
+    if response >= MIN_VISIBLE_RESPONSE:
+        return "yes"
+    return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "no"
+
+
+def _port_responses(family: ModelicaFamily, found: Fit) -> dict[str, float]:
+    """Return how many standard deviations of noise a probe of each port's own size moves the outputs by.
+
+    The noise is that of the fit or that of the readings alone, whichever shows the probe more: a model that lacks an
+    effect leaves a residual that is larger and slower than what sensors add."""
+    flat = family.places.flat
+    ports = [p for p in family.places.ports if p.attachment in ("input", "output", "signal") or p.balance is not None]
+    sizes = port_nominals(flat, ports, found.calibration, found.optimum, open_simulator)
+    flat, names = _with_probes(flat, ports, sizes)
+    model = Model.load(export_flat(flat, family.folder / "probed.fmu"))
+    own = len(found.calibration.parameters)
+    probes = [_probe(name, p, sizes[p.id][PROBE_SIZES[p.kind]]) for p in ports for name in names[p.id]]
+    calibration = family.transfer(found.calibration, model)
+    calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
+    free = found.free
+    at = calibration.parameters.to_search(np.concatenate([found.values, np.zeros(len(probes))]))
+    with open_simulator(calibration.problem()) as simulator:
+        objective = Objective(calibration, simulator)
+        run = objective.evaluate(at, [*free, *range(own, own + len(probes))])
+        if run is None:
+            raise InputError(f"{family.base}: cannot be simulated with probes at its ports")
+        assert run.slopes is not None
+        late, whose = _delay_responses(objective, run.predicted, ports, sizes)
+        slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, late, strict=True))
+        noises = (found.optimum.noise, _noise_of_readings(found))
+        whitened = [objective.whiten(replace(run, slopes=slopes), noise).slopes for noise in noises]
+    left = np.max(
+        [np.linalg.norm(_orthogonal_part(rows[len(free) :], rows[: len(free)]), axis=1) for rows in whitened], axis=0
+    )
+    probed_ids = [p.id for p in ports for _ in names[p.id]] + whose
+    return {p.id: max(float(size) for id_, size in zip(probed_ids, left, strict=True) if id_ == p.id) for p in ports}
+
+
+def _noise_of_readings(found: Fit) -> dict[str, OutputNoise]:
+    """Return the noise of each output from its readings alone, the largest of all recordings.
+
+    The fit's where unknown."""
+    noise = dict(found.optimum.noise)
+    for output in noise:
+        floors = [output_noise_floor(r, output) for r in found.calibration.data.recordings if output in r.outputs]
+        largest = max((floor.at_most for floor in floors), default=0.0)
+        if largest > 0.0:
+            noise[output] = OutputNoise(largest)
+    return noise
+
+
+def _delay_responses(
+    objective: Objective,
+    predicted: Sequence[FloatArray],
+    ports: Sequence[Port],
+    sizes: Mapping[str, Mapping[str, float]],
+) -> tuple[list[FloatArray], list[str]]:
+    """Return responses to readings that come late, (q, n) a series, and the ports at which they do.
+
+    A small delay takes its time's worth of the rate from an output, as a lag does; here as much as makes the largest
+    change as large as the output."""
+    outputs = [p for p in ports if p.attachment == "output"]
+    rates = [np.gradient(y, s.sampling.time) for s, y in zip(objective.series, predicted, strict=True)]
+    rows = [np.zeros((len(outputs), rate.size)) for rate in rates]
+    for q, port in enumerate(outputs):
+        own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"]]
+        fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), NOMINAL_QUANTILE) if own else 0.0
+        for k in own if fastest > 0.0 else ():
+            rows[k][q] = -sizes[port.id][PROBE_SIZES[port.kind]] / fastest * rates[k]
+    return rows, [port.id for port in outputs]
+
+
+def _with_probes(
+    flat: FlatModel, ports: Sequence[Port], sizes: Mapping[str, Mapping[str, float]]
+) -> tuple[FlatModel, dict[str, list[str]]]:
+    """Return the model with parameters at every port whose exact sensitivities are the responses to its probes."""
+    probed, inputs = with_probes(flat, ports)
+    names: dict[str, list[str]] = {}
+    variables = tuple(replace(v, causality="local") if v.name in inputs.values() else v for v in probed.variables)
+    probed = replace(probed, variables=variables)
+    for port in ports:
+        whole: Expression = Number(0.0)
+        names[port.id] = []
+        for k, shape in enumerate(_shapes(port, sizes[port.id], inputs[port.id])):
+            name = f"{inputs[port.id]}_{k}"
+            probed = add_parameter(probed, name, 0.0, port.unit)
+            whole = Call("+", (whole, Call("*", (Name(name), shape))))
+            names[port.id].append(name)
+        probed = equate(probed, inputs[port.id], whole)
+    return probed, names
+
+
+def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Expression]:
+    """Return shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
+    found: list[Expression] = [Number(1.0)]
+    for signal, variable in port.signals.items():
+        if signal in SIGNAL_DEFAULTS:
+            continue
+        # an output as it was before the probe
+        tree = (
+            Name(f"{identifier(variable)}_without_{probe_name}")
+            if port.attachment == "output"
+            else signal_expression(variable)
+        )
+        level: Expression = tree
+        if "h_0" in sizes:
+            level = Call(
+                "-", (tree, signal_expression(port.signals["h_s"]) if "h_s" in port.signals else Number(sizes["h_0"]))
+            )
+        share = Call("/", (level, Number(sizes[f"{signal}_n"])))
+        found.append(share)
+        if port.kind == "input":
+            found.append(Call("*", (share, Call("abs", (share,)))))
+        elif signal in ("v", "i"):
+            found.append(Call("tanh", (Call("/", (share, Number(TRANSITION_SHARE))),)))
+    return found
+
+
+def _probe(name: str, port: Port, size: float) -> Parameter:
+    """Return a probe whose search coordinate runs in units of the port's size."""
+    half = 0.5 * size
+    about, target = f"probe at {port.id}", ParameterTarget(name)
+    return Parameter(name, port.unit, 0.0, -half, half, Uniform(-half, half), "linear", about, target)
+
+
+def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
+    """Return rows (q, N) less their projection onto the span of rows (k, N)."""
+    if not nuisance.size:
+        return rows
+    _, values, basis = np.linalg.svd(nuisance, full_matrices=False)
+    basis = basis[values > 1e-9 * values.max(initial=0.0)]
+    left: FloatArray = rows - (rows @ basis.T) @ basis
+    return left
+
+
+def _as_table(rows: Sequence[PortRow]) -> str:
+    """Return rows as aligned columns with a header; file and line in one, lists with spaces."""
+    shown = [_cells(row) for row in rows]
+    if not shown:
+        return "no ports"
+    table = [list(shown[0]), *(list(cells.values()) for cells in shown)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in table)
+
+
+def _cells(row: PortRow) -> dict[str, str]:
+    cells: dict[str, str] = {}
+    for key, value in row.items():
+        if key == "line":
+            continue
+        text = f"{path_in_library(value)}:{row['line']}" if key == "file" and value else value
+        if key == "limits":
+            text = ", ".join(f"{one['law']} {with_unit(format(one['smallest'], '.2g'), one['unit'])}" for one in value)
+        if key == "response":
+            text = "" if value is None else f"{value:.3g}"
+        cells[key] = " ".join(text) if isinstance(text, list) else str(text) or "-"
+    if "laws" in cells:
+        cells["laws"] = cells.pop("laws")
+    return cells

@@ -1,0 +1,215 @@
+"""Columns of a file: names, roles, units and gaps; parts of one run, and angles that wrap."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.arrays import FloatArray
+from aero_bayes.declared import ColumnSpec, PackageDeclaration
+from aero_bayes.errors import InputError
+from aero_bayes.modelica.units import TEMPERATURES, base_units, conversion, to_modelica_unit
+
+Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+#: A median absolute deviation times this is the standard deviation of a normal distribution.
+MAD_TO_SD = 1.4826
+#: Share of samples with a change above which an input moves all the time, and what is then a large step of it, in
+#: typical ones.
+MAX_CHANGE_SHARE, LARGE_STEP = 0.2, 6.0
+
+
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """Find the first and one past the last row of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def typical_step(values: FloatArray) -> float:
+    """Compute a typical change from one reading to the next: a robust one or, if that is zero, the mean."""
+    steps = np.abs(np.diff(values))
+    if steps.size == 0:
+        return 0.0
+    robust = MAD_TO_SD * float(np.median(steps))
+    return robust if robust > 0.0 else float(np.mean(steps))
+
+
+def noise_size(values: FloatArray) -> float:
+    """Estimate robustly what changes between readings, straight lines left out: noise, or little for a signal."""
+    if values.size < 3:
+        return 0.0
+    return MAD_TO_SD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6.0)
+
+
+def after_changes(inputs: Mapping[str, FloatArray], reach: int = 2) -> Mask:
+    """Mark rows from one before to ``reach`` rows after a change of an input."""
+    size = len(next(iter(inputs.values()))) if inputs else 0
+    near = np.zeros(size, dtype=bool)
+    for values in inputs.values():
+        steps = np.abs(np.diff(values))
+        # Of an input that moves all the time, only its large steps are changes.
+        often = np.count_nonzero(steps) > MAX_CHANGE_SHARE * size
+        changes = np.flatnonzero(steps > (LARGE_STEP * typical_step(values) if often else 0.0)) + 1
+        for offset in range(-1, reach + 1):
+            near[np.clip(changes + offset, 0, size - 1)] = True
+    return near
+
+
+#: Length of a gap in usual intervals. An input that holds over fewer is hardly wrong for long.
+MIN_GAP_INTERVALS = 10.0
+#: A sampling is even where this share of its intervals is within a factor of two of the usual one.
+EVEN_SHARE = 0.95
+#: Fewest samples of a part, and most parts: each has its own initial state.
+MIN_PART_ROWS, MAX_PARTS = 20, 10
+
+
+def gap_rows(time: FloatArray, inputs: Mapping[str, FloatArray]) -> Rows:
+    """Find the first rows after a gap, of the longest gaps if there are many.
+
+    A logger that writes changes only has long intervals by right, and inputs that were constant for as long before and
+    after a gap were most likely constant in it: neither counts."""
+    steps = np.diff(time)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    if usual <= 0.0 or np.mean((steps > 0.5 * usual) & (steps < 2.0 * usual)) < EVEN_SHARE:
+        return np.empty(0, dtype=np.intp)
+    rows = np.flatnonzero(steps >= MIN_GAP_INTERVALS * usual) + 1
+    rows = np.array([r for r in rows if not _held(time, inputs, int(r))], dtype=np.intp)
+    longest = rows[np.argsort(-steps[rows - 1], kind="stable")][: MAX_PARTS - 1]
+    return np.sort(longest)
+
+
+def _held(time: FloatArray, inputs: Mapping[str, FloatArray], row: int) -> bool:
+    """Return whether every input was the same for the length of a gap before it and after it."""
+    length = time[row] - time[row - 1]
+    beside = (time >= time[row - 1] - length) & (time <= time[row] + length)
+    return all(np.ptp(values[beside]) == 0.0 for values in inputs.values())
+
+
+#: A whole turn by unit of an angle.
+TURNS = {"rad": 2.0 * math.pi, "deg": 360.0, "rev": 1.0}
+#: A step of more than this share of a turn is a jump; all others must be shorter than the second share.
+MIN_JUMP, MAX_STEP = 0.6, 0.4
+#: Largest range of an angle that is counted modulo a turn, in turns.
+MAX_RANGE = 1.05
+
+
+def wrapped_rows(values: FloatArray, unit: str) -> Rows:
+    """Find rows at which an angle jumps by a whole turn; none for another quantity or an angle that does not wrap."""
+    turn = TURNS.get(unit)
+    at = np.flatnonzero(np.isfinite(values))
+    if turn is None or at.size < 3 or np.ptp(values[at]) > MAX_RANGE * turn:
+        return np.empty(0, dtype=np.intp)
+    steps = np.abs(np.diff(values[at]))
+    jumps = steps > MIN_JUMP * turn
+    if not jumps.any() or np.quantile(steps[~jumps], 0.99, method="higher") > MAX_STEP * turn:
+        return np.empty(0, dtype=np.intp)
+    # A single outlier jumps there and back; a turn is not taken back at the next reading.
+    return np.asarray(at[1:][jumps], dtype=np.intp)
+
+
+def unwrapped(values: FloatArray, unit: str) -> FloatArray:
+    """Return the angle without its jumps of a whole turn, gaps left out; radians where the unit is no angle's."""
+    found = values.copy()
+    seen = np.isfinite(values)
+    found[seen] = np.unwrap(values[seen], period=TURNS.get(unit, TURNS["rad"]))
+    return found
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """Where a signal is found in a file, and how it is converted to SI units.
+
+    The value in ``unit`` is ``(raw + offset) * scale``. It is then converted to the unit of the model."""
+
+    source: str
+    unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    counts_per_revolution: float | None = None
+    unwrap: bool = False
+
+    def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
+        """Convert raw values to the unit ``expected``, or to SI if empty. InputError for another dimension."""
+        converted = self._converted(values, column, expected)
+        return unwrapped(converted, expected) if self.unwrap else converted
+
+    def _converted(self, values: FloatArray, column: str, expected: str) -> FloatArray:
+        values = (values + self.offset) * self.scale
+        if self.unit is None:
+            return values
+        unit, turns = self.unit, 1.0
+        if unit in ("count", "count/s"):
+            if not self.counts_per_revolution or self.counts_per_revolution <= 0.0:
+                raise InputError(f"column {column}: unit {unit} needs counts_per_revolution, e.g. 2048")
+            unit, turns = "rev" + unit[5:], 1.0 / self.counts_per_revolution
+        known = base_units(to_modelica_unit(unit))
+        found = conversion(unit, expected) if expected or known is None else (known[0], 0.0)
+        if found is None:
+            if known is None and to_modelica_unit(unit) not in TEMPERATURES:
+                raise InputError(f"column {column}: unknown unit {unit!r}, expected one like {expected or 'rad/s'}")
+            raise InputError(f"column {column}: unit {self.unit} cannot become {expected or 'SI'}")
+        return values * (turns * found[0]) + found[1]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The columns that a recording of one kind of rig has.
+
+    Parameters
+    ----------
+    inputs : tuple of ColumnSpec
+        All must be in the file.
+    outputs : tuple of ColumnSpec
+        Any of them may be; at least one must.
+    rates : (float, float)
+        Plausible sample rates in Hz.
+    constants : mapping of str to float
+        Inputs without a column, and their constant values in SI units.
+
+    Examples
+    --------
+    >>> Layout.of(["F"], ["position"], {"F": "N", "position": "m"}).units
+    {'time': 's', 'F': 'N', 'position': 'm'}
+    """
+
+    inputs: tuple[ColumnSpec, ...]
+    outputs: tuple[ColumnSpec, ...]
+    rates: tuple[float, float] = (0.0, math.inf)
+    constants: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, inputs: Sequence[str], outputs: Sequence[str], units: Mapping[str, str] | None = None) -> Layout:
+        """Return a layout of names and units, without bounds on magnitudes.
+
+        Parameters
+        ----------
+        inputs, outputs : sequence of str
+            Names.
+        units : mapping of str to str, optional
+            By name.
+
+        Returns
+        -------
+        Layout
+        """
+        known = units or {}
+        return cls(
+            tuple(ColumnSpec(name, known.get(name, "")) for name in inputs),
+            tuple(ColumnSpec(name, known.get(name, "")) for name in outputs),
+        )
+
+    @classmethod
+    def declared(cls, declaration: PackageDeclaration) -> Layout:
+        """Return the columns that a package declares for its rigs."""
+        known = declaration.recording
+        return cls(tuple(known.inputs.values()), tuple(known.outputs.values()), known.rates)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI unit of every column, time included."""
+        return {"time": "s"} | {quantity.name: quantity.unit for quantity in (*self.inputs, *self.outputs)}

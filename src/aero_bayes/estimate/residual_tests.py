@@ -1,0 +1,349 @@
+"""The error of a model on each recording, fitted or not, judged by that recording's own noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import chdtrc
+
+from aero_bayes.arrays import FloatArray
+from aero_bayes.data.recording import Recording
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.measured_data import MeasuredData
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.noise_estimation import innovations, is_model_error, whiten
+from aero_bayes.estimate.objective import Series
+from aero_bayes.estimate.whiteness import (
+    FALSE_ALARM_RATE,
+    autocorrelation,
+    correlation_statistic,
+    is_rotor_speed,
+    ripple_means,
+)
+from aero_bayes.simulation.interface import SolverSettings
+
+ResidualVerdict = Literal["adequate", "structured"]
+
+#: Residual, as a share of what an output moves, up to which it is rounding, and up to which it may be the solver's
+#: error: no sensor is that good, and simulated data without noise leave less.
+ROUNDING_SHARE, SOLVER_SHARE = 1e-6, 1e-4
+#: Largest lag of the autocorrelation of a report, in samples.
+CORRELATION_LAGS = 200
+#: Ratio of a residual to the noise floor above which it is structured, regardless of the tests.
+MAX_FLOOR_RATIO = 2.0
+
+
+@dataclass(frozen=True)
+class StructureTest:
+    """A test of a residual: a chi-square statistic, its degrees of freedom, and the p-value."""
+
+    name: str
+    statistic: float
+    freedom: int
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualReport:
+    """The residual of one output of one recording.
+
+    ``autocorrelation`` is that of the residual at ``lags`` (s); ``correlations`` are with inputs and fitted states."""
+
+    recording: str
+    output: str
+    rms: float
+    noise_floor: float | None
+    noise: float
+    tests: tuple[StructureTest, ...]
+    lags: FloatArray
+    autocorrelation: FloatArray
+    correlations: Mapping[str, float]
+    worst_time: tuple[float, float]
+    worst_share: float
+    verdict: ResidualVerdict
+    exact: bool = False
+
+    @property
+    def ratio(self) -> float:
+        """Residual over the noise floor, or over the fitted noise if no floor is known."""
+        size = self.noise if self.noise_floor is None else self.noise_floor
+        return self.rms / size if size > 0.0 else math.inf
+
+    @property
+    def p_value(self) -> float:
+        """Smallest p-value of the tests, corrected for their number."""
+        return min(1.0, len(self.tests) * min((test.p_value for test in self.tests), default=1.0))
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as ``residual`` in result.json holds it."""
+        return {
+            "rms": self.rms,
+            "noise_floor": self.noise_floor,
+            "ratio": None if self.noise_floor is None else self.ratio,
+            "white": self.p_value >= FALSE_ALARM_RATE,
+            "p_value": self.p_value,
+            "verdict": self.verdict,
+            "exact": self.exact,
+            "tests": {test.name: test.p_value for test in self.tests},
+            "correlations": dict(self.correlations),
+            "worst_time": list(self.worst_time),
+            "worst_share": self.worst_share,
+        }
+
+
+def exact_level(solver: SolverSettings, series: Series) -> float:
+    """Compute the RMS residual, in the output's unit, up to which there is only rounding and the solver's error."""
+    size, moved = float(np.max(np.abs(series.measured))), float(np.ptp(series.measured))
+    error = solver.relative_tolerance * size + solver.absolute_tolerance
+    return max(ROUNDING_SHARE * moved, min(error, SOLVER_SHARE * moved))
+
+
+def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
+    """Return the reports of structured residuals."""
+    return [report for report in reports if report.verdict == "structured"]
+
+
+def reports_by_recording(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict[str, object]]]:
+    """Return reports by recording and output, as result.json holds them."""
+    table: dict[str, dict[str, dict[str, object]]] = {}
+    for report in reports:
+        table.setdefault(report.recording, {})[report.output] = report.to_dict()
+    return table
+
+
+def portmanteau_test(innovations: FloatArray, lags: int = 20) -> StructureTest:
+    """Test for autocorrelation up to ``lags``; the test holds its size when the variance changes over time."""
+    statistic, freedom = correlation_statistic(innovations, innovations, lags)
+    return StructureTest("autocorrelation", statistic, freedom, float(chdtrc(freedom, statistic)))
+
+
+def smooth_dependence_test(
+    name: str, over: FloatArray, innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray
+) -> StructureTest:
+    """Test for a smooth dependence of a residual on ``over`` (n,), such as a state or the time."""
+    low, high = float(over.min()), float(over.max())
+    if not high > low:
+        return StructureTest(name, 0.0, 0, 1.0)
+    # Half of the weight of the knots is by rank, so that most of them are where the data are.
+    knots = 0.5 * (np.linspace(low, high, 8) + np.quantile(over, np.linspace(0.0, 1.0, 8)))
+    knots = knots[np.concatenate(([True], np.diff(knots) > 1e-6 * (high - low)))]
+    basis = np.stack([np.interp(over, knots, row) for row in np.eye(knots.size)])
+    rows, _ = whiten(basis, series.sampling, noise)
+    return _chi_square(name, rows, innovations, slopes)
+
+
+def slow_variation_test(
+    innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray, waves: int = 12
+) -> StructureTest:
+    """Test for the ``waves`` slowest cosines over the recording."""
+    n = innovations.size
+    phase = np.pi * (np.arange(n) + 0.5) / n
+    rows, _ = whiten(np.cos(np.outer(np.arange(1, waves + 1), phase)), series.sampling, noise)
+    return _chi_square("slow", rows, innovations, slopes)
+
+
+def _chi_square(name: str, rows: FloatArray, innovations: FloatArray, slopes: FloatArray) -> StructureTest:
+    if slopes.size:
+        gram = slopes @ slopes.T
+        gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
+        gram[np.diag_indices_from(gram)] += 1e-12
+        rows = rows - (np.linalg.solve(gram, slopes @ rows.T).T) @ slopes
+    norms = np.linalg.norm(rows, axis=1)
+    rows = rows[norms > 1e-6 * max(float(norms.max(initial=0.0)), 1e-300)]
+    if rows.size == 0:
+        return StructureTest(name, 0.0, 0, 1.0)
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    keep = values > 1e-6 * values[-1]
+    scores = (vectors[:, keep].T @ (rows @ innovations)) / np.sqrt(values[keep])
+    statistic, freedom = float(scores @ scores), int(keep.sum())
+    return StructureTest(name, statistic, freedom, float(chdtrc(freedom, statistic)))
+
+
+def check_residuals(
+    calibration: Calibration,
+    series: Sequence[Series],
+    fit: Optimum,
+    floors: Mapping[tuple[str, str], float],
+) -> tuple[ResidualReport, ...]:
+    """Test the residual of every output of every recording."""
+    reports = []
+    units = calibration.model.units
+    for k, own in enumerate(series):
+        residual, noise, slopes = fit.evaluation.residual[k], fit.noise[own.output], fit.evaluation.slopes
+        assert slopes is not None
+        rows = np.vstack([residual[None], slopes[k]])
+        floor, size = floors.get((calibration.data.names[own.experiment], own.output)), noise.sd
+        if own.sampling.spread is not None and np.ptp(own.sampling.spread) > 0.0:
+            floor = None  # it is that of noise that is equally large at each reading
+        if fit.evaluation.sd is not None:  # a filter's innovations, whose size is not the sensor's alone
+            sd = fit.evaluation.sd[k]
+            rows, noise, floor, size = rows / sd, OutputNoise(1.0), None, float(np.sqrt(np.mean(sd**2)))
+        else:
+            rows, _ = whiten(rows, own.sampling, noise)
+        innovations, white = rows[0], rows[1:]
+        states = _states(calibration.data, series, fit, own, units)
+        turning = any(
+            s.experiment == own.experiment and is_rotor_speed(s.measured, units.get(s.output, "")) for s in series
+        )
+        tests = [
+            portmanteau_test(ripple_means(innovations, own.sampling.interval) if turning else innovations),
+            slow_variation_test(innovations, own, noise, white),
+        ]
+        tests += [smooth_dependence_test(name, over, innovations, own, noise, white) for name, over in states.items()]
+        rms = float(np.sqrt(np.mean(residual**2)))
+        worst = min(1.0, len(tests) * min(test.p_value for test in tests))
+        exact = rms <= exact_level(calibration.simulated.solver, own)
+        beyond = floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300)
+        longest = max(s.sampling.duration for s in series if s.output == own.output)
+        lasting = is_model_error(noise, longest)
+        structured = not exact and (worst < FALSE_ALARM_RATE or beyond or lasting)
+        acf = autocorrelation(residual, CORRELATION_LAGS)
+        lags = own.sampling.interval * np.arange(acf.size, dtype=np.float64)
+        window, share = _worst_window(own.sampling.time, innovations)
+        correlations = {name: _correlation(residual, over) for name, over in states.items()}
+        reports.append(
+            ResidualReport(
+                calibration.data.names[own.experiment], own.output, rms, floor, size, tuple(tests), lags, acf,
+                correlations, window, share, "structured" if structured else "adequate", exact,
+            )
+        )  # fmt: skip
+    return tuple(reports)
+
+
+def _states(
+    data: MeasuredData, series: Sequence[Series], fit: Optimum, own: Series, units: Mapping[str, str]
+) -> dict[str, FloatArray]:
+    """Compute fitted outputs, derivatives of outputs that are positions, and inputs, at the samples of one output.
+
+    An input has its value just before the sample: a controller computes the next value from the reading and its noise.
+    So have the outputs of a filter, whose predictions follow the readings."""
+    states: dict[str, FloatArray] = {}
+    time, filtered = own.sampling.time, fit.evaluation.sd is not None
+    for k, other in enumerate(series):
+        if other.experiment != own.experiment:
+            continue
+        there, predicted = other.sampling.time, fit.evaluation.predicted[k]
+        level = _until(time, there, predicted) if filtered else np.interp(time, there, predicted)
+        states[other.output] = level
+        if units.get(other.output) in ("rad", "m"):
+            rate = np.gradient(level, time)
+            if filtered:
+                rate[1:] = np.diff(level) / np.diff(time)
+                rate[0] = rate[1]
+            states[f"der({other.output})"] = rate
+    for signal in data.experiments[own.experiment].inputs:
+        states[signal.name] = _until(time, signal.time, signal.values)
+    return states
+
+
+def _until(time: FloatArray, there: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the last of some values before each time."""
+    return values[np.clip(np.searchsorted(there, time, side="left") - 1, 0, there.size - 1)]
+
+
+def _correlation(a: FloatArray, b: FloatArray) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    norm = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / norm if norm > 0.0 else 0.0
+
+
+def _worst_window(time: FloatArray, innovations: FloatArray, parts: int = 10) -> tuple[tuple[float, float], float]:
+    edges = np.linspace(time[0], time[-1], parts + 1)
+    energy = np.histogram(time, edges, weights=innovations**2)[0]
+    worst = int(np.argmax(energy))
+    return (float(edges[worst]), float(edges[worst + 1])), float(energy[worst] / max(float(energy.sum()), 1e-300))
+
+
+Verdict = Literal["noise", "structured", "too large"]
+#: Error over noise above which it is too large: then more than two fifths of its square are no noise.
+MAX_RATIO = 1.3
+#: Least autocorrelation, at any of the lags that are tested, of a residual with structure: with many readings a
+#: dependence that nobody would see in a plot fails the test, too.
+MIN_CORRELATION, LAGS = 0.1, 20
+#: Fewest readings that are judged.
+MIN_READINGS = 16
+
+Role = Literal["train", "test"]
+Fitted = Mapping[tuple[str, str], FloatArray]
+#: A recording, its role, and from when and until when (s) it counts.
+JudgedPart = tuple[Recording, Role, float | None, float | None]
+
+
+@dataclass(frozen=True)
+class RecordingError:
+    """Error of one output in one recording (RMS, SI) before and after; ``begin`` is where a part of it begins, in s.
+
+    ``noise`` is that of this recording, or, where it cannot be told from the readings, that of the fit
+    (``noise_known`` is false). ``verdict`` and ``p_value`` (of a white residual) are of the model that came out."""
+
+    recording: str
+    role: Role
+    output: str
+    before: float | None
+    after: float
+    noise: float
+    noise_known: bool
+    p_value: float
+    verdict: Verdict
+    begin: float | None = None
+
+    @property
+    def ratio(self) -> float:
+        return self.after / self.noise if self.noise > 0.0 else math.inf
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as ``errors`` in result.json holds it."""
+        return {**asdict(self), "ratio": self.ratio}
+
+
+def recording_errors(
+    recordings: Sequence[JudgedPart],
+    before: Fitted | None,
+    after: Fitted,
+    floors: Mapping[tuple[str, str], float],
+    noise: Mapping[str, OutputNoise],
+) -> tuple[RecordingError, ...]:
+    """Judge models by each recording, or part of one.
+
+    ``before`` and ``after`` hold the outputs of the models on all samples, by recording and output, ``floors`` the
+    noise that is known."""
+    found = []
+    for recording, role, begin, end in recordings:
+        within = (recording.time >= (-math.inf if begin is None else begin)) & (
+            recording.time < (math.inf if end is None else end)
+        )
+        for output, fitted in ((o, y) for (name, o), y in after.items() if name == recording.name):
+            residual = np.where(within, recording.outputs[output] - fitted, np.nan)
+            if np.isfinite(residual).sum() < MIN_READINGS:
+                continue
+            before_it = None if before is None else before[recording.name, output]
+            was = None if before_it is None else _rms(np.where(within, recording.outputs[output] - before_it, np.nan))
+            floor = floors.get((recording.name, output))
+            size = noise[output].sd if floor is None else floor
+            p_value, structured = _whiteness(recording, output, residual, noise[output])
+            rms = _rms(residual)
+            verdict: Verdict = "too large" if rms > MAX_RATIO * size else "structured" if structured else "noise"
+            found.append(
+                RecordingError(recording.name, role, output, was, rms, size, floor is not None, p_value, verdict, begin)
+            )
+    return tuple(found)
+
+
+def _rms(residual: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(residual**2)))
+
+
+def _whiteness(recording: Recording, output: str, residual: FloatArray, noise: OutputNoise) -> tuple[float, bool]:
+    """Return the p-value of a white residual, and whether its correlation can be seen as well."""
+    white = innovations(recording.time, residual, noise)
+    white = white[np.isfinite(white)]
+    if is_rotor_speed(recording.outputs[output], recording.units.get(output, "")):
+        white = ripple_means(white, float(np.median(np.diff(recording.time))))
+    p_value = portmanteau_test(white, LAGS).p_value
+    seen = float(np.abs(autocorrelation(white, LAGS)[1:]).max(initial=0.0))
+    return p_value, p_value < FALSE_ALARM_RATE and seen > MIN_CORRELATION

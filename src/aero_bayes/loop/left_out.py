@@ -1,0 +1,183 @@
+"""Squared errors on readings that were left out: the one measure by which structures are compared.
+
+All structures are held against the same blocks of readings. One Newton step, simulated, ranks all of them; it is wrong
+where a block decides a parameter, so what the decision hangs on is fitted again without each block.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.arrays import FloatArray
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.laplace import MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.objective import Objective, Series
+from aero_bayes.loop.models import FittedModel
+
+Readings = NDArray[np.int_]
+
+#: Blocks of time that are left out in turn, and those of few readings, of which less is clear and a fit costs less.
+#: Fewer say nothing of the spread, more cost a fit each.
+BLOCKS, MORE_BLOCKS, FEW_READINGS = 10, 20, 2000
+#: Recordings from which on whole ones are left out: of two, the one that is left says too little alone.
+MIN_WHOLE_RECORDINGS = 3
+#: Error that counts as none, as a share of an output's range: the accuracy of the solver in a search.
+ROUNDING_SHARE = 1e-5
+#: Rise of what the other readings leave with a Newton step, above which the step says nothing.
+MAX_RISE = 1.05
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """The readings (columns of the whitened slopes) that are left out in turn, the same for all structures.
+
+    ``owner`` (N,) is the output of each reading, ``least`` (m,) the squared error that counts as none."""
+
+    outputs: tuple[str, ...]
+    folds: tuple[Readings, ...]
+    owner: Readings
+    least: FloatArray
+    whole: bool
+
+    @classmethod
+    def of(cls, first: FittedModel) -> Blocks:
+        """Cut the readings so that the parameters of the first model do not hang on one block.
+
+        Blocks of time hold equal shares of readings and of leverage. Of three recordings each is one block."""
+        objective, calibration = first.model.objective, first.model.objective.calibration
+        series, free = objective.series, first.optimum.free
+        recordings = sorted({s.experiment for s in series})
+        whole = len(recordings) >= MIN_WHOLE_RECORDINGS
+        leverage = LinearisedFit.of(first.optimum, objective.parameters, range(len(free))).leverage
+        leverage = leverage if np.all(np.isfinite(leverage)) else np.zeros(objective.readings)
+        blocks = MORE_BLOCKS if objective.readings <= FEW_READINGS else BLOCKS
+        count = max(blocks // len(recordings), 1)
+        folds: list[Readings] = []
+        for cells in blocks_of_time(series, leverage, count, MIN_BLOCK_READINGS):
+            folds += [np.concatenate(cells)] if whole else cells
+        outputs = objective.outputs
+        owner = np.repeat([outputs.index(s.output) for s in series], [s.sampling.size for s in series])
+        scale = [float(calibration.data.scale[calibration.data.outputs.index(o)]) for o in outputs]
+        least = np.bincount(owner, minlength=len(outputs)).astype(np.float64) * np.square(
+            ROUNDING_SHARE * np.array(scale)
+        )
+        return cls(outputs, tuple(folds), owner, least, whole)
+
+    def sums(self, residual: FloatArray, readings: Readings | None = None) -> FloatArray:
+        """Sums of squares (m,) by output of a whitened residual (N,), of some readings or all."""
+        own = slice(None) if readings is None else readings
+        with np.errstate(over="ignore"):  # a prediction may grow without bounds: its error is infinite
+            return np.asarray(np.bincount(self.owner[own], residual[own] ** 2, len(self.outputs)), dtype=np.float64)
+
+    def score(self, residual: FloatArray, noise: FloatArray) -> float:
+        """Sum over outputs of the logarithm of the error of a residual (N,) in units of a noise (m,)."""
+        squares = np.maximum(self.sums(residual) * noise**2, np.maximum(self.least, 1e-300))
+        return float(np.sum(0.5 * np.log(squares)))
+
+    def on_fitted(self, fitted: FittedModel) -> float:
+        """Score of a fit on the readings that it was fitted to."""
+        return self.score(fitted.optimum.whitened.residual, fitted.noise)
+
+    def moving(self, fitted: FittedModel) -> list[int]:
+        """Places among the free columns of those that move when a block is left out.
+
+        Initial values and delays of a recording stay where it is left out whole: nothing else determines them."""
+        items = fitted.model.objective.parameters.items
+        return [k for k, j in enumerate(fitted.optimum.free) if not self.whole or items[j].recording is None]
+
+
+def newton_errors(fitted: FittedModel, blocks: Blocks) -> FloatArray:
+    """Squared errors (blocks, m) of each block, predicted after one Newton step without it.
+
+    Where the step leaves more of the other readings than the fit to all does, the errors of the fit stand."""
+    optimum, objective = fitted.optimum, fitted.model.objective
+    residual, found = optimum.whitened.residual, []
+    for fold, row in zip(blocks.folds, objective.residuals(_newton_points(fitted, blocks)), strict=True):
+        moved = residual if row is None else objective.whiten(row, optimum.noise).residual
+        with np.errstate(over="ignore"):
+            before, after = (float(np.sum(np.delete(r, fold) ** 2)) for r in (residual, moved))
+        found.append(blocks.sums(moved if after <= MAX_RISE * before else residual, fold))
+    return np.array(found) * fitted.noise**2
+
+
+def refitted_errors(fitted: FittedModel, blocks: Blocks, settings: LocalFitSettings) -> FloatArray:
+    """Squared errors (blocks, m) of each block, predicted by a fit to all other readings; infinite where it fails.
+
+    Where a simulation after the Newton step is what was predicted, as closely as a fit would end, it is that fit."""
+    optimum, own = fitted.optimum, fitted.model.objective
+    moving = blocks.moving(fitted)
+    columns, slopes = [optimum.free[k] for k in moving], optimum.whitened.slopes[moving]
+    residual, found = optimum.whitened.residual, []
+    points = _newton_points(fitted, blocks)
+    for fold, point, row in zip(blocks.folds, points, own.residuals(points), strict=True):
+        moved = residual if row is None else own.whiten(row, optimum.noise).residual
+        with np.errstate(over="ignore"):
+            predicted = residual - (point - optimum.coordinates)[columns] @ slopes
+            is_linear = row is not None and float(np.sum((moved - predicted) ** 2)) <= settings.local.tolerance
+            better = float(np.sum(np.delete(moved, fold) ** 2)) < float(np.sum(np.delete(residual, fold) ** 2))
+        if not is_linear:
+            moved = _refit(own, fold, point if better else optimum.coordinates, columns, optimum.noise, settings)
+        found.append(blocks.sums(moved, fold))
+    return np.array(found) * fitted.noise**2
+
+
+def _refit(
+    own: Objective,
+    fold: Readings,
+    start: FloatArray,
+    columns: list[int],
+    noise: Mapping[str, OutputNoise],
+    settings: LocalFitSettings,
+) -> FloatArray:
+    """Whitened residual (N,) of all readings after a fit without some; infinite where that fails."""
+    with suppress(CannotFinishError):
+        held = replace(settings, hold_noise=True)
+        end = local_fit(_without(own, fold), start, columns, noise=noise, settings=held)
+        there = own.residuals(end.coordinates[np.newaxis])[0]
+        if there is not None:
+            return own.whiten(there, noise).residual
+    return np.full(own.readings, math.inf)
+
+
+def _newton_points(fitted: FittedModel, blocks: Blocks) -> FloatArray:
+    """Search coordinates (blocks, p) after the Newton step of a fit without each block, kept in the bounds."""
+    optimum, moving = fitted.optimum, blocks.moving(fitted)
+    parameters = fitted.model.objective.parameters
+    columns, linear = [optimum.free[k] for k in moving], LinearisedFit.of(optimum, parameters, moving)
+    low, high = (bound[columns] for bound in parameters.box)
+    rows = np.repeat(optimum.coordinates[np.newaxis], len(blocks.folds), axis=0)
+    if columns:
+        for row, left in zip(rows, linear.without(blocks.folds), strict=True):
+            row[columns] = np.clip(row[columns] + left.step, low, high)
+    return rows
+
+
+def _without(objective: Objective, readings: Readings) -> Objective:
+    """Return the objective without some readings (columns of the whitened slopes), on the same simulator."""
+    calibration = objective.calibration
+    measured = [y.copy() for y in calibration.data.measured]
+    for series, rows in _by_series(objective.series, readings):
+        measured[series.experiment][series.sampling.index[rows], series.column] = np.nan
+    data = calibration.data.with_experiments(
+        replace(e, measured=y) for e, y in zip(calibration.data.experiments, measured, strict=True)
+    )
+    found = objective.with_calibration(replace(calibration, data=data), objective.simulator)
+    found.result_cache = None
+    return found
+
+
+def _by_series(series: Sequence[Series], readings: Readings) -> list[tuple[Series, Readings]]:
+    """Readings by their series, as places in it."""
+    first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
+    return [
+        (s, readings[(readings >= a) & (readings < b)] - a)
+        for s, a, b in zip(series, first[:-1], first[1:], strict=True)
+    ]

@@ -1,0 +1,350 @@
+"""Builds one flat model from others without a compiler: pure functions, milliseconds each.
+
+A candidate extension of a model is made by adding the equations of a law under an instance name and tying it in:
+
+>>> from aero_bayes.modelica.compose import add_term, equate, instantiate  # doctest: +SKIP
+>>> wider = instantiate(flat, friction, "pivot_friction")  # doctest: +SKIP
+>>> wider = equate(wider, "pivot_friction.v", Name("body.omega"))  # doctest: +SKIP
+>>> wider = add_term(wider, 17, Call("neg", (Name("pivot_friction.f"),)))  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+from aero_bayes.errors import InputError
+from aero_bayes.modelica.arrays import Value, mapped, scalars
+from aero_bayes.modelica.expression import Builder
+from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable, When
+from aero_bayes.modelica.scope import Scope
+from aero_bayes.modelica.syntax import (
+    Array,
+    Call,
+    Expression,
+    Index,
+    Name,
+    Number,
+    Statement,
+    map_names,
+    map_names_in_statement,
+    names_in,
+    parse_reference,
+)
+
+_DEFAULTS = {"min": -math.inf, "max": math.inf, "nominal": 1.0, "start": 0.0, "fixed": 0.0}
+
+#: Suffixes of names: of the true value that an output with a measurement law had before, and of the input that acts on
+#: the model behind an input law.
+TRUE_SUFFIX, ACTING_SUFFIX = "_true", "_acting"
+
+Change = Callable[[Name], Expression]
+
+
+def rename_model(flat: FlatModel, name: str) -> FlatModel:
+    """Return the same model under another name."""
+    return replace(flat, name=name)
+
+
+def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
+    """Add all variables and equations of a law under the prefix ``instance.``.
+
+    The law's inputs become plain variables, which equations have to bind (:func:`equate`); its outputs are not those
+    of the whole."""
+    taken = {v.name for v in flat.variables}
+    own = {v.name for v in law.variables}
+    own |= {r for r in law.records if any(n.startswith(f"{r}.") for n in own)}
+    clash = next((v.name for v in law.variables if f"{instance}.{v.name}" in taken), None)
+    if clash is not None:
+        raise InputError(f"{flat.name}: the instance {instance!r} is there already")
+
+    def moved(n: Name) -> Name:
+        return Name(f"{instance}.{n.name}", n.subscripts) if n.name in own else n
+
+    inside = _changed(law, moved, moved)
+    variables = tuple(
+        replace(
+            v,
+            name=f"{instance}.{v.name}",
+            causality="local",
+            attributes={k: map_names(t, moved) for k, t in v.attributes.items()},
+            binding=None if v.binding is None else map_names(v.binding, moved),
+        )
+        for v in law.variables
+    )
+    return replace(
+        flat,
+        variables=flat.variables + variables,
+        equations=flat.equations + tuple(_under(e, instance) for e in inside.equations),
+        initial_equations=flat.initial_equations + tuple(_under(e, instance) for e in inside.initial_equations),
+        algorithms=flat.algorithms + inside.algorithms,
+        initial_algorithms=flat.initial_algorithms + inside.initial_algorithms,
+        whens=flat.whens + inside.whens,
+        assertions=flat.assertions + inside.assertions,
+        functions={**law.functions, **flat.functions},
+        records={**flat.records, **{moved(Name(n)).name if n in own else n: f for n, f in law.records.items()}},
+    )
+
+
+def _under(e: FlatEquation, instance: str) -> FlatEquation:
+    return replace(e, component=f"{instance}.{e.component}" if e.component else instance)
+
+
+def equate(flat: FlatModel, name: str, expression: Expression) -> FlatModel:
+    """Add the equation ``name = expression``, ``x[1]`` for an element; the last one of the result."""
+    left = parse_reference(name)
+    flat.variable(left.name)
+    return replace(flat, equations=(*flat.equations, FlatEquation(left, expression, "added")))
+
+
+def add_variable(flat: FlatModel, name: str, unit: str = "", description: str = "", **attributes: float) -> FlatModel:
+    """Add a continuous variable with attributes such as ``start`` and ``fixed``; an equation has to determine it."""
+    v = FlatVariable(name, unit=unit, description=description, attributes=_attributes(attributes))
+    return _with(flat, v)
+
+
+def add_input(flat: FlatModel, name: str, unit: str = "", description: str = "") -> FlatModel:
+    """Add an input of the whole model, zero at the start."""
+    if "." in name:
+        raise InputError(f"the input {name!r}: an input of the whole model has a name without dots")
+    v = FlatVariable(
+        name, causality="input", unit=unit, description=description, attributes=_attributes({"start": 0.0})
+    )
+    return _with(flat, v)
+
+
+def add_output(flat: FlatModel, name: str, expression: Expression, unit: str = "", description: str = "") -> FlatModel:
+    """Add an output of the whole model that is ``expression``."""
+    wider = _with(flat, FlatVariable(name, causality="output", unit=unit, description=description))
+    return equate(wider, name, expression)
+
+
+def add_parameter(
+    flat: FlatModel,
+    name: str,
+    value: float | Expression,
+    unit: str = "",
+    *,
+    description: str = "",
+    **attributes: float | Expression,
+) -> FlatModel:
+    """Add a parameter."""
+    v = FlatVariable(
+        name,
+        variability="parameter",
+        unit=unit,
+        description=description,
+        attributes=_attributes(attributes),
+        binding=_tree(value),
+    )
+    return _with(flat, v)
+
+
+def set_parameter(flat: FlatModel, name: str, value: float | Expression) -> FlatModel:
+    """Give a parameter another value. Raises InputError for a name that is no parameter."""
+    if not any(v.name == name and v.variability == "parameter" for v in flat.variables):
+        raise InputError(f"{flat.name}: no parameter {name!r}")
+    new = tuple(replace(v, binding=_tree(value)) if v.name == name else v for v in flat.variables)
+    return replace(flat, variables=new)
+
+
+def set_elements(flat: FlatModel, values: Mapping[str, float]) -> FlatModel:
+    """Give parameters other values, by name; of an array each element has its own name (``c[2]``).
+
+    Raises InputError for an array of which some elements are not given."""
+    for v in flat.variables:
+        names = element_names(v.name, v.sizes)
+        if given := [name for name in names if name in values]:
+            if len(given) < len(names):
+                raise InputError(f"{flat.name}: {v.name!r} is set as a whole, and some of its elements follow others")
+            items = iter([values[name] for name in names])
+            flat = set_parameter(flat, v.name, _nested(v.sizes, items))
+        elif v.name in values:
+            flat = set_parameter(flat, v.name, values[v.name])
+    return flat
+
+
+def _nested(sizes: Sequence[int], items: Iterator[float]) -> Expression:
+    """Return the next items as an array of these sizes."""
+    if not sizes:
+        return Number(float(next(items)))
+    return Array(tuple(_nested(sizes[1:], items) for _ in range(sizes[0])))
+
+
+def add_term(flat: FlatModel, equation_index: int, expression: Expression) -> FlatModel:
+    """Add ``expression`` to the residual ``left - right`` of an equation, by its index in ``flat.equations``."""
+    e = flat.equations[equation_index]
+    added = replace(e, left=Call("+", (e.left, expression)))
+    return replace(flat, equations=(*flat.equations[:equation_index], added, *flat.equations[equation_index + 1 :]))
+
+
+def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Collection[int] = ()) -> FlatModel:
+    """Use an expression wherever equations, algorithms and events use a variable, also under ``der``.
+
+    What
+    an algorithm or a when clause assigns stays too. An element ``x[1]`` is one where it is named so."""
+    old = parse_reference(name)
+
+    def change(n: Name) -> Expression:
+        if n == old and n.subscripts:
+            return by
+        if n.name != name:
+            return n
+        if not n.subscripts:
+            return by
+        return Name(by.name, n.subscripts) if isinstance(by, Name) and not by.subscripts else Index(by, n.subscripts)
+
+    changed = _changed(flat, change, lambda n: n)
+    kept = set(keep_equations)
+    equations = tuple(
+        old if i in kept else new for i, (old, new) in enumerate(zip(flat.equations, changed.equations, strict=True))
+    )
+    return replace(changed, equations=equations)
+
+
+def separate_elements(flat: FlatModel, element: str) -> FlatModel:
+    """Separate an array input or output, element by element, from the array that the equations use.
+
+    ``u[1]`` and its like are then named in one equation each, ``u_acting[1] = u[1]`` or ``y[1] = y_true[1]``; all else
+    is about the other array. A model where this is so already, or ``element`` is a variable by itself, stays as it is.
+    """
+    name = parse_reference(element).name
+    v = flat.variable(name)
+    inner = f"{name}{ACTING_SUFFIX if v.causality == 'input' else TRUE_SUFFIX}"
+    if name == element or any(w.name == inner for w in flat.variables):
+        return flat
+    own = replace(v, name=inner, causality="local", binding=None)
+    shown = replace(v, attributes={k: t for k, t in v.attributes.items() if k != "fixed"}, binding=None)
+    flat = replace_uses(flat, name, Name(inner))
+    flat = replace(flat, variables=(*(shown if w.name == name else w for w in flat.variables), own))
+    for pair in zip(element_names(name, v.sizes), element_names(inner, v.sizes), strict=True):
+        to, source = reversed(pair) if v.causality == "input" else pair
+        flat = equate(flat, to, parse_reference(source))
+    return flat
+
+
+def element_names(name: str, sizes: Sequence[int]) -> list[str]:
+    """``x[1]``, ``x[2]``, ... row by row."""
+    return [f"{name}[{','.join(map(str, k))}]" for k in product(*(range(1, n + 1) for n in sizes))] if sizes else []
+
+
+def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
+    """Return a number of a parameter or variable."""
+    values = values or {}
+    if attribute == "value" and name in values:
+        return float(values[name])
+    known = {v.name: v for v in flat.variables}
+    base, subscripts = _split(name)
+    v = known.get(name) or known.get(base)
+    if v is None:
+        raise InputError(f"{flat.name}: no variable {name!r}")
+    tree = v.binding if attribute == "value" else v.attributes.get(attribute)
+    if attribute == "value" and tree is None:
+        tree = v.attributes.get("start")
+    if tree is None:
+        if attribute not in _DEFAULTS:
+            raise InputError(f"{flat.name}: {name!r} has no {attribute}")
+        return _DEFAULTS[attribute]
+    found = _evaluated(flat, name, attribute, tree, values)
+    for k in subscripts:
+        found = found[k - 1] if isinstance(found, list) else found
+    items = scalars(found)
+    if len(items) != 1 or items[0].op != "const":
+        raise InputError(f"{flat.name}: {attribute} of {name!r} is not one number")
+    return items[0].value
+
+
+def _evaluated(flat: FlatModel, name: str, attribute: str, tree: Expression, values: Mapping[str, float]) -> Value:
+    """Evaluate an attribute after everything that it depends on."""
+    known = {v.name: v for v in flat.variables}
+    b = Builder()
+    scope = Scope(b, flat.functions, {}, f"{name}.{attribute}", records=flat.records)
+    open_: set[str] = set()
+
+    def need(expression: Expression) -> None:
+        for n in names_in(expression):
+            if n in scope.values or n not in known:
+                continue
+            inner = known[n]
+            binding = inner.binding if inner.binding is not None else inner.attributes.get("start")
+            if not inner.constant or binding is None or n in open_:
+                raise InputError(
+                    f"{flat.name}: {attribute} of {name!r} depends on {n!r}, which has no value of its own"
+                )
+            open_.add(n)
+            need(binding)
+            scope.values[n] = b.const(values[n]) if n in values else _overridden(scope, n, binding, values)
+
+    need(tree)
+    return scope.value(tree)
+
+
+def _overridden(scope: Scope, name: str, binding: Expression, values: Mapping[str, float]) -> Value:
+    value = scope.value(binding)
+    if not isinstance(value, list) or not any(n.startswith(f"{name}[") for n in values):
+        return value
+    places = iter(f"{name}[{k + 1}]" for k in range(len(scalars(value))))
+    return mapped(lambda n: scope.builder.const(values.get(next(places), n.value)), value)
+
+
+def _split(name: str) -> tuple[str, list[int]]:
+    match = re.fullmatch(r"(.*)\[([\d,]+)\]", name)
+    return (match[1], [int(k) for k in match[2].split(",")]) if match else (name, [])
+
+
+def _tree(value: float | Expression) -> Expression:
+    return Number(float(value)) if isinstance(value, (int, float)) else value
+
+
+def _attributes(given: Mapping[str, float | Expression]) -> dict[str, Expression]:
+    wrong = next((k for k in given if k not in _DEFAULTS), None)
+    if wrong is not None:
+        raise InputError(f"no attribute {wrong!r}; expected {', '.join(_DEFAULTS)}")
+    return {k: _tree(v) for k, v in given.items()}
+
+
+def _with(flat: FlatModel, v: FlatVariable) -> FlatModel:
+    if any(x.name == v.name for x in flat.variables):
+        raise InputError(f"{flat.name}: there is a variable {v.name!r} already")
+    return replace(flat, variables=(*flat.variables, v))
+
+
+def _changed(flat: FlatModel, change: Change, target: Callable[[Name], Name]) -> FlatModel:
+    """Equations, algorithms and events with every name changed; declarations as they are."""
+
+    def both(e: FlatEquation) -> FlatEquation:
+        left, right = map_names(e.left, change), map_names(e.right, change)
+        return e if left == e.left and right == e.right else replace(e, left=left, right=right)
+
+    def statements(body: tuple[Statement, ...]) -> tuple[Statement, ...]:
+        return tuple(map_names_in_statement(s, change, target) for s in body)
+
+    def clause(w: When) -> When:
+        branches = []
+        for condition, actions in w.branches:
+            new = tuple(
+                replace(a, target=None if a.target is None else target(a.target), value=map_names(a.value, change))
+                for a in actions
+            )
+            branches.append((map_names(condition, change), new))
+        return replace(w, branches=tuple(branches))
+
+    def outputs(names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(target(Name(n)).name for n in names)
+
+    return replace(
+        flat,
+        equations=tuple(map(both, flat.equations)),
+        initial_equations=tuple(map(both, flat.initial_equations)),
+        algorithms=tuple(
+            replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.algorithms
+        ),
+        initial_algorithms=tuple(
+            replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.initial_algorithms
+        ),
+        whens=tuple(map(clause, flat.whens)),
+        assertions=tuple(replace(a, condition=map_names(a.condition, change)) for a in flat.assertions),
+    )

@@ -1,0 +1,292 @@
+"""A recursive-descent parser of Modelica expressions; the nodes of its syntax trees have positions in the text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from aero_bayes.errors import InputError
+from aero_bayes.modelica.syntax import (
+    Array,
+    Call,
+    Comprehension,
+    Expression,
+    Field,
+    If,
+    Index,
+    Name,
+    NamedArgument,
+    Number,
+    RangeExpression,
+    Text,
+    WholeDimension,
+    short_text,
+)
+from aero_bayes.modelica.tokens import Token, find_outside, tokenize
+
+UNARY: dict[str, Callable[[float], float]] = {
+    "sqrt": math.sqrt,
+    "exp": math.exp,
+    "log": math.log,
+    "log10": math.log10,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "asin": math.asin,
+    "acos": math.acos,
+    "atan": math.atan,
+    "sinh": math.sinh,
+    "cosh": math.cosh,
+    "tanh": math.tanh,
+    "abs": abs,
+    "sign": lambda x: float((x > 0) - (x < 0)),
+    "neg": lambda x: -x,
+    "not": lambda x: float(not x),
+    "floor": lambda x: float(math.floor(x)),
+}
+
+BINARY: dict[str, Callable[[float, float], float]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "pow": lambda a, b: float(a**b),
+    "min": min,
+    "max": max,
+    "atan2": math.atan2,
+    "lt": lambda a, b: float(a < b),
+    "le": lambda a, b: float(a <= b),
+    "gt": lambda a, b: float(a > b),
+    "ge": lambda a, b: float(a >= b),
+    "eq": lambda a, b: float(a == b),
+    "ne": lambda a, b: float(a != b),
+    "and": lambda a, b: float(bool(a) and bool(b)),
+    "or": lambda a, b: float(bool(a) or bool(b)),
+}
+
+RELATIONS = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
+BOOLEAN = RELATIONS | {"and", "or", "not"}
+#: The operators of the language by the functions above.
+OPERATORS = {
+    "+": "add", "-": "sub", "*": "mul", "/": "div", "^": "pow",
+    ".+": "add", ".-": "sub", ".*": "mul", "./": "div", ".^": "pow",
+    "<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "<>": "ne",
+    "and": "and", "or": "or", "min": "min", "max": "max", "atan2": "atan2",
+}  # fmt: skip
+
+
+def evaluate_expression(tree: Expression, values: Mapping[str, float]) -> float:
+    """Return the number of an expression. Raises InputError for a name without a value, or what has no number."""
+    match tree:
+        case Number(value):
+            return value
+        case Name():
+            name = short_text(tree)
+            if name not in values:
+                raise InputError(f"{name!r} has no value here")
+            return values[name]
+        case If(condition, then, otherwise):
+            return evaluate_expression(then if evaluate_expression(condition, values) else otherwise, values)
+        case Call(function, (one,)) if function in UNARY:
+            return float(UNARY[function](evaluate_expression(one, values)))
+        case Call(function, (one, two)) if (operation := OPERATORS.get(function, "")) in BINARY:
+            return float(BINARY[operation](evaluate_expression(one, values), evaluate_expression(two, values)))
+    raise InputError(f"{short_text(tree)} is not a plain formula in sizes")
+
+
+#: Operators between two operands, those that bind least first; ``not`` binds less than a relation.
+_LEVELS = (
+    frozenset({"or"}), frozenset({"and"}), frozenset({"<", "<=", ">", ">=", "==", "<>"}),
+    frozenset({"+", "-", ".+", ".-"}), frozenset({"*", "/", ".*", "./"}), frozenset({"^", ".^"}),
+)  # fmt: skip
+_RELATION, _SUM, _POWER = 2, 3, 5
+
+
+def parse_expression(tokens: Sequence[Token], numbers: Mapping[str, int] | None = None) -> Expression:
+    """Return the tree of an expression; in it, ``numbers`` stand in the place of names."""
+    reader = _ExpressionParser(tokens, numbers or {})
+    tree = reader.expression()
+    if reader.word:
+        raise reader.fail()
+    return tree
+
+
+def parse_text(text: str) -> Expression:
+    """Return the tree of an expression that a text holds and nothing else."""
+    return parse_expression(tokenize(text))
+
+
+def sides_of(tokens: Sequence[Token], numbers: Mapping[str, int] | None = None) -> tuple[Expression, Expression] | None:
+    """Return both sides of an equation without description, annotation and semicolon; None where it is none."""
+    at = find_outside(tokens, frozenset({"="}))
+    try:
+        return parse_expression(tokens[:at], numbers), parse_expression(tokens[at + 1 :], numbers)
+    except InputError:
+        return None
+
+
+class _ExpressionParser:
+    def __init__(self, tokens: Sequence[Token], numbers: Mapping[str, int]) -> None:
+        self.tokens = tokens
+        self.numbers = numbers
+        self.at = 0
+
+    @property
+    def word(self) -> str:
+        """The next token, a text with its marks; empty at the end."""
+        return self.tokens[self.at].word if self.at < len(self.tokens) else ""
+
+    def fail(self) -> InputError:
+        return InputError(f"cannot read {self.word!r} in an expression" if self.word else "an expression is missing")
+
+    def next(self) -> Token:
+        if not self.word:
+            raise self.fail()
+        self.at += 1
+        return self.tokens[self.at - 1]
+
+    def take(self, words: Iterable[str]) -> str:
+        """Return the next token where it is one of these."""
+        return self.next().word if self.word and self.word in words else ""
+
+    def need(self, word: str) -> None:
+        if not self.take((word,)):
+            raise self.fail()
+
+    def span(self, begin: int) -> tuple[int, int]:
+        return self.tokens[begin].start, self.tokens[self.at - 1].end
+
+    # from what binds least to what binds most
+
+    def expression(self) -> Expression:
+        begin = self.at
+        if self.take(("if", "elseif")):
+            condition = self.expression()
+            self.need("then")
+            then = self.expression()
+            if self.word == "elseif":
+                otherwise = self.expression()
+            else:
+                self.need("else")
+                otherwise = self.expression()
+            return If(condition, then, otherwise, span=self.span(begin))
+        parts = [self.binary(0)]
+        while len(parts) < 3 and self.take(":"):
+            parts.append(self.binary(0))
+        if len(parts) == 1:
+            return parts[0]
+        return RangeExpression(parts[0], parts[1] if len(parts) == 3 else None, parts[-1], span=self.span(begin))
+
+    def binary(self, level: int) -> Expression:
+        """Return operands of one level and those above it, taken together from the left."""
+        if level > _POWER:
+            return self.primary()
+        begin = self.at
+        if level == _RELATION and self.take(("not",)):
+            return Call("not", (self.binary(level),), span=self.span(begin))
+        sign = self.take(_LEVELS[_SUM]) if level == _SUM else ""
+        tree = self.binary(level + 1)
+        if sign in ("-", ".-"):
+            tree = Call("neg", (tree,), span=self.span(begin))
+        while operator := self.take(_LEVELS[level]):
+            tree = Call(operator, (tree, self.binary(level + 1)), span=self.span(begin))
+        return tree
+
+    def primary(self) -> Expression:
+        begin = self.at
+        token = self.next()
+        tree: Expression
+        match token.kind, token.word:
+            case "number", word:
+                tree = Number(float(word), span=self.span(begin))
+            case "text", word:
+                tree = Text(word[1:-1], span=self.span(begin))
+            case "name", ("true" | "false") as word:
+                tree = Number(float(word == "true"), span=self.span(begin))
+            case "sign", ("-" | "+" | ".-" | ".+") as sign:  # after another operator
+                tree = self.binary(_POWER)
+                tree = Call("neg", (tree,), span=self.span(begin)) if sign[-1] == "-" else tree
+            case ("name", _) | ("sign", "."):
+                self.at = begin
+                tree = self.name()
+            case "sign", "(":
+                items = self.items(")")
+                tree = items[0] if len(items) == 1 else Array(items, span=self.span(begin))
+            case "sign", "{":
+                items = self.items("}")
+                alone = len(items) == 1 and isinstance(items[0], Comprehension)
+                tree = items[0] if alone else Array(items, span=self.span(begin))
+            case "sign", "[":
+                rows = [Call("[,]", self.items("];"))]
+                while self.tokens[self.at - 1].word == ";":
+                    rows.append(Call("[,]", self.items("];")))
+                tree = Call("[;]", tuple(rows), span=self.span(begin))
+            case _:
+                self.at = begin
+                raise self.fail()
+        while not isinstance(tree, Name) and self.word in ("[", "."):
+            if self.next().word == "[":
+                tree = Index(tree, self.items("]"), span=self.span(begin))
+            else:
+                tree = Field(tree, self.next().word, span=self.span(begin))
+        return tree
+
+    def name(self) -> Expression:
+        """Return a component reference, or the call of a function."""
+        begin = self.at
+        path = self.take(".")
+        while True:
+            part = self.next()
+            if part.kind != "name":
+                raise self.fail()
+            subscripts = tuple(map(_folded, self.items("]"))) if self.take("[") else ()
+            if not self.take("."):
+                break
+            path += short_text(Name(part.word, subscripts)) + "."
+        whole = path + part.word
+        if not subscripts and self.take("("):
+            return Call(whole, self.items(")"), span=self.span(begin))
+        if whole in self.numbers and not subscripts:
+            return Number(float(self.numbers[whole]), span=self.span(begin))
+        return Name(whole, subscripts, span=self.span(begin))
+
+    def items(self, closing: str) -> tuple[Expression, ...]:
+        """Return the items between commas up to the closing bracket: arguments, subscripts, elements."""
+        found: list[Expression] = []
+        while not self.take(closing):
+            if found:
+                self.need(",")
+            while self.take(("each", "final")):  # in a modifier, which reads as a call
+                pass
+            begin = self.at
+            if self.word == ":":
+                self.at += 1
+                found.append(WholeDimension(span=self.span(begin)))
+                continue
+            if [t.word for t in self.tokens[begin + 1 : begin + 2]] == ["="]:
+                name = self.next().word
+                self.need("=")
+                found.append(NamedArgument(name, self.expression(), span=self.span(begin)))
+                continue
+            item = self.expression()
+            if self.take(("for",)):
+                item = self.loops(item, begin)
+            found.append(item)
+        return tuple(found)
+
+    def loops(self, item: Expression, begin: int) -> Expression:
+        """Read ``item for i in values, j in others``; the first variable is that of the inner loop."""
+        while True:
+            variable = self.next().word
+            self.need("in")
+            item = Comprehension(item, variable, self.expression(), span=self.span(begin))
+            if not self.take(","):
+                return item
+
+
+def _folded(subscript: Expression) -> Expression:
+    """Return a subscript such as ``2 + 1`` as the number that it is."""
+    try:
+        return Number(evaluate_expression(subscript, {}), span=subscript.span)
+    except InputError:
+        return subscript

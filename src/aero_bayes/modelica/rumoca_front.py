@@ -1,0 +1,309 @@
+"""Modelica source -> flat model, by rumoca in a process of its own (it has been seen to crash)."""
+
+from __future__ import annotations
+
+import codecs
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy  # imports its parts when they are first used
+
+from aero_bayes.build_cache import make_once
+from aero_bayes.errors import InputError
+from aero_bayes.files import ScratchFolder
+from aero_bayes.modelica.edits import TextEdit, apply_edits
+from aero_bayes.modelica.equation_system import translate
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.library import check_model_name, copy_sources, library_roots, needed_libraries, rig_packages
+from aero_bayes.modelica.library_view import link_packages, names_used_in
+from aero_bayes.modelica.rumoca_document import read_structured
+from aero_bayes.modelica.source_check import locate, refuse_dropped
+from aero_bayes.modelica.sources import modelica_files, read_modelica_text, sources_in
+from aero_bayes.modelica.syntax import names_in
+from aero_bayes.modelica.tokens import line_of, split_outside, tokenize
+from aero_bayes.modelica.units import to_modelica_unit
+from aero_bayes.unknown_names import known_names_hint
+
+#: Begins the names of what is added to a model so that rumoca, which refuses an imbalance, flattens it.
+ADDED = "added_unknown_"
+#: Names that a message lists at most.
+MAX_LISTED = 6
+
+
+def balanced_model(model: str, missing: int) -> str:
+    """Return a model with as many further equations, or further unknowns, as it takes for equally many of both."""
+    lines = ["  time = 0;"] * missing if missing > 0 else [f"  Real {ADDED}{k};" for k in range(-missing)]
+    return "\n".join(
+        ["model Balanced", f"  extends {model};", *(["equation"] if missing > 0 else []), *lines, "end Balanced;\n"]
+    )
+
+
+def explain_imbalance(name: str, flat: FlatModel) -> InputError | None:
+    """Return the error of a model that was flattened with :func:`balanced_model`.
+
+    None where its structure does not tell."""
+    system = translate(flat)
+    b = system.builder
+    unknowns = [b.symbol(v.name) for v in system.variables if v.name not in system.derivatives]
+    unknowns = [u for u in unknowns if not u.name.startswith(ADDED)] + list(system.derivatives.values())
+    index = {u: k for k, u in enumerate(unknowns)}
+    rows = [found for r in system.residuals if (found := [index[s] for s in b.symbols(r) if s in index])]
+    columns: list[list[int]] = [[] for _ in unknowns]
+    for k, row in enumerate(rows):
+        for u in row:
+            columns[u].append(k)
+    ends = np.cumsum([0, *map(len, rows)])
+    entries = (np.ones(ends[-1]), [u for row in rows for u in row], ends)
+    graph = scipy.sparse.csr_array(entries, shape=(len(rows), len(unknowns)))
+    unknown_of = scipy.sparse.csgraph.maximum_bipartite_matching(graph, perm_type="column").tolist()
+    equation_of = {u: k for k, u in enumerate(unknown_of) if u >= 0}
+    few = _reached([u for u in range(len(unknowns)) if u not in equation_of], columns, unknown_of)
+    many = [unknown_of[k] for k in _reached([k for k, u in enumerate(unknown_of) if u < 0], rows, equation_of)]
+    count = f"{name}: {len(rows)} equations for {len(unknowns)} unknowns: "
+    if few:
+        listed = [unknowns[u].name for u in sorted(few)]
+        places = [v.place for v in flat.variables if v.place is not None and v.name in _plain(listed)]
+        return InputError(f"{places[0] if places else name}: {count}too few equations determine {_some(listed)}")
+    listed = [unknowns[u].name for u in sorted(set(many)) if u >= 0]
+    told = [
+        e.place
+        for e in flat.equations
+        if e.place and _plain(listed) & {n for t in (e.left, e.right) for n in names_in(t)}
+    ]
+    return InputError(f"{told[-1]}: {count}too many equations determine {_some(listed)}") if told else None
+
+
+def _reached(free: Sequence[int], across: Sequence[Sequence[int]], back: Sequence[int] | dict[int, int]) -> list[int]:
+    """Return all that could be left over in place of ``free``, by exchanges along the matching."""
+    found = dict.fromkeys(free)
+    open_ = list(free)
+    while open_:
+        for other in across[open_.pop()]:
+            partner = back[other]
+            if partner not in found:
+                found[partner] = None
+                open_.append(partner)
+    return list(found)
+
+
+def _plain(names: Iterable[str]) -> set[str]:
+    """Return variables by the names of their elements and derivatives."""
+    return {re.sub(r"^der\(|\)$|\[[\d,]*\]", "", name) for name in names}
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:MAX_LISTED]) + (f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else "")
+
+
+#: Seconds; what takes longer is seldom finished in minutes, and the memory goes first.
+RUMOCA_TIME_LIMIT = 50.0
+_TOO_LONG = "an expression of very many operands is too long; name parts of it, or write sum() of an array"
+_CHILD_PROGRAM = """
+import json, os, re, sys
+import rumoca
+roots, file, model, *own = sys.argv[1:]
+roots = roots.split(os.pathsep)
+try:
+    loaded = rumoca.Session(roots=roots).load(file, model=model)
+    flat = loaded.to_json("flat")
+    used = set(map(int, re.findall(r'"source": ?(\\d+)', flat)))
+    files = {}
+    for key, path, text in json.loads(loaded.to_json("dae"))["source_map"]["files"]:
+        if key in used:
+            files[key] = [os.path.relpath(path, roots[0]) if path.startswith(roots[0] + os.sep) else path, text]
+    print('{"flat": ' + flat + ', "files": ' + json.dumps(files) + "}")
+except BaseException as error:  # a panic is no Exception
+    answer = {"error": str(error), "where": ""}
+    for name in own:
+        with open(name, encoding="utf-8") as stream:
+            for found in rumoca.validate_source(stream.read(), filename=name):
+                answer["where"] = answer["where"] or str(found.message)
+    print(json.dumps(answer))
+"""
+
+
+def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path] = ()) -> FlatModel:
+    """Flatten a Modelica model."""
+    check_model_name(model)
+    with ScratchFolder() as root:
+        files = copy_sources(root, sources)
+        packages = needed_libraries(model, files, library_roots(libraries))
+        own = files[len(rig_packages()) :]
+        added = [p for f in own for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
+        refuse_dropped(root, added)
+        _normalise_units(added)
+        words = {*model.split("."), *names_used_in(added)}
+        staged = [f.parent.name for f in files if f.name == "package.mo" and f.parent.name in words]
+        _name_packages([*packages, *staged], _file_of(model, files))
+        links = [link_packages(packages, words)] if packages else []
+        try:
+            answer = _run(model, root, files, links)
+            return read_structured(model, answer["flat"], answer["files"])
+        except RecursionError:
+            raise InputError(f"{_longest(added, root)}: {model}: {_TOO_LONG}") from None
+        except InputError as error:
+            unequal = re.search(r"unbalanced model: (\d+) equations, (\d+) unknowns", str(error))
+            told = _imbalance(model, root, files, links, unequal) if unequal else None
+            told = told or _no_such_class(model, root, added, packages)
+            raise told or InputError(_with_semicolon(locate(str(error), model, root), added)) from None
+
+
+def _with_semicolon(message: str, files: Sequence[Path]) -> str:
+    """Say where a semicolon may be missing: at the end of the line before an unexpected word."""
+    place = re.match(r"(.+):(\d+): unexpected", message)
+    file = next((f for f in files if place and f.as_posix().endswith(f"/{place[1]}")), None)
+    if place is None or file is None:
+        return message
+    lines = file.read_text("utf-8").splitlines()[: int(place[2]) - 1]
+    last = next((k for k in reversed(range(len(lines))) if lines[k].split("//")[0].strip()), None)
+    text = "" if last is None else lines[last].split("//")[0].strip()
+    open_end = re.search(r"([;({=+*/^,-]|\b(equation|algorithm|public|protected|then|else|loop|and|or|not))$", text)
+    if last is None or open_end or text.startswith(("model ", "class ", "block ", "package ", "within ")):
+        return message
+    return f"{message}; is there a ; missing at the end of line {last + 1}?"
+
+
+def _imbalance(
+    model: str, root: Path, files: Sequence[Path], links: Sequence[Path], unequal: re.Match[str]
+) -> InputError | None:
+    """Return which variables or equations are left over; None where that cannot be told."""
+    file = root / "Balanced.mo"
+    file.write_text(balanced_model(model, int(unequal[2]) - int(unequal[1])), "utf-8")
+    with suppress(InputError, RecursionError):
+        answer = _run("Balanced", root, [*files, file], links)
+        return explain_imbalance(model, read_structured(model, answer["flat"], answer["files"]))
+    return None
+
+
+def _longest(files: Sequence[Path], root: Path) -> str:
+    """File and line of the longest statement."""
+    found = [(len(s), f, line_of(text, s[0].start)) for f in files if (text := f.read_text("utf-8"))
+             for s in split_outside(tokenize(text, strict=False), ";") if s]  # fmt: skip
+    _, file, line = max(found)
+    return f"{file.relative_to(root)}:{line}"
+
+
+def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Collection[str]) -> InputError | None:
+    """Return what to say where the class is in none of the sources.
+
+    None where it may be, or where they cannot be read."""
+    first = model.split(".")[0]
+    shipped = [root / folder.name for folder in rig_packages() if folder.name == first]
+    try:
+        known = sources_in([*own, *modelica_files(shipped)]).by_name
+    except InputError:
+        return None
+    if model in known or first in libraries:
+        return None
+    if not known:
+        return InputError(f"{model}: no such class; name its file by [model] sources or --source")
+    place = " and ".join(dict.fromkeys(f.name for f in own)) or first
+    return InputError(f"{model}: no such class in {place}{known_names_hint(model, known)}")
+
+
+def _run(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
+    """Return the answer of rumoca on a model; read from the user's cache where it answered the same question before.
+
+    Answers that depend on libraries outside ``root`` are not kept, since nobody looks whether these change."""
+
+    def ask() -> bytes:
+        return json.dumps(_ask(model, root, files, libraries)).encode()
+
+    if libraries:
+        return _ask(model, root, files, libraries)
+    names = sorted(path for path in root.rglob("*") if path.is_file())
+    question = f"{version('rumoca')}{_CHILD_PROGRAM}{model}{[str(f.relative_to(root)) for f in files]}"
+    texts = [part for path in names for part in (str(path.relative_to(root)).encode(), path.read_bytes())]
+    answer: dict[str, Any] = json.loads(make_once(f"{model}.json", (question.encode(), *texts), ask))
+    return answer
+
+
+def _ask(model: str, root: Path, files: Sequence[Path], libraries: Sequence[Path]) -> dict[str, Any]:
+    """Run rumoca in a process of its own."""
+    roots = os.pathsep.join(map(str, (root, *libraries)))
+    own = [str(f.relative_to(root)) for f in files[len(rig_packages()) :]]
+    # what MODELICAPATH names is linked where it is needed; rumoca would read all of it
+    environment = {k: v for k, v in os.environ.items() if k != "MODELICAPATH"}
+    command = [sys.executable, "-c", _CHILD_PROGRAM, roots, str(_file_of(model, files)), model, *own]
+    try:
+        done = subprocess.run(
+            command, cwd=root, env=environment, capture_output=True, text=True, check=False, timeout=RUMOCA_TIME_LIMIT
+        )
+    except subprocess.TimeoutExpired:
+        what = f"rumoca did not finish within {RUMOCA_TIME_LIMIT:g} s; are there arrays or loops of very many elements?"
+        raise InputError(f"{model}: {what}") from None
+    if done.returncode == -signal.SIGSEGV:
+        raise RecursionError  # its stack is full
+    try:
+        answer: dict[str, Any] = json.loads(done.stdout)
+    except ValueError:
+        raise InputError(f"{model}: rumoca crashed on this model (status {done.returncode})") from None
+    if "error" in answer:
+        line = _one_line(str(answer["error"]), model, root)
+        raise InputError(_with_place(line, str(answer["where"]), model))
+    return answer
+
+
+def _normalise_units(files: Iterable[Path]) -> None:
+    """Write units as the grammar has them: rumoca refuses ``kg*m^2``, and byte-order marks, which other tools take."""
+    for file in files:
+        text = read_modelica_text(file)
+        tokens = tokenize(text, strict=False)
+        given = (t for key, equals, t in zip(tokens, tokens[1:], tokens[2:], strict=False)
+                 if key.word in ("unit", "displayUnit") and equals.word == "=" and t.kind == "text")  # fmt: skip
+        edits = [
+            TextEdit(t.start + 1, t.end - 1, s) for t in given if (s := to_modelica_unit(t.word[1:-1])) != t.word[1:-1]
+        ]
+        if edits or file.read_bytes().startswith(codecs.BOM_UTF8):
+            file.write_bytes(apply_edits(text, edits).encode())
+
+
+def _name_packages(packages: Collection[str], main: Path) -> None:
+    """Name libraries at the end of the file that is loaded: rumoca opens only those that it finds named in that one."""
+    if packages:
+        with main.open("a", encoding="utf-8") as file:
+            file.write(f"\n// {' '.join(f'{name}.' for name in packages)}\n")
+
+
+def _with_place(line: str, diagnostic: str, model: str) -> str:
+    """Put file and line before a message where rumoca tells them, else the model."""
+    diagnostic = re.sub(r"\n *\u2502 (?=\S)", " ", diagnostic)  # a message that was wrapped
+    syntax = re.search(r"\u00d7 (.+?)\n.*?\[([^\]:]+:\d+)(?::\d+)?\]", diagnostic, re.DOTALL)
+    if syntax is not None and (syntax[1] in line or "parse failed" in line):
+        return f"{syntax[2]}: {syntax[1]}"
+    placed = re.fullmatch(r"(.*) \[([^\]:]+\.mo:\d+)(?::\d+)?\]", line)
+    if placed is not None:
+        return f"{placed[2]}: {placed[1]}"
+    return line if re.match(r"[^ :]+\.mo:\d+: ", line) else f"{model}: {line}"
+
+
+def _file_of(model: str, files: Sequence[Path]) -> Path:
+    first = model.split(".")[0]
+    for file in files:
+        name = file.parent.name if file.name == "package.mo" else file.stem
+        if name == first:
+            return file
+    return files[-1]
+
+
+def _one_line(text: str, model: str, root: Path) -> str:
+    lines = [line.strip(" -") for line in text.replace(str(root) + "/", "").splitlines() if line.strip()]
+    line = lines[0] if lines else "rumoca failed without a message"
+    unsupported = re.search(r"unsupported-feature:(?:dae-modelica-scalar:)?(\w+)", line)
+    if unsupported:
+        return f"the embedded exporter does not support {unsupported[1].replace('_', ' ')}"
+    located = next((other for other in lines[1:] if ".mo [" in other), "")
+    file = located.split(" [")[0] if located else ""
+    message = re.sub(r"^\w+ failed: ", "", line)
+    message = re.sub(rf"^{re.escape(model)} (failed in \w+: |could not be compiled: ?)", "", message)
+    return f"{file}: {message}" if file and file not in message else message

@@ -1,0 +1,187 @@
+"""Sample a posterior that has several modes: a chain in each, mixed by how likely it is.
+
+The space of the parameters is cut into regions, each with what is nearest to one mode. A chain runs in each region, so
+that it cannot pass for one of the whole. The draws of all are mixed by the integrals of the density over the regions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aero_bayes.arrays import FloatArray
+from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.finished_fit import at_optimum
+from aero_bayes.estimate.levenberg_marquardt import Stop
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.modes import is_another, likelihood_temperature
+from aero_bayes.estimate.objective import objective_of
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget
+from aero_bayes.posterior.importance import importance_sample
+from aero_bayes.posterior.inferencedata import Convergence
+from aero_bayes.posterior.mcmc import Chain
+from aero_bayes.simulation.interface import Simulator
+
+#: Draws by which the integral over a region is estimated: to a few percent, where the chain's proposal is good.
+INTEGRAL_DRAWS = 1000
+
+
+@dataclass(frozen=True)
+class ModeDraws:
+    """How many draws of a posterior are of one mode, the reported one first, and whether its chain has converged."""
+
+    values: dict[str, float]
+    share: float
+    draws: int
+    converged: bool
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the entry of ``mcmc.modes`` in result.json."""
+        return {"values": self.values, "share": self.share, "draws": self.draws, "converged": self.converged}
+
+
+def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:
+    """Fit at each mode, the reported one first; ``simulator`` is of its calibration's problem.
+
+    A mode that leads back to another one under the noise of the fit is left out."""
+    objective = objective_of(fit.calibration, simulator)
+    parameters = objective.parameters
+    settings = LocalFitSettings(floors=fit.calibration.data.floors, hold_noise=True)
+    known, found = [fit.optimum], [fit]
+    for mode in fit.modes:
+        values = fit.values.copy()
+        for name, value in mode.values.items():
+            if parameters.index(name) in fit.free:
+                values[parameters.index(name)] = value
+        with suppress(CannotFinishError):
+            start = parameters.to_search(values)
+            end = local_fit(objective, start, fit.free, noise=fit.noise, settings=settings, known=known)
+            if end.reason is not Stop.KNOWN_OPTIMUM and is_another(objective, known, end):
+                known.append(end)
+                found.append(at_optimum(fit, objective, end))
+    return tuple(found)
+
+
+class Region:
+    """The joint log-posterior around one mode: minus infinity at points that are nearer to another one."""
+
+    def __init__(self, joint: JointTarget, fits: Sequence[Fit], own: int) -> None:
+        self.joint, self.own = joint, own
+        self._nearest = NearestMode.of(fits)
+
+    def log_prior(self, points: FloatArray) -> FloatArray:
+        """Compute the log-prior, shape (n,), minus infinity outside the region."""
+        inside = self._nearest.of_points(points[:, : len(self.joint.target.free)]) == self.own
+        return np.where(inside, self.joint.log_prior(points), -np.inf)
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Compute the log-posterior, shape (n,); points outside the region are not simulated."""
+        points = np.asarray(points, dtype=np.float64)
+        total = np.full(len(points), -np.inf)
+        inside = np.isfinite(self.log_prior(points))
+        if inside.any():
+            total[inside] = self.joint(points[inside])
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class NearestMode:
+    """Which mode a point is nearest to: centres (k, f) and precisions (k, f, f) in search coordinates."""
+
+    centres: FloatArray
+    precisions: FloatArray
+
+    @classmethod
+    def of(cls, fits: Sequence[Fit]) -> NearestMode:
+        """Take centres and precisions from fits at the modes."""
+        free = len(fits[0].free)
+        centres = np.array([fit.laplace.mean[:free] for fit in fits])
+        return cls(
+            centres, np.array([np.linalg.pinv(f.laplace.covariance[:free, :free], hermitian=True) for f in fits])
+        )
+
+    def of_points(self, points: FloatArray) -> NDArray[np.intp]:
+        """Index of the nearest mode of points (n, f), shape (n,)."""
+        off = points[None] - self.centres[:, None]
+        return np.asarray(np.argmin(np.einsum("kni,kij,knj->kn", off, self.precisions, off), axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class NearestAdjustment(CurvatureAdjustment):
+    """The curvature adjustment of the mode that a point is nearest to."""
+
+    parts: tuple[CurvatureAdjustment, ...]
+    nearest: NearestMode
+
+    @classmethod
+    def of_fits(cls, fits: Sequence[Fit]) -> NearestAdjustment | None:
+        """Return the adjustment of fits at the modes; None where noise describes their residuals."""
+        parts = tuple(fit.spread for fit in fits if fit.spread is not None)
+        if len(parts) < len(fits):
+            return None
+        return cls(parts[0].centre, parts[0].map, parts, NearestMode.of(fits))
+
+    def __call__(self, coordinates: FloatArray) -> FloatArray:
+        which = self.nearest.of_points(coordinates)
+        every = np.stack([part(coordinates) for part in self.parts])
+        return np.asarray(every[which, np.arange(len(coordinates))])
+
+
+def mode_shares(
+    fits: Sequence[Fit], regions: Sequence[Region], chains: Sequence[Chain], rng: np.random.Generator
+) -> FloatArray:
+    """Compute how likely each mode is, shape (k,): by importance sampling from what its chain has learnt.
+
+    Laplace's approximation, as the fit has it, where the weights of a mode's draws are not reliable, and where readings
+    count as fewer since noise does not describe the residual."""
+    temperature = likelihood_temperature(fits[0].optimum)
+    laplace = [fit.optimum.laplace(fit.calibration.parameters, temperature)[1] for fit in fits]
+    shares = np.exp(np.array(laplace) - max(laplace))
+    if all(fit.spread is None for fit in fits):
+        pairs = zip(regions, chains, strict=True)
+        drawn = [importance_sample(r, c.adaptation.proposal, INTEGRAL_DRAWS, rng) for r, c in pairs]
+        if all(one.reliable for one in drawn):
+            level = np.array([one.log_evidence for one in drawn])
+            shares = np.exp(level - level.max())
+    return np.asarray(shares / shares.sum())
+
+
+def mixed(
+    parts: Sequence[tuple[FloatArray, FloatArray]], shares: FloatArray, rng: np.random.Generator
+) -> tuple[FloatArray, FloatArray, list[int]]:
+    """Mix draws (e, n, d) and densities (e, n) of all modes in random order, each by its share; count those of each.
+
+    ``parts`` has those of each mode."""
+    size = min(points.shape[1] / share for (points, _), share in zip(parts, shares, strict=True) if share > 0.0)
+    counts = [round(float(share) * min(size, max(p.shape[1] for p, _ in parts))) for share in shares]
+    taken = [np.linspace(0, p.shape[1] - 1, n).astype(np.int64) for (p, _), n in zip(parts, counts, strict=True)]
+    order = rng.permutation(sum(counts))
+    points = np.concatenate([p[:, rows] for (p, _), rows in zip(parts, taken, strict=True)], axis=1)
+    density = np.concatenate([level[:, rows] for (_, level), rows in zip(parts, taken, strict=True)], axis=1)
+    return points[:, order], density[:, order], [n * points.shape[0] for n in counts]
+
+
+def worst(chains: Sequence[Chain]) -> tuple[Convergence, ...]:
+    """Return the diagnosis of each dimension in the chain that is worst in it."""
+    return tuple(
+        Convergence(
+            max(d.r_hat for d in each), max(d.tau for d in each), min(d.ess_bulk for d in each),
+            min(d.ess_tail for d in each),
+        )
+        for each in zip(*(chain.diagnoses for chain in chains), strict=True)
+    )  # fmt: skip
+
+
+def mode_rows(
+    fits: Sequence[Fit], chains: Sequence[Chain], shares: FloatArray, counts: Sequence[int]
+) -> list[ModeDraws]:
+    """Return what is told of the draws of each mode."""
+    return [
+        ModeDraws({n: f[n].value for n in f.laplace.names[: len(f.free)]}, float(share), count, chain.converged)
+        for f, chain, share, count in zip(fits, chains, shares, counts, strict=True)
+    ]

@@ -1,0 +1,225 @@
+"""``result.json`` as a whole, and its sections of a designed experiment and of a fleet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Literal
+
+from pydantic import BaseModel, Field, JsonValue
+
+from aero_bayes.report.schema_estimate import (
+    DataFileJson,
+    DiagnosisJson,
+    DiagramJson,
+    FitJson,
+    IdentifiabilityJson,
+    JsonNumber,
+    JsonTable,
+    McmcJson,
+    ModelJson,
+    NoiseJson,
+    ParameterJson,
+    PredictionJson,
+    RecordingJson,
+    ResidualJson,
+    SensorJson,
+    SignalJson,
+    VerdictJson,
+)
+from aero_bayes.report.schema_loop import LoopJson, StudyJson
+
+
+class DesignedParameterJson(JsonTable):
+    """A parameter's standard deviation now, and expected after the experiment."""
+
+    value: JsonNumber
+    unit: str = ""
+    sd_before: JsonNumber
+    sd_after: JsonNumber = None
+    sd_repeated: JsonNumber = None
+    gain: JsonNumber = None
+    target: bool = False
+
+
+class DesignLimitsJson(JsonTable):
+    """Limits of the rig."""
+
+    amplifier: JsonNumber = None
+    travel: dict[str, JsonNumber] = {}
+
+
+class RivalJson(JsonTable):
+    """One of two effects to tell apart, as fitted to the present recordings."""
+
+    id: str
+    model: str = ""
+    parameters: dict[str, ParameterJson] = {}
+
+
+class DesignJson(JsonTable):
+    """The proposed experiment."""
+
+    kind: Literal["narrow", "separate"] = "narrow"
+    input: str
+    unit: str = ""
+    family: str = ""
+    families: dict[str, JsonNumber] = {}
+    duration: float
+    rate_hz: JsonNumber = None
+    gain: JsonNumber = None
+    parameters: dict[str, DesignedParameterJson] = {}
+    travel: dict[str, JsonNumber] = {}
+    limits: DesignLimitsJson = DesignLimitsJson()
+    table: dict[str, list[JsonNumber]] = {}
+    seed: int | None = None
+    file: str = ""
+    effects: list[str] = []
+    log_posterior_now: list[JsonNumber] = []
+    models: list[RivalJson] = []
+    log_evidence: JsonNumber = None
+    first_true: JsonNumber = None
+    second_true: JsonNumber = None
+
+
+class RangeJson(JsonTable):
+    """Median and central 90 % of a posterior."""
+
+    q05: JsonNumber = None
+    q50: JsonNumber = None
+    q95: JsonNumber = None
+
+
+class FleetParameterJson(JsonTable):
+    """A parameter over the fleet, in its unit; ``spread`` is of its logarithm where ``log``.
+
+    ``mean`` is the fleet's typical value, ``next`` the prediction for a rig not seen yet."""
+
+    unit: str = ""
+    log: bool = False
+    rigs: int = 0
+    mean: RangeJson = RangeJson()
+    spread: RangeJson = RangeJson()
+    next: RangeJson = RangeJson()
+
+
+class FleetEffectJson(JsonTable):
+    """An effect over the fleet: rigs whose loop named it, and the share of such rigs where a loop came to an end.
+
+    A rig whose data cannot tell it from other effects counts for a part of the share."""
+
+    id: str
+    summary: str = ""
+    named: int = 0
+    share: RangeJson = RangeJson()
+
+
+class RigReasonJson(JsonTable):
+    """A rig and why it is mentioned; ``p_value``: how unlikely one so far from the others is."""
+
+    rig: str
+    reasons: list[str] = []
+    p_value: JsonNumber = None
+
+
+class FleetJson(JsonTable):
+    """``fleet.json``; lists of rigs are cut at a hundred, counts are whole, all rigs are in ``rigs.sqlite``."""
+
+    version: Literal[1] = Field(default=1, alias="schema")
+    command: str = "fleet"
+    work: str = ""
+    seed: int = 1
+    simulated: bool = False
+    versions: dict[str, str] = {}
+    rigs: int = 0
+    failed: int = 0
+    outcomes: dict[str, int] = {}
+    parameters: dict[str, FleetParameterJson] = {}
+    effects: list[FleetEffectJson] = []
+    standing_out: int = 0
+    stand_out: list[RigReasonJson] = []
+    failures: list[RigReasonJson] = []
+    seconds: float = 0.0
+    workers: int = 0
+    table_sha256: str = ""
+    verdict: VerdictJson | None = None
+
+
+SCHEMA = 1
+
+
+class RunJson(JsonTable):
+    """``result.json``; ``signals`` and ``words`` describe the signals and the effects by id."""
+
+    version: Literal[1] = Field(default=1, alias="schema")
+    command: str = ""
+    seed: int | None = None
+    versions: dict[str, str] = {}
+    data: list[DataFileJson] = []
+    simulated: bool = False
+    units: dict[str, str] = {}
+    signals: dict[str, SignalJson] = {}
+    words: dict[str, str] = {}
+    settings: dict[str, JsonValue] = {}
+    model: ModelJson = ModelJson()
+    diagrams: list[DiagramJson] = []
+    recordings: list[RecordingJson] = []
+    parameters: dict[str, ParameterJson] = {}
+    noise: dict[str, NoiseJson] = {}
+    process_noise: dict[str, ParameterJson] = {}
+    sensors: dict[str, SensorJson] = {}
+    fit: FitJson = FitJson()
+    identifiability: IdentifiabilityJson = IdentifiabilityJson()
+    residual: dict[str, dict[str, ResidualJson]] = {}
+    diagnosis: list[DiagnosisJson] = []
+    prediction: PredictionJson = PredictionJson()
+    mcmc: McmcJson | None = None
+    loop: LoopJson | None = None
+    study: StudyJson | None = None
+    design: DesignJson | None = None
+    failures: dict[str, int] = {}
+    warnings: list[str] = []
+    verdict: VerdictJson | None = None
+    seconds: JsonNumber = None
+
+    def unit(self, signal: str) -> str:
+        """Return the unit of an input, output or state; empty if unknown."""
+        described = self.signals.get(signal)
+        return self.units.get(signal) or (described.unit if described else "")
+
+    def description(self, signal: str) -> str:
+        """Return the description of a signal in the model."""
+        return self.signals[signal].description if signal in self.signals else ""
+
+    def role(self, recording: str) -> str:
+        """Return ``train`` or ``test``; empty for a recording that the run does not know."""
+        return next((row.role for row in self.recordings if row.name == recording), "")
+
+    def noise_floor(self, recording: str, output: str) -> float | None:
+        """Return the noise of an output as estimated from the recording alone."""
+        found = self.residual.get(recording, {}).get(output)
+        if found is not None and found.noise_floor is not None:
+            return found.noise_floor
+        return next((row.noise_floor.get(output) for row in self.recordings if row.name == recording), None)
+
+    def effect_words(self) -> dict[str, str]:
+        """Return descriptions of all effects in the run, by id."""
+        added = self.loop.effects if self.loop is not None else []
+        return self.words | {effect.id: effect.summary for effect in added if effect.summary}
+
+
+def undeclared(part: BaseModel, path: str = "") -> Iterator[str]:
+    """Yield dotted paths of the keys below a part that no class names."""
+    yield from (f"{path}{key}" for key in part.model_extra or {})
+    for name in type(part).model_fields:
+        yield from _undeclared_within(getattr(part, name), f"{path}{name}")
+
+
+def _undeclared_within(value: object, path: str) -> Iterator[str]:
+    if isinstance(value, BaseModel):
+        yield from undeclared(value, f"{path}.")
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _undeclared_within(item, f"{path}.{key}")
+    elif isinstance(value, list):
+        for item in value:
+            yield from _undeclared_within(item, path)

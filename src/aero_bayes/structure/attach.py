@@ -1,0 +1,229 @@
+"""Laws attached to a model whose ports are open: which value of the one goes where in the other.
+
+The base is exported once, with a probe input at every balance and internal signal and an output for each signal that is
+neither a state nor an input. A law is an FMU of its own. A structure couples them (``coupled_fmu.py``), so that it has
+the states and parameters of its own terms only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from aero_bayes.simulation.model import Model
+from aero_bayes.structure.balance import DIFFERENCE, Port
+from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, AttachedLaw, Coupling, Setting, Source, Terms
+from aero_bayes.structure.law_blocks import RATE_SUFFIX, AlgebraicLoopError, LawBlocks
+from aero_bayes.structure.open_replaceables import Terminals
+from aero_bayes.structure.placed_law import PlacedLaw
+
+#: A law, and the component of a replaceable model in which it is; empty for none.
+Placed = tuple[PlacedLaw, str]
+
+
+@dataclass(frozen=True, eq=False)
+class OpenModel:
+    """A model with open ports.
+
+    ``inputs`` are its own, ``probes`` the inputs that stand for a law's output by the id of the port, which count
+    ``gain`` times. ``signals`` and ``rates`` say where a signal and its derivative are found. ``needs`` has the inputs
+    on which outputs depend at once, ``copies`` the states that outputs are as long as no probe acts on them.
+    By components of replaceable models, ``terminals`` has what a law reads and gives, ``constants`` parameters."""
+
+    model: Model
+    inputs: tuple[str, ...]
+    probes: Mapping[str, str]
+    signals: Mapping[str, Terms]
+    rates: Mapping[str, Terms] = field(default_factory=dict)
+    needs: Mapping[Source, frozenset[str]] = field(default_factory=dict)
+    hidden: frozenset[str] = frozenset()
+    gain: float = 1.0
+    copies: Mapping[str, int] = field(default_factory=dict)
+    state_names: Sequence[str] = ()
+    terminals: Mapping[str, Terminals] = field(default_factory=dict)
+    constants: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def output_needs(self, name: str) -> frozenset[str]:
+        """Return the inputs on which an output depends at once."""
+        return self.needs.get(Source(BASE, self.model.output(name).value_reference), frozenset())
+
+
+def attached(base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> Coupling:
+    """Couple a model with laws at its ports. Raises AlgebraicLoopError where they have to be solved together.
+
+    Of several laws at one input the first one acts last, of those at one output the last one."""
+    return _Attaching(base, placed_laws, blocks).coupling()
+
+
+class _Attaching:
+    def __init__(self, base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> None:
+        self.base, self.blocks = base, blocks
+        self.placed = [
+            (placed, component)
+            for placed in placed_laws
+            for component in (placed.port.replaceable.components if placed.port.replaceable is not None else ("",))
+        ]
+        if closed := [component for _, component in self.placed if component and component not in base.terminals]:
+            raise AlgebraicLoopError(closed[0])
+        self.acting: dict[str, Terms] = {name: ((Source(INPUT, k), 1.0),) for k, name in enumerate(base.inputs)}
+        self.changed: dict[str, Terms] = {}
+        self.probed: dict[str, Terms] = {}
+        self.outputs: dict[str, Source] = {}
+        self.given: dict[str, Terms] = {}
+        self.settings: list[Setting] = []
+
+    def coupling(self) -> Coupling:
+        here: dict[str, list[Placed]] = {"input": [], "output": [], "redeclare": []}
+        inside: list[Placed] = []
+        for placed in self.placed:
+            here.get(placed[0].port.attachment, inside).append(placed)
+        for placed in reversed(here["input"]):
+            self._feed(placed)
+            self.acting[self._own_input(placed[0].port)] = ((self._acts(placed), 1.0),)
+        waiting = [*here["redeclare"], *reversed(inside)]
+        while waiting:
+            ready = next((p for p in waiting if not self._awaits(p, waiting)), None)
+            if ready is None:
+                raise AlgebraicLoopError(" and ".join(p.id for p, _ in waiting))
+            waiting.remove(ready)
+            self._place(ready)
+        self._set_base()
+        for placed in here["output"]:
+            self._feed(placed)
+            self.outputs[placed[0].port.signals["u"]] = self._acts(placed)
+        own = {v.name for v in self.base.model.outputs}
+        outputs = {name if name in own else self._output_behind(name): source for name, source in self.outputs.items()}
+        for name, k in self.base.copies.items():
+            if not self.base.output_needs(name) & self.probed.keys():
+                outputs.setdefault(name, Source(STATE, k))
+        laws = [self._law(placed) for placed in self.placed]
+        base = self.base
+        return Coupling(base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names)
+
+    def _output_behind(self, signal: str) -> str:
+        """Return the output behind the name of a signal: an FMU's output may be no identifier."""
+        ((source, _),) = self.base.signals[signal]
+        states = self.base.model.states
+        reference = states[source.reference].value_reference if source.part == STATE else source.reference
+        return next(v.name for v in self.base.model.outputs if v.value_reference == reference)
+
+    def _own_input(self, port: Port) -> str:
+        ((source, _),) = self.base.signals[port.signals["u"]]
+        return self.base.inputs[source.reference]
+
+    def _part(self, placed: Placed) -> int:
+        return 1 + next(k for k, other in enumerate(self.placed) if other is placed)
+
+    def _acts(self, placed: Placed, output: str = "") -> Source:
+        model = self.blocks.model(placed[0])
+        return Source(self._part(placed), model.output(output or placed[0].law.interface.output).value_reference)
+
+    def _law(self, placed: Placed) -> AttachedLaw:
+        law, component = placed
+        others = self.base.constants.get(component, {})
+        return self.blocks.attached(law, f"{component}.{law.instance}" if component else law.instance, others)
+
+    def _terms(self, signal: str) -> Terms:
+        """Return a signal, the difference of two variables maybe, by values that are known; inputs as they act."""
+        one, minus, other = signal.partition(DIFFERENCE)
+        if minus:
+            return (*self._terms(one), *((source, -gain) for source, gain in self._terms(other)))
+        if signal in self.changed:
+            return self.changed[signal]
+        found: list[tuple[Source, float]] = []
+        for source, gain in self.base.signals[signal]:
+            if source.part == INPUT:
+                acting = self.acting[self.base.inputs[source.reference]]
+                found += [(inner, gain * factor) for inner, factor in acting]
+            else:
+                found.append((source, gain))
+        return tuple(found)
+
+    def _given(self, placed: Placed) -> Mapping[str, str]:
+        """Return the signal of the model that each input of a law is."""
+        law, component = placed
+        if component:
+            return self.base.terminals[component].reads_in(component)
+        if law.law.kind == "exchange" and law.neighbour is not None:
+            return {"h_1": law.port.signals["h"], "h_2": law.neighbour.signals["h"]}
+        return law.port.signals
+
+    def _read(self, placed: Placed) -> dict[str, Terms]:
+        """Return what each input of a law is set to."""
+        inputs = {v.name for v in self.blocks.model(placed[0]).inputs}
+        found = {}
+        for name, signal in self._given(placed).items():
+            if name in inputs:
+                outer = self.outputs.get(signal) if placed[0].port.attachment == "output" else None
+                found[name] = self._terms(signal) if outer is None else ((outer, 1.0),)
+            if f"{name}{RATE_SUFFIX}" in inputs:
+                changed = signal in self.outputs or (
+                    signal in self.base.copies and self.base.output_needs(signal) & self.probed.keys()
+                )
+                if changed or signal not in self.base.rates:
+                    raise AlgebraicLoopError(placed[0].id)
+                found[f"{name}{RATE_SUFFIX}"] = self.base.rates[signal]
+        return found
+
+    def _feed(self, placed: Placed) -> None:
+        model, part = self.blocks.model(placed[0]), self._part(placed)
+        terms = self._read(placed)
+        self.settings += [Setting(part, model.input(name).value_reference, own) for name, own in terms.items()]
+
+    def _needs(self, placed: Placed) -> frozenset[str]:
+        """Return the inputs of the base on which what a law reads depends at once."""
+        sources = [source for terms in self._read(placed).values() for source, _ in terms]
+        return frozenset[str]().union(*(self.base.needs.get(s, frozenset()) for s in sources if s.part == BASE))
+
+    def _probes_of(self, placed: Placed) -> set[str]:
+        law, component = placed
+        if component:
+            return {self.base.probes[f"{component}.{v.name}"] for v in self.blocks.model(law).outputs}
+        ports = [law.port, *([law.neighbour] if law.neighbour is not None else [])]
+        return {self.base.probes[p.id] for p in ports}
+
+    def _awaits(self, placed: Placed, waiting: Sequence[Placed]) -> bool:
+        """Return whether a law needs what another law that waits, or itself, gives."""
+        needs = self._needs(placed)
+        return any(needs & self._probes_of(other) for other in waiting)
+
+    def _place(self, placed: Placed) -> None:
+        if any(s.part == BASE for terms in self._read(placed).values() for s, _ in terms):
+            self._set_base()
+        self._feed(placed)
+        (law, component), signals = placed, placed[0].port.signals
+        if component:
+            self._place_inside(placed)
+        elif law.port.defining_equation is not None:
+            before, acts = self._terms(signals["u"]), self._acts(placed)
+            self._probe(law.port.id, ((acts, 1.0), *((source, -gain) for source, gain in before)))
+            self.changed[signals["u"]] = ((acts, 1.0),)
+        else:
+            self._probe(law.port.id, ((self._acts(placed), 1.0),))
+            if law.neighbour is not None:
+                other = self._acts(placed, "q_2" if law.law.kind == "overflow" else "")
+                self._probe(law.neighbour.id, ((other, -1.0),))
+
+    def _place_inside(self, placed: Placed) -> None:
+        """Place a law in a replaceable model; what passes through reaches the next one changed."""
+        law, component = placed
+        given = {v.name for v in self.blocks.model(law).outputs}
+        for name in given:
+            self._probe(f"{component}.{name}", ((self._acts(placed, name), 1.0),))
+        for member, (name, gain) in self.base.terminals[component].passed.items():
+            if name in given:
+                signal = f"{component}.{member}"
+                self.changed[signal] = (*self._terms(signal), (self._acts(placed, name), gain))
+
+    def _probe(self, key: str, terms: Terms) -> None:
+        name = self.base.probes[key]
+        self.probed[name] = self.probed.get(name, ()) + tuple((s, self.base.gain * gain) for s, gain in terms)
+
+    def _set_base(self) -> None:
+        """Set the inputs of the base as far as they are known."""
+        model = self.base.model
+        names = [*self.base.inputs, *(name for name in self.probed if name not in self.base.inputs)]
+        for name in names:
+            terms = self.acting.get(name, ()) + self.probed.get(name, ())
+            if self.given.get(name) != terms:
+                self.given[name] = terms
+                self.settings.append(Setting(BASE, model.input(name).value_reference, terms))

@@ -1,0 +1,354 @@
+"""The family of an FMU without source: laws around it, at its inputs, its outputs and at forces."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from aero_bayes.declared import PackageDeclaration
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.measured_data import MeasuredData
+from aero_bayes.files import whole_file
+from aero_bayes.modelica.build import write_archive
+from aero_bayes.modelica.edits import unified_diff
+from aero_bayes.modelica.embedded import export_flat
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model_description import Variable
+from aero_bayes.structure.attach import OpenModel, attached
+from aero_bayes.structure.balance import Port
+from aero_bayes.structure.candidates import Candidate, find_candidates
+from aero_bayes.structure.class_with_laws import class_text
+from aero_bayes.structure.coupled_fmu import UNREAD_SUFFIX, couple
+from aero_bayes.structure.fmu_ports import FmuBoundary, LawCoupling
+from aero_bayes.structure.law import Law
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.model_family import OpenSimulator
+from aero_bayes.structure.modelica_family import ModelicaFamily, PortNominals
+from aero_bayes.structure.nominal_values import (
+    fastest_time_scale,
+    recorded_inputs,
+    relative_change,
+    share_visited_twice,
+    signal_nominal,
+    simulated_signals,
+    visited_range,
+)
+from aero_bayes.structure.placed_law import PlacedLaw, identifier
+from aero_bayes.structure.write_model import WrittenModel
+
+
+@dataclass(frozen=True)
+class FmuPlaces(LawPlaces):
+    """An FMU, its ports, and the laws that may act around it."""
+
+    fmu: Path = Path()
+
+    @cached_property
+    def inner(self) -> Model:
+        return Model.load(self.fmu)
+
+    @cached_property
+    def boundary(self) -> FmuBoundary:
+        return FmuBoundary(self.inner, self.laws)
+
+    @cached_property
+    def declared(self) -> PackageDeclaration:
+        """An empty declaration: ports and laws around an FMU are found, not declared."""
+        return PackageDeclaration()
+
+    @cached_property
+    def replaceable_laws(self) -> tuple[Law, ...]:
+        """Empty: an FMU has no replaceable models."""
+        return ()
+
+    @cached_property
+    def ports(self) -> tuple[Port, ...]:
+        return self.boundary.ports
+
+    def check(self) -> None:
+        """Raise InputError for an FMU without Model Exchange, and as for any model."""
+        if self.inner.interface != "model exchange":
+            raise InputError(f"{self.fmu}: the loop needs Model Exchange; this FMU has co-simulation only")
+        super().check()
+
+    def taken_names(self) -> set[str]:
+        inner = self.inner
+        every = (*inner.parameters, *inner.inputs, *inner.outputs, *inner.states)
+        return {v.name for v in every} | set(self.boundary.names.values())
+
+    def candidates_for(self, data: MeasuredData) -> Sequence[Candidate]:
+        """Return all candidates. At an input that no recording has, only an offset."""
+        driven = {s.name for e in data.experiments for s in e.inputs}
+        return [
+            c
+            for c in find_candidates(self.ports, self.laws)
+            if c.port.kind != "input" or c.port.id in driven or c.law.id == "offset"
+        ]
+
+
+#: Name of the imported FMU in the Modelica model and in the SSP.
+PLANT = "plant"
+_SSP = "http://ssp-standard.org/SSP1"
+_NAMESPACES = {
+    "ssd": f"{_SSP}/SystemStructureDescription",
+    "ssc": f"{_SSP}/SystemStructureCommon",
+    "ssv": f"{_SSP}/SystemStructureParameterValues",
+}
+
+
+def _imported_class(inner: Model) -> str:
+    """Return the name under which the Modelica model expects the imported FMU."""
+    return f"{_class_name(inner.path.stem)}_fmu"
+
+
+def wrapper_text(
+    inner: Model, coupling: LawCoupling, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], name: str
+) -> str:
+    """Return the Modelica model of an imported FMU with laws around it."""
+    cls = _imported_class(inner)
+    lines = [
+        "within ;",
+        f'model {name} "{inner.path.name} with {" and ".join(u.id for u in placed_laws) or "nothing added"}"',
+        f"  // import {inner.path.name} under the name {cls} first (OpenModelica: importFMU, Dymola: File, Import FMU)",
+    ]
+    lines += [f"  {line}" for placed in placed_laws for line in placed.declarations()]
+    shown = [(v, outside, "input") for v, outside, _ in coupling.inputs]
+    outside_of = {v.name: outside for v, _, outside in coupling.outputs}
+    outputs = [v for v in inner.outputs if v.kind == "real"]
+    shown += [(v, outside_of.get(v.name, identifier(v.name)), "output") for v in outputs]
+    for v, outside, causality in shown:
+        unit = f'(unit = "{v.unit}")' if v.unit else ""
+        lines.append(f"  {causality} Real {outside}{unit}{_described(v)};")
+    given = [f"{_reference(p.name)} = {values[p.name]!r}" for p in inner.parameters if p.name in values]
+    lines.append(f"  {cls} {PLANT}{_modifier(given)};")
+    for placed in placed_laws:
+        bound = [f"{p.name} = {placed.names[p.name]}" for p in placed.parameters()]
+        lines.append(f"  {_law_name(placed)} {placed.instance}{_modifier(bound)};")
+    for placed in placed_laws:
+        lines += [
+            f"  {line}" for line in class_text(placed.law, _law_name(placed), nominals=placed.all_nominals, signals={})
+        ]
+    lines += ["equation", *(f"  {e};" for e in _equations(inner, coupling, placed_laws, outside_of))]
+    return "\n".join([*lines, f"end {name};", ""])
+
+
+def _equations(
+    inner: Model, coupling: LawCoupling, placed_laws: Sequence[PlacedLaw], outside_of: Mapping[str, str]
+) -> list[str]:
+    found: list[str] = []
+    inside = {name: f"{PLANT}.{_reference(v.name)}" for v, name in coupling.states}
+
+    def read(placed: PlacedLaw, signal: str = "") -> None:
+        """Add equations for the inputs of a law; ``signal`` is what it acts on."""
+        for s in placed.law.interface.inputs:
+            if s in placed.law.used_inputs:
+                given = placed.port.signals[s]
+                found.append(f"{placed.instance}.{s} = {signal if s == 'u' and signal else inside.get(given, given)}")
+
+    for k, (v, outside, _) in enumerate(coupling.inputs):
+        signal, terms = outside, ""
+        for placed in reversed(placed_laws):
+            if placed.port.attachment == "input" and placed.port.signals["u"] == outside:
+                read(placed, signal)
+                signal = f"{placed.instance}.y"
+        for placed in placed_laws:
+            if placed.port.balance is not None and placed.port.balance.equation == k:
+                read(placed)
+                terms += f" - {placed.instance}.{placed.law.interface.output}"
+        found.append(f"{PLANT}.{_reference(v.name)} = {signal}{terms}")
+    for v in inner.outputs:
+        if v.kind == "real":
+            signal, outside = f"{PLANT}.{_reference(v.name)}", outside_of.get(v.name, identifier(v.name))
+            for placed in placed_laws:
+                if placed.port.attachment == "output" and placed.port.signals["u"] == outside:
+                    read(placed, signal)
+                    signal = f"{placed.instance}.y"
+            found.append(f"{outside} = {signal}")
+    return found
+
+
+def _modifier(bound: Sequence[str]) -> str:
+    return f"({', '.join(bound)})" if bound else ""
+
+
+def _law_name(placed: PlacedLaw) -> str:
+    return "".join(part.capitalize() for part in re.split(r"_+", placed.instance))
+
+
+def _described(v: Variable) -> str:
+    return f' "{v.description}"' if v.description and '"' not in v.description else ""
+
+
+def _class_name(stem: str) -> str:
+    name = identifier(stem) or "Model"
+    return name if not name[0].isdigit() else f"M{name}"
+
+
+def _reference(name: str) -> str:
+    """Return the name of a variable in Modelica, in quotes if it is no identifier."""
+    return name if re.fullmatch(r"[A-Za-z_]\w*(\[\d+\])?(\.[A-Za-z_]\w*(\[\d+\])?)*", name) else f"'{name}'"
+
+
+def write_ssp(inner: Model, laws: Path, coupling: LawCoupling, values: Mapping[str, float], out: Path) -> Path:
+    """Write the system of the FMU and the FMU of its laws, connected, as an SSP 1.0 archive."""
+    for prefix, uri in _NAMESPACES.items():
+        ET.register_namespace(prefix, uri)
+    root = _element(None, "ssd:SystemStructureDescription", version="1.0", name=out.stem)
+    system = _element(root, "ssd:System", name=out.stem)
+    outside_of = {v.name: outside for v, _, outside in coupling.outputs}
+    outputs = [v for v in inner.outputs if v.kind == "real"]
+    _connectors(system, [*((v.name, "input") for v, _, _ in coupling.inputs), *((v.name, "output") for v in outputs)])
+    elements = _element(system, "ssd:Elements")
+    plant, around = (
+        _element(elements, "ssd:Component", name=n, type="application/x-fmu-sharedlibrary", source=f"resources/{f}")
+        for n, f in ((PLANT, inner.path.name), ("laws", laws.name))
+    )
+    reading = [v.name for v, _ in coupling.states if v.name not in {o.name for o in outputs}]
+    _connectors(plant, [*((v.name, "input") for v, _, _ in coupling.inputs),
+                        *((n, "output") for n in (*(v.name for v in outputs), *reading))])  # fmt: skip
+    own = {p.name: values[p.name] for p in inner.parameters if p.name in values}
+    if own:
+        binding = _element(_element(plant, "ssd:ParameterBindings"), "ssd:ParameterBinding")
+        found = _element(_element(binding, "ssd:ParameterValues"), "ssv:ParameterSet", version="1.0", name="fitted")
+        parameters = _element(found, "ssv:Parameters")
+        for name, value in own.items():
+            _element(_element(parameters, "ssv:Parameter", name=name), "ssv:Real", value=repr(value))
+    _connectors(around, [
+        *((outside, "input") for _, outside, _ in coupling.inputs),
+        *((inside, "input") for _, inside, _ in coupling.outputs),
+        *((name, "input") for _, name in coupling.states), *((acts, "output") for _, _, acts in coupling.inputs),
+        *((outside, "output") for _, _, outside in coupling.outputs),
+    ])  # fmt: skip
+    connections = _element(system, "ssd:Connections")
+    ends: list[tuple[str, str, str, str]] = []
+    for v, outside, acts in coupling.inputs:
+        ends += [("", v.name, "laws", outside), ("laws", acts, PLANT, v.name)]
+    for v in outputs:
+        ends.append(("laws", outside_of[v.name], "", v.name) if v.name in outside_of else (PLANT, v.name, "", v.name))
+    ends += [(PLANT, v.name, "laws", inside) for v, inside, _ in coupling.outputs]
+    ends += [(PLANT, v.name, "laws", name) for v, name in coupling.states]
+    for a, left, b, right in ends:
+        keys = ("startElement", a), ("startConnector", left), ("endElement", b), ("endConnector", right)
+        _element(connections, "ssd:Connection", **{k: v for k, v in keys if v})
+    ET.indent(root)
+    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
+    write_archive(out, {
+        "SystemStructure.ssd": text.encode(), f"resources/{inner.path.name}": inner.path.read_bytes(),
+        f"resources/{laws.name}": laws.read_bytes(),
+    })  # fmt: skip
+    return out
+
+
+def _element(parent: ET.Element | None, tag: str, **attributes: str) -> ET.Element:
+    prefix, _, name = tag.partition(":")
+    full = f"{{{_NAMESPACES[prefix]}}}{name}"
+    return ET.Element(full, attributes) if parent is None else ET.SubElement(parent, full, attributes)
+
+
+def _connectors(parent: ET.Element, signals: Sequence[tuple[str, str]]) -> None:
+    group = _element(parent, "ssd:Connectors")
+    for name, kind in signals:
+        _element(_element(group, "ssd:Connector", name=name, kind=kind), "ssc:Real")
+
+
+@dataclass(frozen=True)
+class FmuFamily(ModelicaFamily):
+    """An FMU, the base model, and the same FMU with laws around it."""
+
+    places: FmuPlaces
+    _fixed_values: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def inner(self) -> Model:
+        """The FMU."""
+        return self.places.inner
+
+    def base_model(self) -> Model:
+        """Return the FMU itself."""
+        return self.inner
+
+    def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
+        """Place the candidates; see the base class."""
+        self._fixed_values.clear()
+        self._fixed_values.update(calibration.simulated.fixed)
+        return super().prepare(calibration, fit, open_simulator)
+
+    def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
+        """Compute nominal values from the fit. Those of a force are from its recording, or its nominal attribute."""
+        inner = self.inner
+        names = {v.name for v in inner.outputs if v.kind == "real"}
+        states = [s.name for s in inner.states]
+        found = simulated_signals(calibration, sorted({*names, *states}), fit, open_simulator)
+        seen = {name: signal_nominal(parts) or 1.0 for name, parts in found.items()}
+        given = {
+            v.name: signal_nominal([s.values for s in recorded_inputs(calibration.data, v.name)]) or v.nominal or 1.0
+            for v in inner.inputs
+        }
+        time = fastest_time_scale(calibration.data)
+        nominals: dict[str, Mapping[str, float]] = {}
+        for port in self.places.ports:
+            if port.kind == "motion":
+                assert port.balance is not None
+                force = given[inner.inputs[port.balance.equation].name]
+                speed, *position = (seen[s] for s in port.states)
+                place = (*position, speed * time)[0]
+                read = zip(("v", "x"), port.states, strict=False)
+                twice = {f"{signal}_twice": share_visited_twice(found[s]) for signal, s in read}
+                nominals[port.id] = {"f_n": force, "v_n": speed, "x_n": place, "x_w": place, "t_n": time, **twice}
+            elif port.kind == "input":
+                nominals[port.id] = {
+                    "u_n": given[port.id],
+                    "w_n": relative_change(recorded_inputs(calibration.data, port.id), time),
+                    "t_n": time,
+                }
+            else:
+                reading = port.id.removeprefix("output_")
+                nominals[port.id] = {
+                    "u_n": seen[reading],
+                    **visited_range("u", found[reading]),
+                    "u_twice": share_visited_twice(found[reading]),
+                    "t_n": time,
+                }
+        return nominals
+
+    def _opened(self) -> OpenModel:
+        return self.places.boundary.opened()
+
+    def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
+        return self._attached(placed_laws)
+
+    def _coupling(self, placed_laws: Sequence[PlacedLaw]) -> LawCoupling:
+        return self.places.boundary.coupling(placed_laws, self.places.law_models)
+
+    def _write(
+        self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
+    ) -> tuple[WrittenModel, Model]:
+        """Write ``NAME.mo`` and ``NAME.ssp`` for other tools, and ``NAME.fmu``."""
+        name = "_".join([self.title, *(u.instance for u in placed_laws)])
+        coupling, none = self._coupling(placed_laws), self._coupling(())
+        values = {**self._fixed_values, **values}
+        text = wrapper_text(self.inner, coupling, placed_laws, values, name)
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{name}.mo"
+        with whole_file(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        laws = self.folder / f"{name}-laws.fmu"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        export_flat(coupling.flat, laws)
+        couple(attached(self._opened(), placed_laws, self.blocks), folder / f"{name}.fmu")
+        write_ssp(self.inner, laws, coupling, values, folder / f"{name}.ssp")
+        before = wrapper_text(self.inner, none, (), values, name)
+        return WrittenModel(name, path, text, unified_diff(before, text, f"{self.title}.mo", path.name)), Model.load(
+            folder / f"{name}.fmu"
+        )
+
+    def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
+        """Return names in a coupled model of states that are outputs, which may have others there."""
+        there = {s.name for s in model.states}
+        return {s.name: f"{s.name}{UNREAD_SUFFIX}" for s in self.inner.states if s.name not in there}

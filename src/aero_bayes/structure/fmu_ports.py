@@ -1,0 +1,152 @@
+"""Ports of an FMU whose equations are unknown: its inputs and outputs, and forces that drive a known speed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from aero_bayes.modelica.compose import add_output
+from aero_bayes.modelica.flat import FlatModel, FlatVariable
+from aero_bayes.modelica.syntax import Name, Number
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model_description import Variable
+from aero_bayes.structure.attach import OpenModel
+from aero_bayes.structure.balance import Balance, Port
+from aero_bayes.structure.candidates import with_applicable_laws
+from aero_bayes.structure.compose import LawModels, compose_laws
+from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, Source, Terms
+from aero_bayes.structure.law import Law
+from aero_bayes.structure.placed_law import PlacedLaw, identifier
+
+#: By the unit of a force or torque: the unit of the speed, and units of the position.
+_MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "N": ("m/s", ("m",)), "N.m": ("rad/s", ("rad", "1", "")),
+}  # fmt: skip
+#: Suffix of the name under which laws read a state.
+INSIDE = "_inside"
+
+
+@dataclass(frozen=True)
+class LawCoupling:
+    """How the variables of an FMU are connected with those of a flat model of laws."""
+
+    flat: FlatModel
+    inputs: tuple[tuple[Variable, str, str], ...]
+    outputs: tuple[tuple[Variable, str, str], ...]
+    states: tuple[tuple[Variable, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class FmuBoundary:
+    """The boundary of an FMU: its ports, and flat models of laws at these."""
+
+    fmu_model: Model
+    laws: Sequence[Law] = ()
+
+    @cached_property
+    def names(self) -> Mapping[str, str]:
+        """A Modelica identifier for every input, output and state."""
+        found: dict[str, str] = {}
+        for v in (*self.fmu_model.inputs, *self.fmu_model.outputs, *self.fmu_model.states):
+            if v.name not in found:
+                plain = name = identifier(v.name) or "signal"
+                count = 1
+                while name in found.values() or name[0].isdigit():
+                    count += 1
+                    name = f"{plain}_{count}" if not plain[0].isdigit() else f"v{plain}_{count}"
+                found[v.name] = name
+        return found
+
+    @cached_property
+    def ports(self) -> tuple[Port, ...]:
+        """Ports at all inputs and outputs, and at forces and torques with a speed among the states."""
+        motions = list(self._motions())
+        taken = {p.id for p in motions}
+        plain = [
+            *(self._signal(v, "input", v.name) for v in self.fmu_model.inputs),
+            *(self._signal(v, "reading", f"output_{v.name}" if v.name in taken else v.name)
+              for v in self.fmu_model.outputs if v.kind == "real"),
+        ]  # fmt: skip
+        every = [*plain, *motions]
+        return with_applicable_laws(every, self.laws)
+
+    def _signal(self, v: Variable, kind: str, id_: str) -> Port:
+        units = {"u": v.unit, "y": v.unit}
+        name = self.names[v.name]
+        if kind == "input":
+            return Port(id_, "input", "input", v.unit, units, None, (), {"u": name})
+        return Port(id_, "reading", "output", v.unit, units, None, (), {"u": name})
+
+    def _motions(self) -> Iterator[Port]:
+        """Yield ports for forces. They read states, so that no algebraic loop arises."""
+        driving = [(k, v) for k, v in enumerate(self.fmu_model.inputs) if v.unit in _MOTIONS]
+        for k, force in driving:
+            speed_unit, position_units = _MOTIONS[force.unit]
+            speeds = [s for s in self.fmu_model.states if s.unit == speed_unit]
+            positions = [s for s in self.fmu_model.states if s.unit in position_units]
+            alone = sum(v.unit == force.unit for _, v in driving) == 1
+            for speed in speeds:
+                signals, units = {"v": self.state_signal(speed)}, {"f": force.unit, "v": speed_unit}
+                if len(speeds) == len(positions) == 1:
+                    signals["x"], units["x"] = self.state_signal(positions[0]), positions[0].unit
+                own = self._outside(speed)
+                yield Port(
+                    own if alone else f"{force.name}.{own}", "motion", "equation", force.unit, units, None,
+                    tuple(s.name for s in (speed, *positions[: "x" in signals])), signals,
+                    Balance(k, Number(1.0), force.unit),
+                )  # fmt: skip
+
+    def state_signal(self, state: Variable) -> str:
+        """Return the name under which laws read a state."""
+        return f"{self.names[state.name]}{INSIDE}"
+
+    def _outside(self, state: Variable) -> str:
+        """Return the name of the output that equals a state, else the name of the state."""
+        index = self.fmu_model.states.index(state)
+        return next(
+            (v.name for v in self.fmu_model.outputs if self.fmu_model.copied_state(v.name) == index), state.name
+        )
+
+    def opened(self) -> OpenModel:
+        """Return the FMU with its inputs, outputs and states under the names by which laws know them."""
+        model, signals = self.fmu_model, dict[str, Terms]()
+        states = {s.value_reference: k for k, s in enumerate(model.states)}
+        for k, v in enumerate(model.inputs):
+            signals[self.names[v.name]] = ((Source(INPUT, k), 1.0),)
+        for v in model.outputs:
+            state = states.get(v.value_reference)
+            source = Source(BASE, v.value_reference) if state is None else Source(STATE, state)
+            signals[self.names[v.name]] = ((source, 1.0),)
+        for k, s in enumerate(model.states):
+            signals[self.state_signal(s)] = ((Source(STATE, k), 1.0),)
+        probes = {p.id: model.inputs[p.balance.equation].name for p in self.ports if p.balance is not None}
+        return OpenModel(model, tuple(v.name for v in model.inputs), probes, signals, gain=-1.0)
+
+    def coupling(self, placed_laws: Sequence[PlacedLaw], models: LawModels) -> LawCoupling:
+        """Return the flat model of laws at ports of this FMU, with only those signals of the FMU that they need."""
+        read = {name for placed in placed_laws for name in placed.port.signals.values()}
+        flat = FlatModel(f"{self.fmu_model.name} laws")
+        inputs, outputs, states = [], [], []
+        for v in self.fmu_model.inputs:
+            name = self.names[v.name]
+            inputs.append((v, name, f"{name}_acts"))
+            flat = _input(flat, name, v, v.start or 0.0)
+            flat = add_output(flat, f"{name}_acts", Name(name), v.unit)
+        for v in self.fmu_model.outputs:
+            name = self.names[v.name]
+            if v.kind == "real" and name in read:
+                outputs.append((v, f"{name}_unread", name))
+                flat = _input(flat, f"{name}_unread", v, v.start or 0.0)
+                flat = add_output(flat, name, Name(f"{name}_unread"), v.unit)
+        for v in self.fmu_model.states:
+            if self.state_signal(v) in read:
+                states.append((v, self.state_signal(v)))
+                flat = _input(flat, self.state_signal(v), v, v.start or 0.0)
+        return LawCoupling(compose_laws(flat, placed_laws, models), tuple(inputs), tuple(outputs), tuple(states))
+
+
+def _input(flat: FlatModel, name: str, v: Variable, start: float) -> FlatModel:
+    attributes = {"start": Number(start)}
+    variable = FlatVariable(name, causality="input", unit=v.unit, description=v.description, attributes=attributes)
+    return FlatModel(flat.name, (*flat.variables, variable), flat.equations)

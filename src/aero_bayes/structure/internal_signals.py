@@ -1,0 +1,158 @@
+"""Ports at signals inside a model: outputs of a controller, of a filter, of a block."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+
+from aero_bayes.modelica.flat import FlatEquation, FlatModel
+from aero_bayes.modelica.syntax import Name, names_in
+from aero_bayes.structure.aliases import AliasStructure, derived_in, is_derivative
+from aero_bayes.structure.balance import Port
+
+#: Index of an equation in the model, the variables in it, and the alias classes that it determines.
+Determined = tuple[int, set[str], set[str]]
+
+
+def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
+    """Yield ports at variables that an explicit equation computes from states and inputs, as in a controller.
+
+    A variable that is computed from states alone is a signal only without feedback: if its states do not depend on it,
+    as from one filter to the next. A law at a signal acts as at an input: the rest of the model reads its output."""
+    given = _explicit_variables(s, flat)
+    inputs = {s.of(v.name) for v in flat.variables if v.causality == "input" and "." not in v.name}
+    told = _determined(s, given)
+    onward, read = _dependents(s, told), _read(s)
+    for name, index in given.items():
+        e = flat.equations[index]
+        reached = _sources(s, name, given, read)
+        acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
+        within = reached & {*s.states}
+        first = {head for of, names, heads in told if of != index and name in names for head in heads}
+        if within and acts and (reached & inputs or not within & _reachable(first, onward)):
+            unit = flat.variable(name).unit
+            states = tuple(x for x in s.states if x in reached)
+            yield Port(
+                name,
+                "input",
+                "signal",
+                unit,
+                {"u": unit, "y": unit},
+                e.place,
+                states,
+                {"u": name},
+                defining_equation=index,
+            )
+
+
+def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
+    """Yield ports at inputs of components that the model's own class connects to outputs of other components."""
+    for index, e in enumerate(flat.equations):
+        match e.left, e.right:
+            case Name(one, ()), Name(two, ()) if e.origin == "connection" and not e.component:
+                for inner, outer in ((one, two), (two, one)):
+                    if _is_component_signal(s, inner, "input") and _is_component_signal(s, outer, "output"):
+                        unit = s.variables[inner].unit or s.variables[outer].unit
+                        states = tuple(s.states_in(Name(outer)))
+                        signals = {"u": unit, "y": unit}
+                        yield Port(
+                            inner, "input", "signal", unit, signals, e.place, states, {"u": inner},
+                            defining_equation=index,
+                        )  # fmt: skip
+
+
+def _determined(s: AliasStructure, given: Collection[str]) -> list[Determined]:
+    """Return, for each equation its index, its variables, and the variables that it determines.
+
+    All of them if implicit."""
+    rates = {rate: state for state, rate in s.rates.items() if rate not in s.states}
+    found: list[Determined] = []
+    for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
+        names = {n for n in names_in(e.left) | names_in(e.right) if n in s.same}
+        classes = {s.of(n) for n in names}
+        heads = {s.of(x) for x in derived_in(e)} & {*s.states} or {rates[n] for n in classes if n in rates}
+        if isinstance(e.left, Name) and e.left.name in given:
+            heads = {s.of(e.left.name)}
+        found.append((index, names, heads if len(heads) == 1 else classes))
+    return found
+
+
+def _dependents(s: AliasStructure, told: Sequence[Determined]) -> dict[str, set[str]]:
+    """Return, by alias class, the classes that it acts on directly."""
+    found: dict[str, set[str]] = {}
+    for _, names, heads in told:
+        for name in names:
+            found.setdefault(s.of(name), set()).update(heads)
+    return found
+
+
+def _reachable(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
+    """Find some classes, and all that they act on directly or indirectly (reachability in the dependency graph)."""
+    found, waiting = {*begin}, [*begin]
+    while waiting:
+        new = onward.get(waiting.pop(), set()) - found
+        found |= new
+        waiting += new
+    return found
+
+
+def _is_component_signal(s: AliasStructure, name: str, causality: str) -> bool:
+    """Return whether a variable is a scalar input or output of a component."""
+    v = s.variables.get(name)
+    return v is not None and v.causality == causality and name.count(".") == 1 and v.type == "Real" and not v.sizes
+
+
+def defining_equations(flat: FlatModel, port: Port) -> list[int]:
+    """List the equations that define a signal: its own one, or all connection equations if it is connected."""
+    if port.defining_equation is None:
+        return []
+    if flat.equations[port.defining_equation].origin != "connection":
+        return [port.defining_equation]
+    return [i for i, e in enumerate(flat.equations) if e.origin == "connection"]
+
+
+def _acts(s: AliasStructure, e: FlatEquation, name: str) -> bool:
+    """Return whether a signal acts in an equation: not if that only names a derivative, or defines an output."""
+    for one, other in ((e.left, e.right), (e.right, e.left)):
+        if other == Name(name) and is_derivative(one):
+            return False
+        if isinstance(one, Name) and s.variables[one.name].causality == "output" and "." not in one.name:
+            return False
+    return name in names_in(e.left) | names_in(e.right)
+
+
+def _gives(e: FlatEquation, name: str) -> bool:
+    return e.left == Name(name) and not e.component and e.origin in ("component", "binding") and not derived_in(e)
+
+
+def _explicit_variables(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
+    """Return local variables that exactly one explicit equation defines, with the index of that equation."""
+    derived = {n for e in s.flat.equations for n in derived_in(e)}
+    local = {
+        v.name for v in flat.variables
+        if v.causality == "local" and "." not in v.name and v.type == "Real" and not v.sizes and not v.constant
+        and v.name not in derived and (s.of(v.name) in s.states or len(s.members(s.of(v.name))) == 1)
+    }  # fmt: skip
+    found: dict[str, list[int]] = {}
+    for index, e in enumerate(flat.equations):
+        if isinstance(e.left, Name) and e.left.name in local and _gives(e, e.left.name):
+            found.setdefault(e.left.name, []).append(index)
+    return {name: indices[0] for name, indices in found.items() if len(indices) == 1}
+
+
+def _read(s: AliasStructure) -> dict[int, set[str]]:
+    """Return the variables on the right-hand side of each equation of the model; elements of arrays."""
+    found: dict[int, set[str]] = {}
+    for e, (index, *_) in zip(s.flat.equations, s.origins, strict=True):
+        found.setdefault(index, set()).update(n for n in names_in(e.right) if n in s.same)
+    return found
+
+
+def _sources(s: AliasStructure, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
+    """Return alias classes from which a signal is computed, directly or through other computed variables."""
+    found: set[str] = set()
+    waiting = [name]
+    while waiting:
+        names = read[given[waiting.pop()]]
+        waiting += [n for n in names if n in given and s.of(n) not in found]
+        found |= {s.of(n) for n in names}
+    return found

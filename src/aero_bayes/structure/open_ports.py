@@ -1,0 +1,270 @@
+"""A Modelica model with open ports, exported once."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from xml.etree import ElementTree
+
+import numpy as np
+
+from aero_bayes.errors import InputError
+from aero_bayes.modelica.causalisation import causalise
+from aero_bayes.modelica.compose import TRUE_SUFFIX, add_output, attribute_value
+from aero_bayes.modelica.equation_system import translate
+from aero_bayes.modelica.expression import evaluate_nodes
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_names, parse_reference
+from aero_bayes.simulation.model import Model
+from aero_bayes.structure.aliases import AliasStructure, alias_structure
+from aero_bayes.structure.attach import OpenModel
+from aero_bayes.structure.balance import DIFFERENCE
+from aero_bayes.structure.compose import LawModels, with_probe
+from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
+from aero_bayes.structure.model_family import CurveBasis
+from aero_bayes.structure.nominal_values import NEGLIGIBLE_TERM
+from aero_bayes.structure.open_replaceables import members, open_replaceables
+from aero_bayes.structure.placed_law import PlacedLaw, identifier
+from aero_bayes.structure.redeclare import component_path
+
+#: Points at which a curve is evaluated.
+CURVE_POINTS = 61
+
+
+def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:
+    """Return the basis functions of a learned curve, over its nominal input range to both sides."""
+    law, nominals = placed.law, placed.all_nominals
+    model = causalise(translate(models[law.kind, law.id]))
+    b, acts = model.system.builder, model.solved[law.interface.output]
+    at = {b.symbol(p.name): p.binding.value for p in model.system.parameters if p.binding and p.binding.op == "const"}
+    at |= {b.symbol(name): value for name, value in nominals.items()}
+    heights = [b.symbol(p.name) for p in law.parameters]
+    size = next(name for name, of in law.interface.nominals.items() if of == law.curve_input and name.endswith("_n"))
+    x = nominals.get(f"{size[:-2]}_0", 0.0) + nominals[size] * np.linspace(-1.0, 1.0, CURVE_POINTS)
+
+    def curve(on: int) -> list[float]:
+        height = {symbol: float(k == on) for k, symbol in enumerate(heights)}
+        return [evaluate_nodes([acts], {**at, **height, b.symbol(law.curve_input): float(value)})[0] for value in x]
+
+    plain = np.array(curve(-1))
+    rows = np.array([curve(k) for k in range(len(heights))]) - plain
+    return CurveBasis(x, placed.port.units.get(law.curve_input, ""), plain, rows, placed.port.unit)
+
+
+def curve_variable(placed: PlacedLaw) -> str:
+    """Return the variable over which a curve is learned, for a reader."""
+    if placed.port.replaceable is None:
+        return placed.port.signals.get(placed.law.curve_input, placed.port.id)
+    about = next((c.description for c in placed.law.cls.components() if c.name == placed.law.curve_input), "")
+    return f"{about[:1].lower()}{about[1:]}" or placed.port.id
+
+
+def isolated_curve(flat: FlatModel, placed: PlacedLaw) -> tuple[PlacedLaw, LawModels]:
+    """Take a curve out of a replaceable model, from a flat model in which it is the only law there."""
+    prefix = f"{component_path(placed, [placed])}."
+    kept = {
+        placed.law.curve_input,
+        placed.law.interface.output,
+        *placed.all_nominals,
+        *(p.name for p in placed.law.parameters),
+    }
+
+    def inner(n: Name) -> Expression:
+        return Name(n.name.removeprefix(prefix), n.subscripts)
+
+    variables = tuple(
+        replace(
+            v,
+            name=name,
+            causality="input" if name == placed.law.curve_input else "local",
+            binding=Number(0.0) if v.constant else None,
+        )
+        for v in flat.variables
+        if v.name.startswith(prefix) and (name := v.name.removeprefix(prefix)) in kept
+    )
+    equations = tuple(
+        replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
+        for e in flat.equations
+        if isinstance(e.left, Name) and e.left.name == f"{prefix}{placed.law.interface.output}"
+    )
+    part = FlatModel(placed.law.id, variables, equations, functions=flat.functions)
+    units = {v.name: v.unit for v in variables}
+    port = replace(
+        placed.port,
+        unit=units[placed.law.interface.output],
+        units={placed.law.curve_input: units[placed.law.curve_input]},
+    )
+    return replace(placed, port=port), {(placed.law.kind, placed.law.id): part}
+
+
+def with_curve_inputs(flat: FlatModel, placed_laws: Sequence[PlacedLaw]) -> tuple[FlatModel, dict[str, str]]:
+    """Return a model with further outputs, the inputs of curves in its replaceable models, and their names by id."""
+    names = {placed.id: f"learned_over_{k}" for k, placed in enumerate(placed_laws)}
+    for placed in placed_laws:
+        signal = Name(f"{component_path(placed, placed_laws)}.{placed.law.curve_input}")
+        flat = add_output(flat, names[placed.id], Call("+", (signal, NEGLIGIBLE_TERM)))
+    return flat, names
+
+
+def state_aliases(model: Model) -> dict[str, str]:
+    """Return the state that each variable of an FMU 2.0 is an alias of: both have one value reference."""
+    with zipfile.ZipFile(model.path) as archive:
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    states = {str(s.value_reference): s.name for s in model.states}
+    variables = [(v.get("name", ""), v.get("valueReference", "")) for v in root.iter("ScalarVariable")]
+    return {name: states[reference] for name, reference in variables if reference in states}
+
+
+def states_by_base_name(
+    model: Model, structure: AliasStructure, aliases: Mapping[str, str], outputs: Mapping[str, str]
+) -> dict[str, str]:
+    """Return the states of a model with laws, by names of the base model."""
+    found: dict[str, str] = {}
+    for s in model.states:
+        # the variable that a law at an output reads has the value that the output had without the law
+        before_law = s.name.removesuffix(UNREAD_SUFFIX).removesuffix(TRUE_SUFFIX).replace(f"{TRUE_SUFFIX}[", "[")
+        base = outputs.get(s.name, before_law if s.name not in aliases else s.name)
+        found.setdefault(aliases.get(base, base), s.name)
+        if base in structure.variables:
+            found.setdefault(structure.of(base), s.name)
+    return found
+
+
+def state_names(base_model: Model, structure: AliasStructure, states: Mapping[str, str]) -> dict[str, str]:
+    """Return the name in a model with laws of each state of the base model."""
+    known = {s.name: structure.of(s.name) for s in base_model.states if s.name in structure.variables}
+    return {s: states.get(s, states.get(same, s)) for s, same in known.items()}
+
+
+#: What the names of probe inputs, and of outputs that show a signal or its derivative, begin with.
+PROBE, SIGNAL, RATE = "probe_", "signal_", "rate_of_"
+#: Where classes of equal variables are in a model, and with which sign.
+Places = Mapping[str, tuple[Source, int]]
+
+
+def open_model(
+    base: Model, placed_laws: Iterable[PlacedLaw], flat: FlatModel, export: Callable[[FlatModel], Model]
+) -> OpenModel:
+    """Return a model with its ports open for some laws. ``base`` is the same model without open ports."""
+    every = list(placed_laws)
+    ports = {p.id: p for placed in every for p in (placed.port, placed.neighbour) if p is not None}
+    inside = [p.replaceable for p in ports.values() if p.replaceable is not None]
+    flat, probes, opened = open_replaceables(flat, inside)
+    structure = alias_structure(flat)
+    for port in ports.values():
+        if port.attachment not in ("input", "output", "redeclare"):
+            probes[port.id] = f"{PROBE}{identifier(port.id)}"
+            flat = with_probe(flat, port, probes[port.id], 1.0)
+    read = [given for port in ports.values() for given in port.signals.values()]
+    read += [signal for component, found in opened.items() for signal in found.reads_in(component).values()]
+    signals = dict.fromkeys(one for given in read for one in given.split(DIFFERENCE))
+    rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative)
+    copied = {v.name: k for v in base.outputs if (k := base.copied_state(v.name)) is not None}
+    asked = [(SIGNAL, name) for name in signals] + [(RATE, name) for name in rated if name not in copied]
+    shown: dict[tuple[str, str], str] = {}
+    places, model = _places(base, structure), base
+    while missing := [key for key in asked if key not in shown and not _is_known(*key, places, structure)]:
+        for kind, name in missing:
+            tree = parse_reference(name)
+            shown[kind, name] = out = f"{kind}{identifier(name)}"
+            flat = add_output(flat, out, tree if kind == SIGNAL else Call("der", (tree,)))
+        model = export(flat)
+        places = _places(model, structure)
+    model = export(flat) if model is base else model
+    found = _Found(model, _places(model, structure), structure, shown)
+    positions = _base_states(base, found.places, structure)
+    moving = {name: found.terms(RATE, name) for name in rated if name not in copied}
+    moving |= {n: ((Source(BASE, model.derivatives[positions[copied[n]]]), 1.0),) for n in rated if n in copied}
+    names = [s.name for s in model.states]
+    for k, there in positions.items():
+        names[there] = base.states[k].name
+    return OpenModel(
+        model, tuple(v.name for v in model.inputs if v.name not in probes.values()), probes,
+        {name: found.terms(SIGNAL, name) for name in signals}, moving,
+        _needs(model), frozenset(shown.values()), copies=_copies(copied, model, positions), state_names=names,
+        terminals=opened, constants={component: _constants(flat, component) for component in opened},
+    )  # fmt: skip
+
+
+def _is_known(kind: str, name: str, places: Places, structure: AliasStructure) -> bool:
+    """Return whether a signal is a state or an input, and its derivative that of a state."""
+    found = places.get(structure.of(name))
+    return found is not None and (kind == SIGNAL or found[0].part == STATE)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Where signals and their derivatives are in a model with open ports."""
+
+    model: Model
+    places: Places
+    structure: AliasStructure
+    shown: Mapping[tuple[str, str], str]
+
+    def terms(self, kind: str, name: str) -> Terms:
+        if (kind, name) in self.shown:
+            reference = self.model.output(self.shown[kind, name]).value_reference
+            states = {s.value_reference: k for k, s in enumerate(self.model.states)}
+            return ((Source(STATE, states[reference]) if reference in states else Source(BASE, reference), 1.0),)
+        source, sign = self.places[self.structure.of(name)]
+        gain = float(sign * self.structure.same.get(name, (name, 1))[1])
+        return ((Source(BASE, self.model.derivatives[source.reference]) if kind == RATE else source, gain),)
+
+
+def _base_states(base: Model, there: Places, structure: AliasStructure) -> dict[int, int]:
+    """Return the position in a model with open ports of each state of the base."""
+    found = {}
+    for k, state in enumerate(base.states):
+        names = [state.name, *(n for n, s in state_aliases(base).items() if s == state.name)]
+        places = [there[structure.of(n)] for n in names if structure.of(n) in there]
+        source = next((s for s, sign in places if s.part == STATE and sign > 0), None)
+        if source is not None:
+            found[k] = source.reference
+    return found
+
+
+def _copies(copied: Mapping[str, int], model: Model, positions: Mapping[int, int]) -> dict[str, int]:
+    """Return outputs that are states of the base and are none while a probe acts on them, with the state there."""
+    states = {s.value_reference for s in model.states}
+    return {n: positions[k] for n, k in copied.items() if model.output(n).value_reference not in states}
+
+
+def _constants(flat: FlatModel, component: str) -> dict[str, float]:
+    """Return values of the parameters of a component, as far as they are numbers."""
+    found = {}
+    for v in members(flat, component):
+        if v.constant and not v.sizes:
+            with suppress(InputError):
+                found[v.name] = attribute_value(flat, f"{component}.{v.name}", "value")
+    return found
+
+
+def _places(model: Model, structure: AliasStructure) -> Places:
+    """Return the classes of equal variables that are a state or an input of a model, and its sign there."""
+    index = {s.name: k for k, s in enumerate(model.states)}
+    names = [*((s, s) for s in index), *state_aliases(model).items()]
+    found = [(name, Source(STATE, index[state])) for name, state in names]
+    found += [(v.name, Source(INPUT, k)) for k, v in enumerate(v for v in model.inputs if not v.name.startswith(PROBE))]
+    places: dict[str, tuple[Source, int]] = {}
+    for name, source in found:
+        if name in structure.variables:
+            places.setdefault(structure.of(name), (source, structure.same.get(name, (name, 1))[1]))
+    return places
+
+
+def _needs(model: Model) -> Mapping[Source, frozenset[str]]:
+    """Return the inputs on which each output depends at once, as the model description says."""
+    with zipfile.ZipFile(model.path) as archive:
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    variables = list(root.iterfind("ModelVariables/ScalarVariable"))
+    inputs = {str(k): v.get("name", "") for k, v in enumerate(variables, 1) if v.get("causality") == "input"}
+    found = {}
+    for tag in ("Outputs", "Derivatives"):
+        for unknown in root.iterfind(f"ModelStructure/{tag}/Unknown"):
+            v = variables[int(unknown.get("index", "1")) - 1]
+            given = unknown.get("dependencies")
+            on = inputs.values() if given is None else [inputs[k] for k in given.split() if k in inputs]
+            found[Source(BASE, int(v.get("valueReference", "0")))] = frozenset(on)
+    return found
