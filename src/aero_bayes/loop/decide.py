@@ -6,7 +6,8 @@
    (a curve beside other terms by a third), clearly, against the best structure without it.
 2. The *size* is the smallest whose best admissible structure no larger admissible one materially beats.
 3. The *model* predicts: of that size the best, or one as good with fewer curves, then fewer parameters. Unseen
-   recordings only refuse: then the next one, or a smaller size, is the model.
+   recordings only refuse: one that they show to be worse than the best by a quarter is not as good, and where they take
+   back half of what a term has to gain against a smaller structure, the next one, or a smaller size, is the model.
 4. A *claim* says what may be said of a term of the model. All that was tried in its place is held against it. ``law``:
    nothing else does as well. ``place``: all that do are at its port. ``one of``: they are listed. Nothing leaves the
    model because it cannot be told.
@@ -79,9 +80,11 @@ def decide(table: Table, required: Iterable[str] = ()) -> Decision:
         compared |= dict.fromkeys(table.best_of_size(k for k in table.rows if set(first) < set(k)).values())
         if size == len(first) or len(refused) > MOST_REFUSED:
             return Decision(first, {}, tuple(refused), tuple(compared), tuple(unseen))
-        model = _simplest(table, best[size], [k for k in allowed if len(k) == size])
+        near = _as_good(table, best[size], [k for k in allowed if len(k) == size])
+        model = next(k for k in near if k == best[size] or not worse_unseen(table, k, best[size], 1.0))
+        passed_over = near[: near.index(model)]
         smaller = [first, *(best[n] for n in best if n < size)]
-        unseen |= dict.fromkeys((model, *smaller))
+        unseen |= dict.fromkeys((*passed_over, model, best[size], *smaller))
         if not any(worse_unseen(table, model, k) for k in smaller):
             break
         refused.append(model)
@@ -102,22 +105,22 @@ def admissible(table: Table, terms: Terms, required: Terms = ()) -> bool:
     return all(table.material(terms, table.without(terms, t), limits[t]) for t in own)
 
 
-def worse_unseen(table: Table, one: Terms, other: Terms) -> bool:
+def worse_unseen(table: Table, one: Terms, other: Terms, part: float = 0.5) -> bool:
     """Whether one structure predicts unseen recordings materially worse than another.
 
-    It does so if it is worse over all outputs, and one of them takes back half of what a term has to gain."""
+    It does so if it is worse over all outputs, and in one of them by a part of what a term has to gain."""
     first, second = table.rows[one].unseen, table.rows[other].unseen
     if first is None or not second:
         return False
     logs = [math.log(max(first[o], 1e-300) / max(second[o], 1e-300)) for o in first if o in second]
-    return not logs or (sum(logs) > 0.0 and max(logs) > -0.5 * math.log(MATERIAL))
+    return not logs or (sum(logs) > 0.0 and max(logs) > -part * math.log(MATERIAL))
 
 
-def _simplest(table: Table, best: Terms, among: Iterable[Terms]) -> Terms:
-    """Of structures that are as good as the best of their size, the one with the fewest curves, then parameters."""
+def _as_good(table: Table, best: Terms, among: Iterable[Terms]) -> list[Terms]:
+    """Structures as good as the best of their size, those with the fewest curves first, then the fewest parameters."""
     gain = min(table.score(k) for k in table.rows if len(k) < len(best)) - table.score(best)
     near = [k for k in among if table.score(k) - table.score(best) <= AS_GOOD * gain or not table.clear(best, k)]
-    return min(near, key=lambda k: (sum(t in table.curves for t in k), table.rows[k].free, table.order(k)))
+    return sorted(near, key=lambda k: (sum(t in table.curves for t in k), table.rows[k].free, table.order(k)))
 
 
 def claim(table: Table, model: Terms, term: str) -> Claim:
