@@ -51,10 +51,11 @@ from aero_bayes.estimate.initial_states import check_plausible
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.modelica.library import declaration_of
+from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report import words
 from aero_bayes.report.page import write_run_page
-from aero_bayes.report.results import merge, plain, write_result, write_series
+from aero_bayes.report.results import merge, write_result, write_series
 from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.series import (
     Series,

@@ -25,6 +25,7 @@ from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import FoundEffect, Limit, NewParameter
 from aero_bayes.loop.table import Table, Terms
 from aero_bayes.loop.unseen import Prediction, Recordings, Shift
+from aero_bayes.plain import picked
 from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
@@ -96,8 +97,7 @@ class Step:
 
     def to_dict(self) -> dict[str, object]:
         """Return the entry of result.json."""
-        own = {name: value for name, value in vars(self).items() if name != "number"}
-        return {**own, "round": self.number, "candidates": [vars(one) for one in self.candidates]}
+        return picked(self, "candidates chosen equivalent why", round=self.number)
 
 
 def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, ...]:
@@ -360,28 +360,21 @@ class LoopResult(FittedLoop):
     def to_dict(self) -> dict[str, object]:
         """Return the ``loop`` entry of result.json."""
         roles, before, after = ("train", "test"), self.predicted_before, self.predicted_after
-        moved = ("before", "before_sd", "after", "after_sd", "in_sd")
-        return {
-            "outcome": self.outcome, "sentence": self.sentence, "base": self.base, "model": self.model,
-            "effects": [effect.to_dict(self.modelica_path) for effect in self.effects],
-            "equivalent": [list(ids) for ids in self.equivalent],
-            "limits": [vars(limit) for limit in self.limits],
-            "refused": [list(terms) for terms in self.refused],
-            "before": {role: before.pooled(role) for role in roles},
-            "after": {role: after.pooled(role) for role in roles},
-            "before_sd": {role: before.uncertainty(role) for role in roles},
-            "after_sd": {role: after.uncertainty(role) for role in roles},
-            "noise_floor": _pooled_floors(self.floors),
-            "steps": [step.to_dict() for step in self.steps],
-            "shifts": {s.name: {key: getattr(s, key) for key in moved} for s in self.shifts},
-            "whiteness": {
+        told = "outcome sentence base model equivalent limits refused blocks separate story diff simulations failures"
+        return picked(
+            self, f"{told} seconds",
+            effects=[effect.to_dict(self.modelica_path) for effect in self.effects],
+            before={role: before.pooled(role) for role in roles}, after={role: after.pooled(role) for role in roles},
+            before_sd={role: before.uncertainty(role) for role in roles},
+            after_sd={role: after.uncertainty(role) for role in roles},
+            noise_floor=_pooled_floors(self.floors), steps=[step.to_dict() for step in self.steps],
+            shifts={s.name: picked(s, "before before_sd after after_sd in_sd") for s in self.shifts},
+            whiteness={
                 "before": reports_by_recording(self.residual_before),
                 "after": reports_by_recording(self.residual_after),
             },
-            "blocks": self.blocks, "separate": list(self.separate), "story": list(self.story), "diff": self.diff,
-            "modelica_source": self.modelica, "notes": list(self.data_notes), "simulations": self.simulations,
-            "failures": self.failures, "seconds": dict(self.seconds),
-        }  # fmt: skip
+            modelica_source=self.modelica, notes=self.data_notes,
+        )  # fmt: skip
 
     def series(self) -> dict[str, FloatArray]:
         """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`).

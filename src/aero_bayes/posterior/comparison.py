@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
+from aero_bayes.plain import picked
 from aero_bayes.posterior.importance import RELIABLE_BELOW, pareto_smooth
 
 #: Densities (s, b) of all blocks over draws of the posterior that has seen only the first so many blocks.
@@ -44,16 +45,10 @@ class ElpdEstimate:
         return bool(np.all(self.pareto_k < RELIABLE_BELOW))
 
     def to_dict(self) -> dict[str, object]:
-        return {
-            "method": self.method,
-            "elpd": self.elpd,
-            "se": self.se,
-            "parameters": self.parameters if math.isfinite(self.parameters) else None,
-            "stretches": int(self.pointwise.size),
-            "pareto_k_max": float(np.max(self.pareto_k)),
-            "reliable": self.reliable,
-            "refits": self.refits,
-        }
+        k_max = float(np.max(self.pareto_k))
+        return picked(
+            self, "method elpd se parameters reliable refits", stretches=self.pointwise.size, pareto_k_max=k_max
+        )
 
 
 def waic(densities: FloatArray) -> ElpdEstimate:
