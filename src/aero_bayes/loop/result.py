@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -20,13 +21,13 @@ from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.residual_tests import ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
+from aero_bayes.figures import describe_figure_parameters, drawn
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import FoundEffect, Limit, NewParameter
 from aero_bayes.loop.table import Table, Terms
 from aero_bayes.loop.unseen import Prediction, Recordings, Shift
 from aero_bayes.plain import picked
-from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
@@ -299,7 +300,7 @@ class LoopResult(FittedLoop):
         --------
         >>> loop.plot().savefig("loop.png")
         """
-        return plot_backend().loop_figure(self, figure=ax or figure, dark=dark)
+        return drawn("loop_figure", self, figure=ax or figure, dark=dark)
 
     @describe_figure_parameters
     def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
@@ -314,7 +315,7 @@ class LoopResult(FittedLoop):
         --------
         >>> loop.plot_rounds().savefig("rounds.png")
         """
-        return plot_backend().rounds_figure(self, figure=ax or figure, dark=dark)
+        return drawn("rounds_figure", self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each candidate of each round.
@@ -347,7 +348,7 @@ class LoopResult(FittedLoop):
             for output, rms in self.predicted_before.pooled(role).items()
         ]
         table = table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
-        page = escape(plot_backend().loop_page(self), quote=True)
+        page = escape(import_module("aero_bayes.report").loop_page(self), quote=True)
         return f'{table}<iframe title="report" srcdoc="{page}" width="100%" height="{FRAME_HEIGHT}"></iframe>'
 
     def _errors(self) -> str:

@@ -13,8 +13,8 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.identifiability import estimates_html
 from aero_bayes.estimate.other_tools import chosen_estimates, noise_table, process_noise_table
 from aero_bayes.estimate.prediction import FittedPredictor, FittedResult
+from aero_bayes.figures import describe_figure_parameters, drawn
 from aero_bayes.plain import picked
-from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
 from aero_bayes.posterior.inferencedata import PosteriorDraws, save, to_inference_data
 from aero_bayes.posterior.modes import ModeDraws
 from aero_bayes.simulation.interface import Outcome
@@ -164,7 +164,7 @@ class Posterior(PosteriorDraws, FittedResult):
         """
         units = {name: entry.unit for name, entry in self.parameters.items()}
         by_name = {name: self.draws[:, :, j] for j, name in enumerate(self.names)}
-        return plot_backend().pairs_figure(by_name, units, parameters, figure=ax or figure, dark=dark)
+        return drawn("pairs_figure", by_name, units, parameters, figure=ax or figure, dark=dark)
 
     @describe_figure_parameters
     def plot_bands(
@@ -186,7 +186,7 @@ class Posterior(PosteriorDraws, FittedResult):
         --------
         >>> posterior.plot_bands().savefig("bands.png")
         """
-        return plot_backend().bands_figure(self, recording, figure=ax or figure, dark=dark)
+        return drawn("bands_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"
