@@ -25,7 +25,7 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.residual_tests import reports_by_recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.first_fit import LoopSettings
-from aero_bayes.loop.loop import close_loop, errors_by_recording
+from aero_bayes.loop.loop import close_loop
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report.series import Series
@@ -200,7 +200,6 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         "diagnosis": (loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).to_list(),
         "loop": {
             **loop.to_dict(),
-            "errors": [error.to_dict() for error in errors_by_recording(loop)],
             "diagnosis_before": loop.diagnosis.to_list(),
         },
         "words": dict(loop.words),

@@ -48,16 +48,19 @@ class Combination:
 
 @dataclass(frozen=True)
 class FlatDirection:
-    """Parameters whose common change hardly alters the outputs."""
+    """Parameters of which one or several common ``changes`` hardly alter the outputs."""
 
     members: tuple[str, ...]
+    changes: int = 1
 
     @property
     def sentence(self) -> str:
         """What a reader should know."""
         names = _listed(self.members)
-        decides = "the prior, a parameter that is held, or a small error of the model decides it"
-        return f"{names} are known up to a common change only: {decides}."
+        it = "it" if self.changes == 1 else "them"
+        decides = f"the prior, a parameter that is held, or a small error of the model decides {it}"
+        up_to = "a common change" if self.changes == 1 else f"{self.changes} common changes"
+        return f"{names} are known up to {up_to} only: {decides}."
 
 
 @dataclass(frozen=True)
@@ -188,9 +191,14 @@ def _flat(names: Sequence[str], information: FloatArray) -> tuple[FlatDirection,
     if len(names) < 2:
         return ()
     sizes, vectors = collinear(information)
-    directions = vectors[:, sizes < MAX_COLLINEAR_SHARE].T
-    found = [tuple(n for n, part in zip(names, np.abs(v), strict=True) if part > MIN_PART) for v in directions]
-    return tuple(FlatDirection(members) for members in dict.fromkeys(found))
+    found: list[tuple[set[str], int]] = []
+    for vector in vectors[:, sizes < MAX_COLLINEAR_SHARE].T:
+        members, changes = {n for n, part in zip(names, np.abs(vector), strict=True) if part > MIN_PART}, 1
+        for other in [one for one in found if one[0] & members]:  # directions that share members are one plane
+            found.remove(other)
+            members, changes = members | other[0], changes + other[1]
+        found.append((members, changes))
+    return tuple(FlatDirection(tuple(n for n in names if n in members), changes) for members, changes in found)
 
 
 def _combinations(

@@ -6,8 +6,9 @@ from aero_bayes.loop.loop import close_loop
 from aero_bayes.loop.models import CandidateModel, FittedModel
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.search import Search
+from aero_bayes.loop.sentences import error_change, left_over
 from aero_bayes.loop.table import Row, Table
-from aero_bayes.loop.unseen import Prediction, Recordings, RmsError, Unseen, describe_error_change, rms_error
+from aero_bayes.loop.unseen import Prediction, Recordings, RmsError, Unseen, rms_error
 
 __all__ = [
     "Blocks",
@@ -25,8 +26,9 @@ __all__ = [
     "Table",
     "Unseen",
     "close_loop",
-    "describe_error_change",
+    "error_change",
     "first_fit",
+    "left_over",
     "newton_errors",
     "refitted_errors",
     "rms_error",

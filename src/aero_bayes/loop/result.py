@@ -19,7 +19,7 @@ from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.identifiability import Identifiability
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.residual_tests import ResidualReport, reports_by_recording
+from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.figures import describe_figure_parameters, drawn
 from aero_bayes.files import ScratchFolder
@@ -176,6 +176,8 @@ class LoopResult(FittedLoop):
     identifiability : Identifiability
         What the data say of each of them.
     noise : mapping of str to OutputNoise
+    errors : tuple of RecordingError
+        Of both models on each recording, with what was fitted of it apart from what was not.
     modelica, modelica_path, diff : str
         The extended model's source, the name of its file, and the change.
     separate, story : tuple of str
@@ -241,6 +243,7 @@ class LoopResult(FittedLoop):
     parameters: Mapping[str, NewParameter]
     identifiability: Identifiability
     noise: Mapping[str, OutputNoise]
+    errors: tuple[RecordingError, ...]
     modelica: str
     modelica_path: str
     diff: str
@@ -374,7 +377,7 @@ class LoopResult(FittedLoop):
                 "before": reports_by_recording(self.residual_before),
                 "after": reports_by_recording(self.residual_after),
             },
-            modelica_source=self.modelica, notes=self.data_notes,
+            errors=[error.to_dict() for error in self.errors], modelica_source=self.modelica, notes=self.data_notes,
         )  # fmt: skip
 
     def series(self) -> dict[str, FloatArray]:

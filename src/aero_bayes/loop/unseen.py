@@ -11,7 +11,6 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
-from aero_bayes.display import with_unit
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.initial_states import CalibrationSettings, with_free_starts
@@ -29,9 +28,6 @@ from aero_bayes.estimate.recording_parameters import for_recordings, templates
 from aero_bayes.estimate.whiteness import residual_correlation_time
 from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
 from aero_bayes.structure.model_family import ModelFamily
-
-#: Ratio of two errors above which the error is said to grow.
-MIN_GROWTH_RATIO = 1.05
 
 
 @dataclass(frozen=True)
@@ -102,22 +98,6 @@ def rms_error(residual: FloatArray) -> RmsError:
 def _sd_of_mean(series: FloatArray) -> float:
     """Standard deviation of the mean of a series (n,), with its correlation counted."""
     return float(np.std(series)) * math.sqrt(residual_correlation_time([series]) / series.size)
-
-
-def describe_error_change(before: Prediction, after: Prediction, units: Mapping[str, str]) -> str:
-    """Say how far the error of one output falls, the one where it falls most, and which other errors grow."""
-    role = "test" if before.test else "train"
-    first, second = before.pooled(role), after.pooled(role)
-    most = max(first, key=lambda o: first[o] / max(second[o], 1e-300))
-    where = "data that was not fitted" if role == "test" else "the fitted data"
-
-    def change(output: str, verb: str) -> str:
-        after_it = with_unit(f"{second[output]:.3g}", units.get(output, ""))
-        return f"of {output} {verb} from {first[output]:.3g} to {after_it}"
-
-    verb = "falls" if second[most] < first[most] else "changes"
-    grown = [change(o, "grows") for o in first if o != most and second[o] > MIN_GROWTH_RATIO * first[o]]
-    return f"on {where} the error {change(most, verb)}{''.join(f', but {text}' for text in grown)}."
 
 
 def shifts(
