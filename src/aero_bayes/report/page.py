@@ -218,7 +218,7 @@ def sensor_table(run: RunDirectory) -> Markup | None:
     return html_table(("output", Column("one count", "right"), "unit", "effect on the noise"), rows, "Encoders")
 
 
-SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "save", "start")
+SCRIPTS = ("data", "panel", "drawing", "figure", "save", "start")
 
 
 @dataclass(frozen=True)
@@ -244,9 +244,7 @@ def write_run_page(directory: Path | str) -> Path:
 
 def render(run: RunDirectory) -> str:
     """Return the page's text. The same run always gives the same page."""
-    context = _context(run)
-    series = dict(run.series) | posterior_figures.drawn(run.posterior)
-    return fill("page.html.jinja", context, series, [run.result])
+    return fill("page.html.jinja", _context(run), run.series, [run.result])
 
 
 def fill(
@@ -331,7 +329,6 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "errors": findings.errors_table(result), "noise": findings.noise_model_table(run),
         "process_noise": findings.process_noise_table(run),
         "sensors": sensor_table(run), "fit_facts": findings.fit_facts(run),
-        "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),
         "waterfall": posterior_figures.waterfall_plate(result.fit.start_levels),
         "loop": _loop(run, result.loop) if result.loop else None,
