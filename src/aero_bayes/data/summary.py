@@ -73,8 +73,8 @@ class OutputSummary:
 class RecordingSummary:
     """A recording at a glance.
 
-    ``jitter`` is the standard deviation of the sample interval over its median; ``dropped`` counts intervals of more
-    than 1.5 medians (samples that were not written)."""
+    ``jitter`` is the standard deviation of the sample interval over its median; ``dropped`` counts the samples that
+    are missing in intervals of more than 1.5 medians."""
 
     name: str
     sha256: str
@@ -139,7 +139,7 @@ def summarise(recording: Recording) -> RecordingSummary:
         duration=recording.duration,
         rate_hz=recording.rate_hz,
         jitter=float(np.std(intervals[intervals <= 1.5 * median]) / median),
-        dropped=int((intervals > 1.5 * median).sum()),
+        dropped=int(np.sum(np.rint(intervals[intervals > 1.5 * median] / median) - 1.0)),
         longest_interval=float(intervals.max()),
         inputs=tuple(_input(recording, name) for name in recording.inputs),
         outputs=tuple(_output(recording, name) for name in recording.outputs),

@@ -31,7 +31,7 @@ BAD_WORDS = re.compile(
     r"bad|invalid|uncertain|err|fail|fault|offline|no.?data|not.?connected|questionable|\bnok\b", re.I
 )
 #: How columns of signals' names and of their values are called in a table with one reading a row.
-SIGNAL_NAMES = ("tag", "signal", "variable", "name", "channel", "sensor", "point", "field", "_field")
+SIGNAL_NAME = re.compile(r"_?(tag|signal|variable|channel|sensor|point|field|name)[ _]?(name|id)?", re.IGNORECASE)
 VALUE_NAME = re.compile(r"_?(value|val|reading|wert)( \[.*\])?", re.IGNORECASE)
 #: What a column of times is called, without its unit.
 TIME_NAMES = {"time", "timestamp", "zeit", "xvalue", "datetime"}
@@ -237,7 +237,7 @@ def row_names(file: TableFile) -> list[str]:
     Else its columns."""
     timed = [n for n in file.names if is_time_name(n.partition("[")[0])]
     called = [n for n in file.names if VALUE_NAME.fullmatch(n)]
-    text = [n for n in file.names if n.casefold() in SIGNAL_NAMES]
+    text = [n for n in file.names if SIGNAL_NAME.fullmatch(n)]
     if len(timed) == len(called) == len(text) == 1:
         return [timed[0], *sorted(set(file.read(text).frame[text[0]].astype(str).str.strip()))]
     return file.names

@@ -60,7 +60,9 @@ def check_data(fit: Fit, left: LeftOver) -> DiagnosisRow:
         )
     findings.sort(key=lambda f: f.mended)
     first, more = findings[0], tuple(f.sentence for f in findings[1:])
-    return DiagnosisRow("data", True, first.what, first.where, first.done, not first.mended, more)
+    # Other values may do what a missing effect does, so that effects are still looked for.
+    explains = not first.mended and first.kind != "value"
+    return DiagnosisRow("data", True, first.what, first.where, first.done, explains, more)
 
 
 def check_model(fit: Fit, left: LeftOver) -> DiagnosisRow:
