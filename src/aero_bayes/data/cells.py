@@ -149,14 +149,12 @@ def instants(times: Any) -> tuple[FloatArray, float]:
     return numbers(given, "time"), 0.0
 
 
-def numbers(column: Any, where: str) -> FloatArray:
+def numbers(values: Any, where: str, name: str = "time") -> FloatArray:
     """Return a column as numbers, NaN where there is none; InputError for dates, durations and text."""
-    name = getattr(column, "name", None) or "time"
-    kind = getattr(getattr(column, "dtype", None), "kind", "f")
     try:
-        if kind in "mM":
+        if getattr(getattr(values, "dtype", None), "kind", "f") in "mM":
             raise TypeError
-        return np.asarray(column, dtype=np.float64)
+        return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{where}: column {name} holds something else than numbers") from None
 

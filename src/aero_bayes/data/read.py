@@ -381,9 +381,6 @@ def write_csv(recording: Recording, path: Path | str) -> Path:
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    columns = {"time": recording.time, **recording.inputs, **recording.outputs}
-    with whole_file(target) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(",".join(columns) + "\n")
-        for row in np.column_stack(list(columns.values())).tolist():
-            file.write(",".join("" if value != value else repr(value) for value in row) + "\n")
+    with whole_file(target) as temporary:
+        recording.to_frame().to_csv(temporary, lineterminator="\n", encoding="utf-8")
     return target
