@@ -50,7 +50,7 @@ def numbers_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
     if column.dtype.kind in "biuf":
         return np.asarray(column.to_numpy(), dtype=np.float64)
     if column.dtype.kind in "mM":
-        raise InputError(f"{place(0)}, column {name}: holds dates or durations, something else than numbers")
+        raise InputError(f"{place(0)}, column {name}: holds dates or durations, expected numbers")
     cells = column.astype(object).map(_plain_cell)
     found = np.asarray(pandas.to_numeric(cells, errors="coerce"), dtype=np.float64)
     wrong = np.isnan(found) & cells.notna().to_numpy()

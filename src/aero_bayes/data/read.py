@@ -332,7 +332,7 @@ class _Asked:
         )
         recording = with_steady_clock(recording)
         for n, rows in given.bad.items():
-            what = f"{int(rows.sum())} readings of {n} are marked as bad by the column of its quality."
+            what = f"{int(rows.sum())} readings of {n} are marked as bad in its quality column."
             recording = hide(recording, n, rows, "quality", what)
         check_recording(recording, self.layout, given.line)
         return recording

@@ -103,10 +103,10 @@ class Identifiability:
         told = {*held, *(name for direction in self.flat for name in direction.members)}
         weak = [n for n, s in self.status.items() if s is Status.WEAK and n not in told]
         if weak:
-            lines.append(f"Weakly determined, the prior matters: {_listed(weak)}.")
+            lines.append(f"The readings determine {_listed(weak)} only weakly, so that the prior matters.")
         left = [n for n in held if n not in self.no_effect]
         if left:
-            lines.append(f"Not visible in this data and left at the start: {_listed(left)}.")
+            lines.append(f"The readings do not show {_listed(left)}: left at the start.")
         return tuple(lines)
 
     def to_dict(self, held: Sequence[str] = ()) -> dict[str, object]:
