@@ -53,6 +53,10 @@ class FileTable:
     first_row: int
     note: str = ""
 
+    def place(self, path: Path) -> Callable[[int], str]:
+        """Return what names a row with the file."""
+        return lambda row: f"{path}, {self.line(row)}"
+
 
 class TableFile(Protocol):
     """A file that holds a table: its names, where they stand, and its columns when they are asked for."""
@@ -95,10 +99,7 @@ def read_table(file: TableFile, request: Request) -> Columns:
     about = _quality_columns(file.names, {n: c for n, c in named.items() if n not in request.held and n != "time"})
     batch = [] if request.batch is None else [_batch_column(file, request.batch)]
     table = file.read(list(dict.fromkeys([*named.values(), *clocks.values(), *about, *batch])), request.memory)
-
-    def place(row: int) -> str:
-        return f"{file.path}, {table.line(row)}"
-
+    place = table.place(file.path)
     bad: dict[str, Mask] = {}
     for column, signals in about.items():
         marked = _bad(table.frame[column])
@@ -198,10 +199,7 @@ def _read_rows(file: TableFile, request: Request, rows: _Rows) -> Columns:
     about = [n for n in file.names if re.sub(r"[\W_]", "", n.casefold()) in QUALITY_NAMES]
     batch = [] if request.batch is None else [_batch_column(file, request.batch)]
     table = file.read(list(dict.fromkeys([rows.time, rows.signal, rows.value, *about, *batch])), request.memory)
-
-    def place(row: int) -> str:
-        return f"{file.path}, {table.line(row)}"
-
+    place = table.place(file.path)
     time, origin = times_in(table.frame[rows.time], place, rows.time)
     whose = table.frame[rows.signal].astype(str).str.strip().to_numpy()
     good = ~np.logical_or.reduce([np.zeros(time.size, dtype=bool), *(_bad(table.frame[c]) for c in about)])
