@@ -84,7 +84,7 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
 def pick_signals(path: Path, signals: Signals, request: Request) -> Columns:
     """Return the signals that a recording asks for, at one time."""
     if request.batch is not None and request.batch not in signals.vectors:
-        raise InputError(f"{path}: no column {request.batch}, which [data] batch names")
+        raise InputError(f"{path}: no column {request.batch}, expected that of [data] batch")
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     named = {}

@@ -48,15 +48,17 @@ class Combination:
 
 @dataclass(frozen=True)
 class FlatDirection:
-    """Parameters whose common change hardly alters the outputs."""
+    """Parameters whose common change hardly alters the outputs; ``by_prior`` where the prior knows more of it."""
 
     members: tuple[str, ...]
+    by_prior: bool = False
 
     @property
     def sentence(self) -> str:
         """What a reader should know."""
         names = _listed(self.members)
-        decides = "the prior, a parameter that is held, or a small error of the model decides it"
+        slight = "the readings tell it so slightly that a small error of the model or of a held value decides"
+        decides = "the readings do not tell it, and the prior decides" if self.by_prior else slight
         return f"{names} are known up to a common change only: {decides}."
 
 
@@ -101,10 +103,10 @@ class Identifiability:
         told = {*held, *(name for direction in self.flat for name in direction.members)}
         weak = [n for n, s in self.status.items() if s is Status.WEAK and n not in told]
         if weak:
-            lines.append(f"Weakly determined, the prior matters: {_listed(weak)}.")
+            lines.append(f"The readings determine {_listed(weak)} only weakly, so that the prior matters.")
         left = [n for n in held if n not in self.no_effect]
         if left:
-            lines.append(f"Not visible in this data and left at the start: {_listed(left)}.")
+            lines.append(f"The readings do not show {_listed(left)}: left at the start.")
         return tuple(lines)
 
     def to_dict(self, held: Sequence[str] = ()) -> dict[str, object]:
@@ -168,7 +170,7 @@ def assess(
         ratio,
         _combinations(names, values, logarithmic, information, prior_sd, ~blind),
         tuple(name for j, name in enumerate(names) if blind[j]),
-        _flat([name for j, name in enumerate(names) if not blind[j]], information[np.ix_(~blind, ~blind)]),
+        _flat([n for j, n in enumerate(names) if not blind[j]], information[np.ix_(~blind, ~blind)], prior_sd[~blind]),
     )
     return replace(found, status={name: found.capped(name, one) for name, one in status.items()})
 
@@ -184,13 +186,17 @@ def collinear(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.maximum(sizes, 0.0), vectors
 
 
-def _flat(names: Sequence[str], information: FloatArray) -> tuple[FlatDirection, ...]:
+def _flat(names: Sequence[str], information: FloatArray, prior_sd: FloatArray) -> tuple[FlatDirection, ...]:
     if len(names) < 2:
         return ()
     sizes, vectors = collinear(information)
-    directions = vectors[:, sizes < MAX_COLLINEAR_SHARE].T
-    found = [tuple(n for n, part in zip(names, np.abs(v), strict=True) if part > MIN_PART) for v in directions]
-    return tuple(FlatDirection(members) for members in dict.fromkeys(found))
+    found: dict[tuple[str, ...], FlatDirection] = {}
+    for size, v in zip(sizes, vectors.T, strict=True):
+        if size < MAX_COLLINEAR_SHARE:
+            members = tuple(n for n, part in zip(names, np.abs(v), strict=True) if part > MIN_PART)
+            prior = float(np.sum(v**2 / (prior_sd**2 * np.diag(information))))
+            found.setdefault(members, FlatDirection(members, prior > size))
+    return tuple(found.values())
 
 
 def _combinations(

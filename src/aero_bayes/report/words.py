@@ -244,7 +244,7 @@ def _fit_verdict(result: RunJson) -> VerdictJson:
         of = f"its error in {join_names([f'`{name}`' for name in patterns])}" if patterns else "its error"
         beyond = "that faulty data, the solver, a stuck search or coloured noise do not explain"
         missing = f"The model misses something: {of} follows a pattern {beyond}."
-        first = f"{of[:1].upper()}{of[1:]} follows a pattern. What stands before comes first: it may be all of it."
+        first = f"{of[:1].upper()}{of[1:]} follows a pattern. Mend that first: it may be the whole reason."
         return VerdictJson(level="warning", text=" ".join([told[0], first] if told else [missing]))
     exact = all(r.exact for own in result.residual.values() for r in own.values()) if result.residual else False
     down = "exactly: they have no noise at all" if exact else "down to the noise"

@@ -336,7 +336,7 @@ def simulated_signals(
 ) -> dict[str, list[FloatArray]]:
     """Simulate variables of a model at a fit."""
     data = calibration.data.with_experiments(
-        replace(e, outputs=tuple(names), measured=None) for e in calibration.data.experiments
+        replace(e, outputs=tuple(names), measured=None, spread=None) for e in calibration.data.experiments
     )
     values = calibration.parameters.from_search(fit.coordinates)
     with open_simulator(replace(calibration, data=data).problem()) as simulator:
