@@ -30,7 +30,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check check-routes test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench rig-trial fault-trial real-rigs real-trial coverage coverage-wrong results docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench rig-trial fault-trial real-rigs real-trial coverage coverage-wrong results docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -77,9 +77,6 @@ report: setup ## draw the page of OUT again
 
 check: setup ## read, check and summarise DATA
 	$(RUN) check $(DATA)
-
-check-routes: setup ## what this machine has (compilers, omc, libraries, FMI), and whether each route there gives right numbers
-	$(BIN)/python benchmarks/check_routes.py
 
 test: $(VENV)/.tested ## set up and run the tests
 	$(BIN)/python -m pytest -n 2 -m "not long" --durations 10 --junitxml reports/tests.xml

@@ -25,19 +25,13 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from aero_bayes.diagnosis_backend import register_diagnosis
-from aero_bayes.plot_backend import register_plot_backend
-
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from aero_bayes.commands.fleet import fleet
     from aero_bayes.commands.fleet_rigs import Rig
     from aero_bayes.data.read import read_recording
     from aero_bayes.data.recording import Recording
     from aero_bayes.data.summary import summarise
     from aero_bayes.errors import CannotFinishError, InputError
-    from aero_bayes.estimate.diagnosis import Diagnosis
     from aero_bayes.estimate.fit import fit
     from aero_bayes.estimate.levenberg_marquardt import FitSettings
     from aero_bayes.estimate.propose import propose_experiment
@@ -47,7 +41,6 @@ if TYPE_CHECKING:
     from aero_bayes.loop.loop import close_loop
     from aero_bayes.loop.result import LoopResult
     from aero_bayes.modelica.compilers import export_fmu
-    from aero_bayes.plot_backend import PlotBackend
     from aero_bayes.posterior.posterior import Posterior
     from aero_bayes.posterior.sample import sample
     from aero_bayes.posterior.settings import SampleSettings
@@ -114,21 +107,3 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
-
-
-def _plots() -> PlotBackend:
-    from aero_bayes import report as plots
-
-    return plots
-
-
-register_plot_backend(_plots)
-
-
-def _diagnosis() -> Callable[[Fit], Diagnosis]:
-    from aero_bayes.estimate.diagnose import diagnose
-
-    return diagnose
-
-
-register_diagnosis(_diagnosis)

@@ -18,7 +18,7 @@ from aero_bayes.data.checks import check_recording
 from aero_bayes.data.find_table import DataFinding
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
-from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
+from aero_bayes.figures import describe_figure_parameters, drawn
 from aero_bayes.simulation.interface import Experiment, InputSignal, Interpolation
 from aero_bayes.unknown_names import known_names_hint
 
@@ -250,7 +250,7 @@ class Recording:
         >>> len(recording.plot().axes)  # the force, the position
         2
         """
-        return plot_backend().recording_figure(self, figure=ax or figure, dark=dark)
+        return drawn("recording_figure", self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return every column by time (s), in SI units.

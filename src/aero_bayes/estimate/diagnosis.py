@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from aero_bayes.display import table_html
+from aero_bayes.plain import picked
 
 Cause = Literal["data", "solver", "search", "noise", "model"]
 #: In this order causes are looked at. The model comes last: it is blamed only where the others are clear.
@@ -33,10 +34,7 @@ class DiagnosisRow:
 
     def to_dict(self) -> dict[str, object]:
         """Return it as ``diagnosis`` in result.json holds it."""
-        return {
-            "cause": self.cause, "found": self.found, "what": self.what, "where": self.where, "done": self.done,
-            "more": list(self.more),
-        }  # fmt: skip
+        return picked(self, "cause found what where done more")
 
 
 def more_words(more: Sequence[str]) -> str:

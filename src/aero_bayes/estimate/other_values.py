@@ -124,7 +124,7 @@ def _held(calibration: Calibration) -> list[Parameter]:
     """Return parameters of the model that are held at a value, those first that the user gave one."""
     fixed, model = calibration.simulated.fixed, calibration.model
     searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
-    found = []
+    found: list[Parameter] = []
     for name in dict.fromkeys([*fixed, *(v.name for v in model.parameters)]):
         value = fixed.get(name, model.parameter(name).start)
         if name not in searched and value and len(found) < MOST_HELD:

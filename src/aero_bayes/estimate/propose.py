@@ -22,6 +22,7 @@ from aero_bayes.estimate.information import ExperimentPredictor, GaussianFit, Li
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.signal_search import BestSignal, SearchSettings, best_signals
 from aero_bayes.files import whole_file
+from aero_bayes.plain import picked
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -115,30 +116,11 @@ class Design(ProposedInput):
     def to_dict(self) -> dict[str, object]:
         """Return everything as plain numbers and text."""
         time, values = self.table()
-        return {
-            "input": self.input,
-            "family": self.family,
-            "families": dict(self.families),
-            "duration": self.duration,
-            "rate_hz": self.rate_hz,
-            "gain": self.gain,
-            "parameters": {
-                e.name: {
-                    "value": e.value,
-                    "unit": e.unit,
-                    "sd_before": e.sd_before,
-                    "sd_after": e.sd_after,
-                    "sd_repeated": e.sd_repeated,
-                    "gain": e.gain,
-                    "target": e.target,
-                }
-                for e in self.expected
-            },
-            "travel": dict(self.travel),
-            "limits": {"amplifier": self.limits.amplifier, "travel": dict(self.limits.travel)},
-            "table": {"time": time.tolist(), self.input: values.tolist()},
-            "seed": self.seed,
-        }
+        told = "value unit sd_before sd_after sd_repeated gain target"
+        return picked(
+            self, "input family families duration rate_hz gain travel limits seed",
+            parameters={e.name: picked(e, told) for e in self.expected}, table={"time": time, self.input: values},
+        )  # fmt: skip
 
     def __repr__(self) -> str:
         aims = ", ".join(self.targets)

@@ -17,6 +17,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import quantisation_step
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.noise_estimation import estimate_noise
+from aero_bayes.plain import picked
 
 #: Gain in log-likelihood above which the exact likelihood is preferred to the Gaussian one.
 MIN_ROUNDING_GAIN = 3.0
@@ -63,16 +64,9 @@ class Quantisation:
         """Whether the exact likelihood describes the readings clearly better than the Gaussian one."""
         return self.gain > MIN_ROUNDING_GAIN
 
-    def to_dict(self) -> dict[str, float | bool]:
-        return {
-            "step": self.step,
-            "error_sd": self.error.sd,
-            "error_lasts_s": self.error.tau,
-            "share": self.share,
-            "sd_before_rounding": self.sd,
-            "gain": self.gain,
-            "exact": self.exact,
-        }
+    def to_dict(self) -> dict[str, object]:
+        error = {"error_sd": self.error.sd, "error_lasts_s": self.error.tau}
+        return picked(self, "step share gain exact", sd_before_rounding=self.sd, **error)
 
 
 def rounding_error(time: FloatArray, fitted: FloatArray, step: float, zero: float = 0.0) -> OutputNoise:

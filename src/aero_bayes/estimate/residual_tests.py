@@ -27,6 +27,7 @@ from aero_bayes.estimate.whiteness import (
     is_rotor_speed,
     ripple_means,
 )
+from aero_bayes.plain import picked
 from aero_bayes.simulation.interface import SolverSettings
 
 ResidualVerdict = Literal["adequate", "structured"]
@@ -83,19 +84,11 @@ class ResidualReport:
 
     def to_dict(self) -> dict[str, object]:
         """Return it as ``residual`` in result.json holds it."""
-        return {
-            "rms": self.rms,
-            "noise_floor": self.noise_floor,
-            "ratio": None if self.noise_floor is None else self.ratio,
-            "white": self.p_value >= FALSE_ALARM_RATE,
-            "p_value": self.p_value,
-            "verdict": self.verdict,
-            "exact": self.exact,
-            "tests": {test.name: test.p_value for test in self.tests},
-            "correlations": dict(self.correlations),
-            "worst_time": list(self.worst_time),
-            "worst_share": self.worst_share,
-        }
+        return picked(
+            self, "rms noise_floor p_value verdict exact correlations worst_time worst_share",
+            ratio=None if self.noise_floor is None else self.ratio, white=self.p_value >= FALSE_ALARM_RATE,
+            tests={test.name: test.p_value for test in self.tests},
+        )  # fmt: skip
 
 
 def exact_level(solver: SolverSettings, series: Series) -> float:

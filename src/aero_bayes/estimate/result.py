@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from aero_bayes.arguments import require_type
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
-from aero_bayes.diagnosis_backend import diagnosis_of
 from aero_bayes.display import with_unit
 from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
@@ -39,7 +38,7 @@ from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.stage_report import StageReport, band_factors, laplace_estimates
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
-from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
+from aero_bayes.figures import describe_figure_parameters, drawn
 from aero_bayes.simulation.interface import Outcome, Simulator, SmoothedStates
 
 if TYPE_CHECKING:
@@ -230,7 +229,9 @@ class Fit(OtherTools):
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """What may be behind a residual that is not noise: data, solver, search, noise, model, in this order."""
-        return diagnosis_of(self)
+        from aero_bayes.estimate.diagnose import diagnose  # its checks use the class of a fit
+
+        return diagnose(self)
 
     @property
     def unidentified(self) -> tuple[str, ...]:
@@ -349,7 +350,7 @@ class Fit(OtherTools):
         >>> len(fit.plot().axes)  # the force, the position, what is left of it
         3
         """
-        return plot_backend().fit_figure(self, recording, figure=ax or figure, dark=dark)
+        return drawn("fit_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         return estimates_html(self.parameters, f"{self.calibration.model.name}: {self.reason.value}", self.warnings)

@@ -20,6 +20,7 @@ from aero_bayes.estimate.propose import (
 )
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.signal_search import SearchSettings, best_signals
+from aero_bayes.plain import picked
 from aero_bayes.progress import Progress
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -46,19 +47,8 @@ class Separation(ProposedInput):
     def to_dict(self) -> dict[str, object]:
         """Return everything as plain numbers and text."""
         time, values = self.table()
-        return {
-            "input": self.input,
-            "family": self.family,
-            "families": dict(self.families),
-            "duration": self.duration,
-            "log_evidence": self.log_evidence,
-            "first_true": self.first_true,
-            "second_true": self.second_true,
-            "travel": dict(self.travel),
-            "limits": {"amplifier": self.limits.amplifier, "travel": dict(self.limits.travel)},
-            "table": {"time": time.tolist(), self.input: values.tolist()},
-            "seed": self.seed,
-        }
+        told = "input family families duration log_evidence first_true second_true travel limits seed"
+        return picked(self, told, table={"time": time, self.input: values})
 
 
 def separating_experiment(

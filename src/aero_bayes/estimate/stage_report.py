@@ -26,6 +26,7 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.whiteness import residual_correlation_time
+from aero_bayes.plain import picked
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, StartTarget
 
 #: Share of new readings that a band holds.
@@ -171,13 +172,7 @@ class StageReport:
 
     def to_dict(self) -> dict[str, object]:
         """Return the entry of result.json."""
-        return {
-            "parameters": list(self.stage.parameters),
-            "outputs": list(self.stage.outputs),
-            "cost": self.cost,
-            "values": dict(self.values),
-            "rms": dict(self.rms),
-        }
+        return picked(self.stage, "parameters outputs") | picked(self, "cost values rms")
 
 
 def stage_report(fitted: FittedStage, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:

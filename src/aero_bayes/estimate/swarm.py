@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.plain import picked
 
 BatchCost = Callable[[FloatArray], FloatArray]
 
@@ -47,12 +48,7 @@ class SwarmResult:
 
     def to_dict(self) -> dict[str, object]:
         """Return the ``pso`` entry of result.json."""
-        return {
-            "evaluations": self.evaluations,
-            "history": self.history.tolist(),
-            "failures": self.failures,
-            "reason": self.reason,
-        }
+        return picked(self, "evaluations history failures reason")
 
 
 class Swarm:

@@ -19,6 +19,7 @@ from aero_bayes.loop.first_fit import FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import Table, Terms, law_of
 from aero_bayes.loop.unseen import Prediction
+from aero_bayes.plain import picked, plain
 from aero_bayes.structure.model_family import CurveBasis, ExtendedModel
 
 
@@ -38,8 +39,7 @@ class NewParameter:
         return self.value
 
     def to_dict(self) -> dict[str, object]:
-        numbers = {name: getattr(self, name) for name in ("value", "sd", "q05", "q95", "unit")}
-        return {**numbers, "q50": self.value}
+        return picked(self, "value sd q05 q95 unit", q50=self.value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +51,6 @@ class LearnedCurve:
     sd: FloatArray
     x_unit: str
     unit: str
-
-    def to_dict(self) -> dict[str, object]:
-        numbers = {name: getattr(self, name).tolist() for name in ("x", "value", "sd")}
-        return {**numbers, "x_unit": self.x_unit, "unit": self.unit}
 
 
 @dataclass(frozen=True)
@@ -90,10 +86,8 @@ class FoundEffect:
 
     def to_dict(self, modelica: str) -> dict[str, object]:
         """Return the entry of result.json; ``modelica`` is the file that holds it."""
-        found: dict[str, object] = {**vars(self), "modelica": modelica, "widths": dict(self.widths)}
-        found["parameters"] = {p.name: p.to_dict() for p in self.parameters}
-        found["alternatives"] = [vars(one) for one in self.alternatives]
-        found["curve"] = None if self.curve is None else self.curve.to_dict()
+        parameters = {p.name: p.to_dict() for p in self.parameters}
+        found: dict[str, object] = plain({**vars(self), "modelica": modelica, "parameters": parameters})
         return found
 
 

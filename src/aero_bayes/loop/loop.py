@@ -41,114 +41,8 @@ from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
 from aero_bayes.structure.model_family import ModelFamily
 from aero_bayes.structure.modelica_family import ModelicaFamily
 
-
-def recordings_of(fit: Fit) -> Sequence[Recording]:
-    """Return the recordings of a fit; InputError for one that was made without them."""
-    if not fit.calibration.data.recordings:
-        raise InputError("the fit holds no recordings: give them, and the model, in place of the fit")
-    return fit.calibration.data.recordings
-
-
-def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
-    """Return the settings of a loop that begins at a fit: how it was fitted, its free parameters and its fixed values.
-
-    Free ones keep their declared values, from which the search fits structures too. What the settings say themselves
-    counts. Inputs are read as the fit read them, unless that is left to the data."""
-    calibration, own = fit.calibration, settings.fit or fit.settings
-    shared = [p for p in templates(calibration.parameters) if isinstance(p.target, ParameterTarget)]
-    free = {calibration.parameters.items[j].name for j in fit.free}
-    chosen = ParameterSet(
-        tuple(replace(p, free_if_identified=False) for p in shared if p.name in free or p.per_recording)
-    )
-    if settings.parameters is not None:
-        known = {
-            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording, joint=p.joint)
-            for p in chosen
-        }
-        chosen = chosen_parameters(calibration.model, settings.parameters, known)
-    fixed = {p.name: float(fit[p.name]) for p in shared if p.name not in chosen}
-    between = own.calibration.interpolation
-    read = replace(
-        own.calibration, interpolation=between if between == "auto" else calibration.data.interpolation or "hold"
-    )
-    fixed = {**calibration.simulated.fixed, **fixed, **own.fixed}
-    first = replace(own, method="local", cost="posterior", staged=False, calibration=read, fixed=fixed)
-    return replace(settings, fit=first, parameters=chosen)
-
-
-def errors_by_recording(loop: LoopResult) -> tuple[RecordingError, ...]:
-    """Return the errors of a loop's models on each recording, with what was fitted of it apart from what was not."""
-    known = loop.recordings
-    if known is None:
-        return ()
-    parts = known.unseen_from
-    fitted: list[JudgedPart] = [(r, "train", None, parts.get(r.name)) for r in known.train]
-    unseen: list[JudgedPart] = [(r, "test", parts[r.name], None) for r in known.train if r.name in parts]
-    unseen += [(r, "test", None, None) for r in known.test]
-    before, after = loop.predicted_before.fitted, loop.predicted_after.fitted
-    spreads = loop.after.calibration.data.spreads
-    return recording_errors([*fitted, *unseen], before, after, loop.floors, loop.noise, spreads)
-
-
 #: Decisions after which the last one stands.
 MOST_DECISIONS = 40
-
-
-def settled(search: Search, unseen: Callable[[FittedModel], dict[str, float]], late: Callable[[], bool]) -> Decision:
-    """The decision on a search's table once all that it hangs on was fitted without each block, held against unseen
-    recordings, and against what else may be in the place of each of its terms."""
-    required = search.library.required
-    for _ in range(MOST_DECISIONS):
-        decision = decide(search.table, required)
-        if _see(search, unseen, decision.compared_unseen):
-            continue
-        if late():
-            break
-        if new := [k for k in decision.compared if not search.table.rows[k].refitted]:
-            search.refit(new)
-            continue
-        before = len(search.fits)
-        todo = [k for k in _parts(search, decision) if k not in search.completed]
-        if not todo:
-            break
-        for part in todo:
-            search.complete(decision.model, part)
-        if len(search.fits) == before and all(k in search.table.rows for k in todo):
-            break
-    return _as_far_as_tried(search, decision)
-
-
-def _as_far_as_tried(search: Search, decision: Decision) -> Decision:
-    """No term is claimed as a law in whose place not all was tried."""
-    done = {t: tuple(x for x in decision.model if x != t) in search.completed for t in decision.claims}
-    claims = {t: c if done[t] or c.kind != "law" else replace(c, kind="place") for t, c in decision.claims.items()}
-    return replace(decision, claims=claims)
-
-
-def _see(search: Search, unseen: Callable[[FittedModel], dict[str, float]], structures: Sequence[Terms]) -> bool:
-    """Predict the unseen recordings with structures that did not yet; whether there were any."""
-    new = [k for k in structures if search.table.rows[k].unseen is None]
-    for k in new:
-        found: dict[str, float] = {}
-        with suppress(CannotFinishError):
-            found = unseen(search.fits[k])
-        search.table.rows[k] = replace(search.table.rows[k], unseen=found)
-    return bool(new)
-
-
-def _parts(search: Search, decision: Decision) -> list[Terms]:
-    """The model without each of its terms, in whose place all others are to be tried; and of a law beside a curve what
-    it does without the curve."""
-    model, curves = decision.model, set(search.library.curves)
-    parts = [tuple(x for x in model if x != t) for t in decision.claims]
-    laws = tuple(t for t in model if t not in curves)
-    if laws != model:
-        parts += [tuple(x for x in laws if x != t) for t in laws if t in decision.claims]
-    return list(dict.fromkeys(parts))
-
-
-__all__ = ["LoopSettings", "close_loop"]
-
 #: Fixed values that may be wrong; an FMU may have hundreds.
 MOST_VALUES = 40
 
@@ -334,3 +228,104 @@ def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: 
         family = ModelicaFamily(LawPlaces(model.name, *given), folder)
     family.check()
     return family
+
+
+def recordings_of(fit: Fit) -> Sequence[Recording]:
+    """Return the recordings of a fit; InputError for one that was made without them."""
+    if not fit.calibration.data.recordings:
+        raise InputError("the fit holds no recordings: give them, and the model, in place of the fit")
+    return fit.calibration.data.recordings
+
+
+def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
+    """Return the settings of a loop that begins at a fit: how it was fitted, its free parameters and its fixed values.
+
+    Free ones keep their declared values, from which the search fits structures too. What the settings say themselves
+    counts. Inputs are read as the fit read them, unless that is left to the data."""
+    calibration, own = fit.calibration, settings.fit or fit.settings
+    shared = [p for p in templates(calibration.parameters) if isinstance(p.target, ParameterTarget)]
+    free = {calibration.parameters.items[j].name for j in fit.free}
+    chosen = ParameterSet(
+        tuple(replace(p, free_if_identified=False) for p in shared if p.name in free or p.per_recording)
+    )
+    if settings.parameters is not None:
+        known = {
+            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording, joint=p.joint)
+            for p in chosen
+        }
+        chosen = chosen_parameters(calibration.model, settings.parameters, known)
+    fixed = {p.name: float(fit[p.name]) for p in shared if p.name not in chosen}
+    between = own.calibration.interpolation
+    read = replace(
+        own.calibration, interpolation=between if between == "auto" else calibration.data.interpolation or "hold"
+    )
+    fixed = {**calibration.simulated.fixed, **fixed, **own.fixed}
+    first = replace(own, method="local", cost="posterior", staged=False, calibration=read, fixed=fixed)
+    return replace(settings, fit=first, parameters=chosen)
+
+
+def errors_by_recording(loop: LoopResult) -> tuple[RecordingError, ...]:
+    """Return the errors of a loop's models on each recording, with what was fitted of it apart from what was not."""
+    known = loop.recordings
+    if known is None:
+        return ()
+    parts = known.unseen_from
+    fitted: list[JudgedPart] = [(r, "train", None, parts.get(r.name)) for r in known.train]
+    unseen: list[JudgedPart] = [(r, "test", parts[r.name], None) for r in known.train if r.name in parts]
+    unseen += [(r, "test", None, None) for r in known.test]
+    before, after = loop.predicted_before.fitted, loop.predicted_after.fitted
+    spreads = loop.after.calibration.data.spreads
+    return recording_errors([*fitted, *unseen], before, after, loop.floors, loop.noise, spreads)
+
+
+def settled(search: Search, unseen: Callable[[FittedModel], dict[str, float]], late: Callable[[], bool]) -> Decision:
+    """The decision on a search's table once all that it hangs on was fitted without each block, held against unseen
+    recordings, and against what else may be in the place of each of its terms."""
+    required = search.library.required
+    for _ in range(MOST_DECISIONS):
+        decision = decide(search.table, required)
+        if _see(search, unseen, decision.compared_unseen):
+            continue
+        if late():
+            break
+        if new := [k for k in decision.compared if not search.table.rows[k].refitted]:
+            search.refit(new)
+            continue
+        before = len(search.fits)
+        todo = [k for k in _parts(search, decision) if k not in search.completed]
+        if not todo:
+            break
+        for part in todo:
+            search.complete(decision.model, part)
+        if len(search.fits) == before and all(k in search.table.rows for k in todo):
+            break
+    return _as_far_as_tried(search, decision)
+
+
+def _as_far_as_tried(search: Search, decision: Decision) -> Decision:
+    """No term is claimed as a law in whose place not all was tried."""
+    done = {t: tuple(x for x in decision.model if x != t) in search.completed for t in decision.claims}
+    claims = {t: c if done[t] or c.kind != "law" else replace(c, kind="place") for t, c in decision.claims.items()}
+    return replace(decision, claims=claims)
+
+
+def _see(search: Search, unseen: Callable[[FittedModel], dict[str, float]], structures: Sequence[Terms]) -> bool:
+    """Predict the unseen recordings with structures that did not yet; whether there were any."""
+    new = [k for k in structures if search.table.rows[k].unseen is None]
+    for k in new:
+        found: dict[str, float] = {}
+        with suppress(CannotFinishError):
+            found = unseen(search.fits[k])
+        search.table.rows[k] = replace(search.table.rows[k], unseen=found)
+    return bool(new)
+
+
+def _parts(search: Search, decision: Decision) -> list[Terms]:
+    """The model without each of its terms, in whose place all others are to be tried; and of a law beside a curve what
+    it does without the curve."""
+    model, curves = decision.model, set(search.library.curves)
+    parts = [tuple(x for x in model if x != t) for t in decision.claims]
+    laws = tuple(t for t in model if t not in curves)
+    if laws != model:
+        parts += [tuple(x for x in laws if x != t) for t in laws if t in decision.claims]
+    return list(dict.fromkeys(parts))

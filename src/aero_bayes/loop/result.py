@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -20,12 +21,13 @@ from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.residual_tests import ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
+from aero_bayes.figures import describe_figure_parameters, drawn
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import FoundEffect, Limit, NewParameter
 from aero_bayes.loop.table import Table, Terms
 from aero_bayes.loop.unseen import Prediction, Recordings, Shift
-from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
+from aero_bayes.plain import picked
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
@@ -96,8 +98,7 @@ class Step:
 
     def to_dict(self) -> dict[str, object]:
         """Return the entry of result.json."""
-        own = {name: value for name, value in vars(self).items() if name != "number"}
-        return {**own, "round": self.number, "candidates": [vars(one) for one in self.candidates]}
+        return picked(self, "candidates chosen equivalent why", round=self.number)
 
 
 def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, ...]:
@@ -299,7 +300,7 @@ class LoopResult(FittedLoop):
         --------
         >>> loop.plot().savefig("loop.png")
         """
-        return plot_backend().loop_figure(self, figure=ax or figure, dark=dark)
+        return drawn("loop_figure", self, figure=ax or figure, dark=dark)
 
     @describe_figure_parameters
     def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
@@ -314,7 +315,7 @@ class LoopResult(FittedLoop):
         --------
         >>> loop.plot_rounds().savefig("rounds.png")
         """
-        return plot_backend().rounds_figure(self, figure=ax or figure, dark=dark)
+        return drawn("rounds_figure", self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each candidate of each round.
@@ -347,7 +348,7 @@ class LoopResult(FittedLoop):
             for output, rms in self.predicted_before.pooled(role).items()
         ]
         table = table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
-        page = escape(plot_backend().loop_page(self), quote=True)
+        page = escape(import_module("aero_bayes.report").loop_page(self), quote=True)
         return f'{table}<iframe title="report" srcdoc="{page}" width="100%" height="{FRAME_HEIGHT}"></iframe>'
 
     def _errors(self) -> str:
@@ -360,28 +361,21 @@ class LoopResult(FittedLoop):
     def to_dict(self) -> dict[str, object]:
         """Return the ``loop`` entry of result.json."""
         roles, before, after = ("train", "test"), self.predicted_before, self.predicted_after
-        moved = ("before", "before_sd", "after", "after_sd", "in_sd")
-        return {
-            "outcome": self.outcome, "sentence": self.sentence, "base": self.base, "model": self.model,
-            "effects": [effect.to_dict(self.modelica_path) for effect in self.effects],
-            "equivalent": [list(ids) for ids in self.equivalent],
-            "limits": [vars(limit) for limit in self.limits],
-            "refused": [list(terms) for terms in self.refused],
-            "before": {role: before.pooled(role) for role in roles},
-            "after": {role: after.pooled(role) for role in roles},
-            "before_sd": {role: before.uncertainty(role) for role in roles},
-            "after_sd": {role: after.uncertainty(role) for role in roles},
-            "noise_floor": _pooled_floors(self.floors),
-            "steps": [step.to_dict() for step in self.steps],
-            "shifts": {s.name: {key: getattr(s, key) for key in moved} for s in self.shifts},
-            "whiteness": {
+        told = "outcome sentence base model equivalent limits refused blocks separate story diff simulations failures"
+        return picked(
+            self, f"{told} seconds",
+            effects=[effect.to_dict(self.modelica_path) for effect in self.effects],
+            before={role: before.pooled(role) for role in roles}, after={role: after.pooled(role) for role in roles},
+            before_sd={role: before.uncertainty(role) for role in roles},
+            after_sd={role: after.uncertainty(role) for role in roles},
+            noise_floor=_pooled_floors(self.floors), steps=[step.to_dict() for step in self.steps],
+            shifts={s.name: picked(s, "before before_sd after after_sd in_sd") for s in self.shifts},
+            whiteness={
                 "before": reports_by_recording(self.residual_before),
                 "after": reports_by_recording(self.residual_after),
             },
-            "blocks": self.blocks, "separate": list(self.separate), "story": list(self.story), "diff": self.diff,
-            "modelica_source": self.modelica, "notes": list(self.data_notes), "simulations": self.simulations,
-            "failures": self.failures, "seconds": dict(self.seconds),
-        }  # fmt: skip
+            modelica_source=self.modelica, notes=self.data_notes,
+        )  # fmt: skip
 
     def series(self) -> dict[str, FloatArray]:
         """Arrays for the page, by the names that it expects (see :mod:`aero_bayes.report`).

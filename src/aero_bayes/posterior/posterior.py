@@ -13,7 +13,8 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.identifiability import estimates_html
 from aero_bayes.estimate.other_tools import chosen_estimates, noise_table, process_noise_table
 from aero_bayes.estimate.prediction import FittedPredictor, FittedResult
-from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
+from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.plain import picked
 from aero_bayes.posterior.inferencedata import PosteriorDraws, save, to_inference_data
 from aero_bayes.posterior.modes import ModeDraws
 from aero_bayes.simulation.interface import Outcome
@@ -97,25 +98,14 @@ class Posterior(PosteriorDraws, FittedResult):
             },
             "noise": noise_table(self.calibration.data, self.noise),
             "process_noise": process_noise_table(self.calibration.simulated.process, self.parameters),
-            "mcmc": {
-                "ensembles": self.draws.shape[0],
-                "draws": self.steps,
-                "walkers": self.walkers,
-                "tau": self.tau,
-                "r_hat_max": self.r_hat_max,
-                "ess_bulk_min": self.ess_bulk_min,
-                "ess_tail_min": self.ess_tail_min,
-                "seconds": self.seconds,
-                "converged": self.converged,
-                "reason": self.reason,
-                "acceptance": self.acceptance,
-                "evaluations": self.evaluations,
-                "modes": [row.to_dict() for row in self.mode_draws],
-                "per_parameter": {
-                    name: {"r_hat": d.r_hat, "ess_bulk": d.ess_bulk, "ess_tail": d.ess_tail, "tau": d.tau}
-                    for name, d in self.diagnoses.items()
-                },
-            },
+            "mcmc": picked(
+                self,
+                "walkers tau r_hat_max ess_bulk_min ess_tail_min seconds converged reason acceptance evaluations",
+                ensembles=self.draws.shape[0],
+                draws=self.steps,
+                modes=[row.to_dict() for row in self.mode_draws],
+                per_parameter={n: picked(d, "r_hat ess_bulk ess_tail tau") for n, d in self.diagnoses.items()},
+            ),
             "failures": failures,
             "warnings": list(self.warnings),
             "seconds": self.fit.seconds + self.seconds,
@@ -174,7 +164,7 @@ class Posterior(PosteriorDraws, FittedResult):
         """
         units = {name: entry.unit for name, entry in self.parameters.items()}
         by_name = {name: self.draws[:, :, j] for j, name in enumerate(self.names)}
-        return plot_backend().pairs_figure(by_name, units, parameters, figure=ax or figure, dark=dark)
+        return drawn("pairs_figure", by_name, units, parameters, figure=ax or figure, dark=dark)
 
     @describe_figure_parameters
     def plot_bands(
@@ -196,7 +186,7 @@ class Posterior(PosteriorDraws, FittedResult):
         --------
         >>> posterior.plot_bands().savefig("bands.png")
         """
-        return plot_backend().bands_figure(self, recording, figure=ax or figure, dark=dark)
+        return drawn("bands_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"

@@ -25,11 +25,12 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.result import LoopResult
+from aero_bayes.plain import plain
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.report.curves import legend, opening_scene, recording_panels, scene_panels, stretch_words
 from aero_bayes.report.drawing import Band, Dots, Line, Panel
 from aero_bayes.report.loop_figures import fall, fall_text, rounds, short_label
-from aero_bayes.report.results import plain, recording_row
+from aero_bayes.report.results import recording_row
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import ParameterJson
 from aero_bayes.report.schema_loop import LoopJson

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 import platform
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, is_dataclass
-from enum import Enum
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,11 +15,12 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import noise_floors
 from aero_bayes.data.recording import Recording
 from aero_bayes.files import whole_file
+from aero_bayes.plain import plain
 from aero_bayes.report.schema_run import SCHEMA, RunJson
 
 Json = dict[str, Any]
 
-__all__ = ["SCHEMA", "merge", "plain", "recording_row", "versions", "write_result", "write_series"]
+__all__ = ["SCHEMA", "merge", "recording_row", "versions", "write_result", "write_series"]
 
 PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 
@@ -43,27 +41,6 @@ def write_series(directory: Path, series: Mapping[str, FloatArray]) -> Path:
     with whole_file(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **{key: np.asarray(v) for key, v in series.items()})
     return path
-
-
-def plain(value: Any) -> Any:
-    """Convert a value to types that JSON has."""
-    if isinstance(value, Enum):
-        return plain(value.value)
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [plain(item) for item in value]
-    if isinstance(value, Path):
-        return value.name
-    return value
 
 
 def versions() -> dict[str, str]:

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
-from aero_bayes.plot_backend import describe_figure_parameters, plot_backend
+from aero_bayes.figures import describe_figure_parameters, drawn
 from aero_bayes.report.schema_run import SCHEMA, RunJson
 
 if TYPE_CHECKING:
@@ -117,8 +117,8 @@ class RunDirectory:
         3
         """
         if recording is None:
-            return plot_backend().scene_figure(self, figure=ax or figure, dark=dark)
-        return plot_backend().run_figure(self, recording, figure=ax or figure, dark=dark)
+            return drawn("scene_figure", self, figure=ax or figure, dark=dark)
+        return drawn("run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.

@@ -1,0 +1,44 @@
+"""Figures of results: how a result finds what draws it, and what every figure takes."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def drawn(name: str, *what: Any, figure: Figure | Axes | None, dark: bool) -> Figure:
+    """Draw a figure of :mod:`aero_bayes.report`, which uses the classes of results, so that they cannot import it.
+
+    ``figure`` is what is drawn into: a figure, or the axes whose place is taken; a new one by default."""
+    found: Figure = getattr(import_module("aero_bayes.report"), name)(*what, figure=figure, dark=dark)
+    return found
+
+
+Method = TypeVar("Method", bound=Callable[..., object])
+_FIGURE_PARAMETERS = """ax : matplotlib.axes.Axes, optional
+    Axes whose place in a larger figure it takes.
+figure : matplotlib.figure.Figure, optional
+    To draw into; a new one by default.
+dark : bool
+    Colours for a dark background.
+"""
+
+
+def describe_figure_parameters(method: Method) -> Method:
+    """Add to a method's docstring the parameters that each figure takes, and the figure that it returns."""
+    title, blank, rest = inspect.cleandoc(method.__doc__ or "").partition("\n\n")
+    heads = ("Parameters\n-", "Returns\n-", "Raises\n-", "Examples\n-")
+    sections = rest.split("\n\n") if blank else []
+    at = next((k for k, s in enumerate(sections) if s.startswith(heads)), len(sections))
+    text, sections = [title, *sections[:at]], sections[at:]
+    own = sections.pop(0) if sections and sections[0].startswith("Parameters") else "Parameters\n----------"
+    if not sections or not sections[0].startswith("Returns"):
+        sections.insert(0, "Returns\n-------\nmatplotlib.figure.Figure")
+    method.__doc__ = "\n\n".join([*text, f"{own}\n{_FIGURE_PARAMETERS.rstrip()}", *sections])
+    return method
