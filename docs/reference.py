@@ -111,8 +111,6 @@ KEYS: Mapping[str, str] = {
     "posterior.max_minutes": "most time, in min",
     "posterior.r_hat": "largest R-hat with which the chain may stop",
     "posterior.ess": "effective samples, bulk and tail, with which the chain may stop",
-    "prediction.stretches": "stretches of time that a recording is cut into",
-    "prediction.refits": "compute posteriors anew where re-weighting is unreliable; left out: for short recordings",
     "prediction.max_seconds": "most time, in s; 0 leaves it out",
     "loop.max_effects": "most effects that are added",
     "loop.max_minutes": "most time for the search, in min; what it has found by then is judged",

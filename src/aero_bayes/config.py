@@ -161,12 +161,8 @@ class PosteriorSection(Section):
 
 
 class PredictionSection(Section):
-    """``[prediction]``: how well several recordings predict each other; ``max_seconds = 0`` leaves it out.
+    """``[prediction]``: how well several recordings predict each other; ``max_seconds = 0`` leaves it out."""
 
-    ``refits`` computes posteriors anew where re-weighting is unreliable: by default for short recordings only."""
-
-    stretches: Annotated[int, Field(ge=4)] = 8
-    refits: bool | None = None
     max_seconds: Annotated[float, Field(ge=0)] = 10.0
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from aero_bayes.data import Recording
 from aero_bayes.estimate import OutputNoise
+from aero_bayes.estimate.reading_spread import SpreadModel
 from aero_bayes.estimate.residual_tests import recording_errors
 
 TIME = np.arange(2000) * 0.01
@@ -52,4 +53,33 @@ def test_white_noise_passes_however_many_readings_are_missing(seed: int) -> None
     residual[rng.random(TIME.size) < 0.3] = np.nan
     recording, fitted = recorded(residual)
     (error,) = recording_errors([(recording, "test", None, None)], None, fitted, {("test", "y"): 0.1}, WHITE)
+    assert error.verdict == "noise"
+
+
+def test_outliers_are_not_counted() -> None:
+    rng = np.random.default_rng(3)
+    residual = 0.1 * rng.normal(size=TIME.size)
+    residual[20::40] += 5.0
+    recording, fitted = recorded(residual)
+    (error,) = recording_errors([(recording, "test", None, None)], None, fitted, {("test", "y"): 0.1}, WHITE)
+    assert error.verdict == "noise"
+    assert error.after == pytest.approx(0.1, rel=0.1)
+
+
+def test_noise_that_grows_with_the_reading_is_judged_by_its_own_size() -> None:
+    rng = np.random.default_rng(4)
+    level = np.exp(-0.3 * TIME)
+    recording = Recording(
+        "test", TIME, {"u": np.ones(TIME.size)}, {"y": level * (1.0 + 0.05 * rng.normal(size=TIME.size))}
+    )
+    spread = {"y": SpreadModel("relative", 0.0, 0.05, least=1e-9)}
+    floors = {("test", "y"): 1e-3}
+    (error,) = recording_errors([(recording, "test", None, None)], None, {("test", "y"): level}, floors, WHITE, spread)
+    assert error.verdict == "noise"
+    assert error.noise == pytest.approx(0.05 * np.sqrt(np.mean(level**2)), rel=1e-6)
+
+
+def test_the_structure_of_rounding_says_nothing() -> None:
+    recording, fitted = recorded(1e-8 * np.sin(2.0 * TIME))
+    (error,) = recording_errors([(recording, "test", None, None)], None, fitted, {}, WHITE)
     assert error.verdict == "noise"

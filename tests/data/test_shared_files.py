@@ -56,7 +56,7 @@ def started(case: Path, model: str, data: str) -> dict[str, Any]:
     written = run("init", case / model, case / data, "--out", case / "new.toml")
     assert written.exit_code == 0, written.output
     assert "matches" not in written.output
-    assert ("are not read" in written.output) == (data in SKIPPED)
+    assert ("not read" in written.output) == (data in SKIPPED)
     return fitted(case, "new.toml", data)
 
 
@@ -79,6 +79,23 @@ def test_36_counted_lines_above_the_names(case: Path) -> None:
     told = run("check", case / "run.mpt", "--config", case / "rig.toml")
     assert "row 13" in told.output
     assert fitted(case, "rig.toml", "clean.mpt")["parameters"]["C1"]["value"] == result["parameters"]["C1"]["value"]
+
+
+@pytest.mark.parametrize("case", ["06_historian_words"], indirect=True)
+@pytest.mark.parametrize(
+    ("data", "words"), [("run.csv", "row 52, column T: 'Bad Input'"), ("nan.csv", "row 72, column T_amb")]
+)
+def test_06_words_and_missing_inputs_are_refused_in_a_line(case: Path, data: str, words: str) -> None:
+    done = run("init", case / "../Room.mo", case / data, "--out", case / "new.toml")
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (case / "new.toml").exists()
+
+
+@pytest.mark.parametrize("case", ["30_csv_dialects"], indirect=True)
+def test_30_init_finds_signals_that_a_column_names(case: Path) -> None:
+    assert_values(started(case, "../Room.mo", "long.csv"), 0.01, C=2.0e6, G=120.0)
 
 
 @pytest.mark.parametrize("case", ["39_known_per_run"], indirect=True)

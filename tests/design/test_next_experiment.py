@@ -14,6 +14,7 @@ from aero_bayes.estimate import (
     FAMILIES,
     FitSettings,
     Limits,
+    NoiseLayout,
     SearchSettings,
     fit,
     propose_experiment,
@@ -21,7 +22,6 @@ from aero_bayes.estimate import (
 )
 from aero_bayes.estimate.information import ExperimentPredictor, posterior_sd
 from aero_bayes.modelica import export_fmu
-from aero_bayes.posterior import laplace_evidence
 from aero_bayes.simulation import Model
 from simulated_rigs.designs import Levels, pulse
 
@@ -135,6 +135,13 @@ def test_mistakes_get_one_line(fitted):
         propose_experiment(fitted, limits=Limits(24.0, {"yaw": 1.0}), settings=QUICK, workers=0)
     with pytest.raises(InputError, match="positive"):
         Limits(amplifier=-1.0)
+
+
+def laplace_evidence(fit) -> float:
+    """Log-evidence of a fit, noise parameters integrated out with the rest (MacKay, 2003, chapter 27)."""
+    noise = NoiseLayout.of(fit.calibration.data, fit.noise).log_prior(fit.laplace.mean[None, fit.laplace.parameters :])
+    determinant = float(np.linalg.slogdet(fit.laplace.covariance)[1])
+    return fit.log_posterior + float(noise[0]) + 0.5 * (len(fit.laplace.mean) * np.log(2.0 * np.pi) + determinant)
 
 
 @pytest.mark.long

@@ -10,7 +10,7 @@ import pytest
 
 import aero_bayes
 from aero_bayes.data import Recording
-from aero_bayes.estimate.misread import outlier_rows
+from aero_bayes.estimate.outliers import outlier_rows
 
 pytestmark = pytest.mark.fast
 

@@ -141,6 +141,9 @@ def test_34_a_logger_that_lost_three_hours(tmp_path: Path) -> None:
     assert_room(result, 0.02)
     assert causes(result) == ["data"]
     assert "23869" in result["diagnosis"][0]["what"]
+    given = CASES / "34_dropped_clock"
+    told = CliRunner().invoke(main, ["check", str(given / "run.csv"), "--config", str(given / "rig.toml")])
+    assert "90 samples missing" in told.output
 
 
 @pytest.mark.long
@@ -179,9 +182,31 @@ def test_37_a_current_that_is_counted_the_other_way_round(tmp_path: Path) -> Non
     assert causes(right) == []
 
 
-def test_39_clean_readings_are_no_outliers_of_a_poor_fit(tmp_path: Path) -> None:
+def test_39_a_mass_that_differs_by_run_is_told_and_clean_readings_are_no_outliers(tmp_path: Path) -> None:
     result = fitted("39_known_per_run", "rig.toml", ["light.csv", "heavy.csv"], tmp_path)
-    assert "data" not in causes(result)
+    assert result["diagnosis"][0]["what"].startswith("m seems to differ from recording to recording")
+    assert "outliers" not in str(result["diagnosis"])
+
+
+def test_10_a_capacity_that_differs_by_recording_is_told(tmp_path: Path) -> None:
+    result = fitted("10_condition_specific", "rig.toml", ["empty.csv", "loaded.csv"], tmp_path)
+    assert result["diagnosis"][0]["what"].startswith("C seems to differ from recording to recording")
+
+
+def test_49_held_values_of_a_table_are_told_before_the_model_is_blamed(tmp_path: Path) -> None:
+    result = fitted("49_table_values", "later.toml", "run.csv", tmp_path)
+    assert result["diagnosis"][0]["what"].startswith("e[1], e[2], e[3], e[4], e[5] and e[6] are held")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("folder", ["25_outlier_tail", "32_relative_noise"])
+def test_the_loop_finds_a_right_model_adequate_whatever_its_noise(folder: str, tmp_path: Path) -> None:
+    arguments = ["--config", CASES / folder / "rig.toml", "--train", CASES / folder / "run.csv", "--out", tmp_path]
+    done = CliRunner().invoke(main, ["close-loop", "--workers", "1", "--quiet", *map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["loop"]["outcome"] == "adequate"
+    assert {error["verdict"] for error in result["loop"]["errors"]} == {"noise"}
 
 
 @pytest.mark.long

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, Recordings, first_fit
+from aero_bayes.errors import InputError
+from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, Recordings, close_loop, first_fit
 from aero_bayes.simulation import WorkerPool
 from aero_bayes.structure import LawPlaces, ModelicaFamily
 
@@ -37,3 +39,13 @@ end Cart;
     (report,) = base.reports
     left = 0.05 * np.sin(2.0 * time[:280]) + noise[:280]
     np.testing.assert_allclose(report.rms, np.sqrt(np.mean(left**2)), rtol=0.1)
+
+
+def test_a_loop_that_is_given_no_parameters_says_which_there_are(tmp_path: Path) -> None:
+    path = tmp_path / "Fall.mo"
+    path.write_text(
+        "model Fall\n  parameter Real d = 0.5;\n  output Real v(start = 1);\nequation\n  der(v) = -d * v;\nend Fall;\n"
+    )
+    run = Recording("run", np.arange(50) * 0.1, {}, {"v": np.exp(-0.05 * np.arange(50))})
+    with pytest.raises(InputError, match=r"no parameters to fit: name some of d by LoopSettings\(parameters="):
+        close_loop([run], [], model=path, workers=0)

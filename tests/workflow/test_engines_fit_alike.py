@@ -25,7 +25,6 @@ max_input_delay = 0
 [fit.local]
 starts = 1
 [prediction]
-refits = false
 max_seconds = 0
 [solver]
 relative_tolerance = 1e-7

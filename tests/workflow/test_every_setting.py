@@ -25,7 +25,6 @@ from aero_bayes.commands import (
     fit_settings,
     loop_settings,
     open_job,
-    prediction_settings,
     sample_settings,
 )
 from aero_bayes.config import Config, load_config
@@ -109,8 +108,6 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "posterior.max_minutes": (1.0, 2.0),
     "posterior.r_hat": (1.01, 1.02),
     "posterior.ess": (100, 200),
-    "prediction.stretches": (5, 6),
-    "prediction.refits": (True, False),
     "prediction.max_seconds": (1.0, 2.0),
     "loop.max_effects": (1, 2),
     "loop.max_minutes": (1.0, 2.0),
@@ -249,7 +246,7 @@ def reaches(command: str, job: Job) -> list[Any]:
     readings = [{name: y.tobytes() for name, y in own.items()} for own in signals]
     if command == "close-loop":
         return [readings, job.name, job.config.model.sources, job.model.units, job.values, loop_settings(job)]
-    stages = [fit_settings(job), prediction_settings(job)]
+    stages: list[Any] = [fit_settings(job), job.config.prediction]
     stages += [sample_settings(job)] if command == "posterior" else []
     return [readings, job.name, job.model.parameters, job.model.units, job.parameters, job.fixed, *stages]
 

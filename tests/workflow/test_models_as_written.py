@@ -94,6 +94,45 @@ def test_51_a_written_model_with_arrays_inside_can_be_loaded(
         assert again.parameter(name).start == pytest.approx(found[name]["value"], rel=1e-9)
 
 
+PARTLY_COMPUTED = """package P
+  model Lag
+    parameter Real a[3](each min = 0.01, each max = 100) = {1, 1, 1};
+    input Real u;
+    output Real x(start = 0, fixed = true);
+  equation
+    der(x) = a[1] * u - a[2] * x;
+  end Lag;
+  model Rig
+    parameter Real p(min = 0.01, max = 100) = 2;
+    Lag lag(a = {-(1 - 2 * p) + 1, 2, 3});
+    input Real u;
+    output Real y = lag.x;
+  equation
+    lag.u = u;
+  end Rig;
+end P;
+"""
+
+
+def test_an_array_with_an_element_that_is_computed_is_written_whole(tmp_path: Path) -> None:
+    (tmp_path / "P.mo").write_text(PARTLY_COMPUTED)
+    model = aero_bayes.load_model("P.Rig", sources=[tmp_path / "P.mo"])
+    time, u = np.arange(200) * 0.05, np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, 10), 20)
+    y, decay = np.zeros(200), np.exp(-2.5 * 0.05)
+    for n in range(199):
+        y[n + 1] = y[n] * decay + 4.0 / 2.5 * u[n] * (1.0 - decay)
+    fit = aero_bayes.fit(
+        aero_bayes.Recording("run", time, {"u": u}, {"y": y}), model, parameters=["lag.a[2]"], workers=0
+    )
+    (tmp_path / "Rig_fitted.mo").write_text(fit.to_modelica())
+    again = aero_bayes.load_model("Rig_fitted", sources=[tmp_path / "Rig_fitted.mo", tmp_path / "P.mo"])
+    assert again.parameter("lag.a[2]").start == pytest.approx(2.5, rel=1e-3)
+    assert again.parameter("lag.a[3]").start == 3.0
+    inputs = aero_bayes.Recording("run", time, {"u": u}, {"y": y})
+    refit = aero_bayes.fit(inputs, again, parameters=["p"], workers=0)
+    assert refit["p"].value == pytest.approx(2.0, rel=1e-3)  # the first element still follows p
+
+
 def test_an_algorithm_section_that_is_not_read_is_told_by_its_line(tmp_path: Path) -> None:
     (tmp_path / "Limited.mo").write_text(LIMITED)
     with pytest.raises(InputError, match=r"^Limited.mo:6: .*into a function"):

@@ -124,6 +124,7 @@ def test_a_lag_of_a_reading_is_seen_beside_free_offset_and_gain(rig):
     left = rate - imitated @ np.linalg.lstsq(imitated, rate, rcond=None)[0]
     assert found["response"] == pytest.approx(np.linalg.norm(left) / SD, rel=0.15)
     assert found["visible"] == "yes"
+    assert found["imitated"] == {"a constant": "zero", "proportional to gauge": "gain"}
 
 
 STILL = """model Still "A weight on a string that is cut by nobody: gravity is all that acts"

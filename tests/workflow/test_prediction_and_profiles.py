@@ -58,7 +58,6 @@ def test_recordings_of_one_rig_predict_each_other_to_the_noise(pair: tuple[Path,
         for output, error in entry["rms"].items():
             assert entry["rms_fitted"][output] <= error * (1.0 + 1e-6)
             assert error < 1.1 * entry["rms_fitted"][output]
-    assert set(result["prediction"]["stretches"]) == {"waic", "leave_one_out", "leave_future_out"}
     page = (out / "report.html").read_text("utf-8")
     assert 'id="prediction"' in page
 

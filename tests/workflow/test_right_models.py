@@ -66,6 +66,16 @@ def test_a_parameter_that_selects_a_branch(case: Path):
     assert loop.value("limit") < 1.0
 
 
+@pytest.mark.parametrize("case", ["09_sign_friction"], indirect=True)
+@pytest.mark.parametrize("config", ["Sledge.toml", "SledgeIf.toml"])
+def test_dry_friction_written_by_the_sign_of_the_speed(case: Path, config: str):
+    run = Run(case, "fit", "--config", config, "--data", "run.csv")
+    assert run.value("k") == pytest.approx(56.0, rel=1e-3)
+    assert run.value("F_c") == pytest.approx(0.4, rel=1e-2)
+    assert run.result["fit"]["rms"]["train"]["s"] < 0.00025
+    assert not run.model_blamed
+
+
 @pytest.mark.parametrize("case", ["10_condition_specific"], indirect=True)
 def test_a_parameter_that_differs_by_recording(case: Path):
     text = Path("rig.toml").read_text("utf-8")

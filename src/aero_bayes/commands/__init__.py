@@ -4,7 +4,7 @@ What fits and summarises is imported from its files (``whole``, ``task``, ``summ
 without it.
 """
 
-from aero_bayes.commands.commands import prediction_settings, run_all, run_check, run_close_loop, run_fit, run_posterior
+from aero_bayes.commands.commands import run_all, run_check, run_close_loop, run_fit, run_posterior
 from aero_bayes.commands.context import model_diagrams
 from aero_bayes.commands.design import DesignOptions, run_design
 from aero_bayes.commands.fleet import open_executor
@@ -32,7 +32,6 @@ __all__ = [
     "model_diagrams",
     "open_executor",
     "open_job",
-    "prediction_settings",
     "read_fleet",
     "run_all",
     "run_check",

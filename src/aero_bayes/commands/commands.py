@@ -41,11 +41,12 @@ from aero_bayes.commands.loop import (
     sample_settings,
     with_chosen_values,
 )
-from aero_bayes.config import Config, ModelSection, PredictionSection, load_config
+from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data.summary import summarise
 from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
+from aero_bayes.estimate.crossvalidation import leave_one_recording_out
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.initial_states import check_plausible
 from aero_bayes.estimate.result import Fit
@@ -75,49 +76,24 @@ if TYPE_CHECKING:
 
 Json = dict[str, Any]
 
-#: Posterior draws behind a recording's density, behind those of stretches, and stretches known before the first is
-#: predicted, as a share of all.
-DRAWS, STRETCH_DRAWS, INITIAL_SHARE = 10, 100, 0.5
-#: Rows of all recordings up to which posteriors of the past are computed anew without being asked.
-MAX_REFIT_ROWS = 10_000
-
-
-def prediction_settings(job: Job) -> PredictionSection | None:
-    """Return the settings with ``refits`` decided; None for a single recording, or if switched off."""
-    section = job.config.prediction
-    if len(job.recordings) < 2 or section.max_seconds == 0.0:
-        return None
-    short = sum(r.rows for r in job.recordings) <= MAX_REFIT_ROWS
-    return section if section.refits is not None else section.model_copy(update={"refits": short})
-
 
 def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     """Return the ``prediction`` entry of result.json; nothing for a single recording, or where it is switched off."""
-    section = prediction_settings(job)
-    if section is None:
+    limit = job.config.prediction.max_seconds
+    if len(job.recordings) < 2 or limit == 0.0:
         return {}
-    # with the sampler, which takes a second to import
-    from aero_bayes.posterior.crossvalidation import leave_one_recording_out, time_ordered_scores
-
     opener = partial(open_simulator, engine=job.engine, workers=job.options.workers)
     rng = np.random.default_rng([job.options.seed, 7])
     entry: Json = {}
     try:
         with threadpool_limits(limits=1, user_api="blas"):
-            left_out = leave_one_recording_out(
-                found, opener, rng, draws=DRAWS, progress=progress, time_limit=section.max_seconds
-            )
+            left_out = leave_one_recording_out(found, opener, rng, progress=progress, time_limit=limit)
             entry["recordings"] = {one.recording: one.to_dict() for one in left_out}
-            ordered = time_ordered_scores(
-                found, opener, rng, blocks=section.stretches, first=max(1, round(INITIAL_SHARE * section.stretches)),
-                draws=STRETCH_DRAWS, refits=bool(section.refits), progress=progress,
-            )  # fmt: skip
-            entry["stretches"] = ordered.to_dict()
     except CannotFinishError as error:
         entry["note"] = f"not completed: {error}"
     missing = [r.name for r in job.recordings if r.name not in entry.get("recordings", {})]
     if missing and "note" not in entry:
-        entry["note"] = f"{', '.join(missing)} not predicted: the time limit of {section.max_seconds:g} s was reached"
+        entry["note"] = f"{', '.join(missing)} not predicted: the time limit of {limit:g} s was reached"
     return {"prediction": entry}
 
 

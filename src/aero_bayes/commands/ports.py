@@ -18,7 +18,7 @@ from aero_bayes.commands.commands import fit_job
 from aero_bayes.commands.job import RunOptions, open_job, which_model, without_units
 from aero_bayes.config import load_config
 from aero_bayes.data.noise import noise_floors, output_noise_floor
-from aero_bayes.display import with_unit
+from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.objective import Objective, objective_of
@@ -65,6 +65,9 @@ RESPONSE_NOTE = (
     "limits: the smallest size of each law, a value of its first parameter, that would be named beside what the model "
     "leaves now."
 )
+#: Share of a probe's signature up to which parameters do the same.
+MOST_LEFT = 0.1
+IMITATED_NOTE = "imitated: terms that are not seen, since free parameters change the outputs as they do."
 #: Share of a signal's size over which what changes with its direction changes.
 TRANSITION_SHARE = 0.1
 
@@ -75,7 +78,7 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
         rows = _rows(RunOptions(scratch / "run", model, config, quiet=True), data)
     click.echo(json.dumps(rows, indent=2) if as_json else _as_table(rows))
     if data and not as_json:
-        click.echo(RESPONSE_NOTE)
+        click.echo("\n".join([RESPONSE_NOTE, *([IMITATED_NOTE] if any(row.get("imitated") for row in rows) else [])]))
 
 
 def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
@@ -99,7 +102,7 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
 
 
 def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
-    """Return rows of :func:`~aero_bayes.structure.balance.port_table`, with recordings ``response`` and ``visible``.
+    """Return rows of :func:`~aero_bayes.structure.balance.port_table`, with recordings what these show of each port.
 
     ``options.out`` is where FMUs are built for the recordings' sake."""
     rows: list[PortRow] = port_table(places.ports)
@@ -108,11 +111,12 @@ def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, again=True)
         family = ModelicaFamily(places, options.out)
-        responses = _port_responses(family, found)
+        responses, imitated = _port_responses(family, found)
         limits = _limits(found, family)
         for row in rows:
             row["response"] = responses.get(row["id"])
             row["visible"] = visibility(row["response"])
+            row["imitated"] = imitated.get(row["id"], {})
             row["limits"] = [vars(one) for one in limits if one.port == row["id"]]
     return rows
 
@@ -145,18 +149,19 @@ def visibility(response: float | None) -> str:
     return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "no"
 
 
-def _port_responses(family: ModelicaFamily, found: Fit) -> dict[str, float]:
+def _port_responses(family: ModelicaFamily, found: Fit) -> tuple[dict[str, float], dict[str, dict[str, str]]]:
     """Return how many standard deviations of noise a probe of each port's own size moves the outputs by.
 
-    The noise is that of the fit or that of the readings alone, whichever shows the probe more: a model that lacks an
-    effect leaves a residual that is larger and slower than what sensors add."""
+    Also the parameters that do the same, by port and what the probe is like. The noise is that of the fit or that of
+    the readings alone, whichever shows the probe more: a model that lacks an effect leaves a residual that is larger
+    and slower than what sensors add."""
     flat = family.places.flat
     ports = [p for p in family.places.ports if p.attachment in ("input", "output", "signal") or p.balance is not None]
     sizes = port_nominals(flat, ports, found.calibration, found.optimum, open_simulator)
-    flat, names = _with_probes(flat, ports, sizes)
+    flat, probed = _with_probes(flat, ports, sizes)
     model = Model.load(export_flat(flat, family.folder / "probed.fmu"))
     own = len(found.calibration.parameters)
-    probes = [_probe(name, p, sizes[p.id][PROBE_SIZES[p.kind]]) for p in ports for name in names[p.id]]
+    probes = [_probe(name, p, sizes[p.id][PROBE_SIZES[p.kind]]) for p in ports for name in probed[p.id]]
     calibration = family.transfer(found.calibration, model)
     calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
     free = found.free
@@ -171,11 +176,27 @@ def _port_responses(family: ModelicaFamily, found: Fit) -> dict[str, float]:
         slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, late, strict=True))
         noises = (found.optimum.noise, _noise_of_readings(found))
         whitened = [objective.whiten(replace(run, slopes=slopes), noise).slopes for noise in noises]
-    left = np.max(
-        [np.linalg.norm(_orthogonal_part(rows[len(free) :], rows[: len(free)]), axis=1) for rows in whitened], axis=0
-    )
-    probed_ids = [p.id for p in ports for _ in names[p.id]] + whose
-    return {p.id: max(float(size) for id_, size in zip(probed_ids, left, strict=True) if id_ == p.id) for p in ports}
+    seen = [(rows[: len(free)], rows[len(free) :]) for rows in whitened]
+    left = np.max([np.linalg.norm(_orthogonal_part(rows, own), axis=1) for own, rows in seen], axis=0)
+    kinds = [(p.id, like) for p in ports for like in probed[p.id].values()] + [(id_, "a lag") for id_ in whose]
+    free_names, imitated = [found.calibration.parameters.names[j] for j in free], dict[str, dict[str, str]]()
+    for (id_, like), size, row in zip(kinds, left, seen[0][1], strict=True):
+        if visibility(size) == "no" and visibility(float(np.linalg.norm(row))) == "yes":
+            imitated.setdefault(id_, {})[like] = _imitators(row, seen[0][0], free_names)
+    responses = {
+        p.id: max(float(size) for (id_, _), size in zip(kinds, left, strict=True) if id_ == p.id) for p in ports
+    }
+    return responses, imitated
+
+
+def _imitators(row: FloatArray, slopes: FloatArray, names: Sequence[str]) -> str:
+    """Name the fewest parameters whose change moves the outputs as a probe does."""
+    chosen: list[int] = []
+    left, sizes = row, np.maximum(np.linalg.norm(slopes, axis=1), 1e-300)
+    while np.linalg.norm(left) > MOST_LEFT * np.linalg.norm(row) and len(chosen) < len(names):
+        chosen.append(int(np.argmax(np.abs(slopes @ left) / sizes)))
+        left = _orthogonal_part(row[np.newaxis], slopes[chosen])[0]
+    return join_names([names[j] for j in chosen])
 
 
 def _noise_of_readings(found: Fit) -> dict[str, OutputNoise]:
@@ -214,27 +235,29 @@ def _delay_responses(
 
 def _with_probes(
     flat: FlatModel, ports: Sequence[Port], sizes: Mapping[str, Mapping[str, float]]
-) -> tuple[FlatModel, dict[str, list[str]]]:
-    """Return the model with parameters at every port whose exact sensitivities are the responses to its probes."""
+) -> tuple[FlatModel, dict[str, dict[str, str]]]:
+    """Return the model with parameters at every port whose exact sensitivities are the responses to its probes.
+
+    Also what each probe is like, by port and parameter."""
     probed, inputs = with_probes(flat, ports)
-    names: dict[str, list[str]] = {}
+    names: dict[str, dict[str, str]] = {}
     variables = tuple(replace(v, causality="local") if v.name in inputs.values() else v for v in probed.variables)
     probed = replace(probed, variables=variables)
     for port in ports:
         whole: Expression = Number(0.0)
-        names[port.id] = []
-        for k, shape in enumerate(_shapes(port, sizes[port.id], inputs[port.id])):
+        names[port.id] = {}
+        for k, (like, shape) in enumerate(_shapes(port, sizes[port.id], inputs[port.id])):
             name = f"{inputs[port.id]}_{k}"
             probed = add_parameter(probed, name, 0.0, port.unit)
             whole = Call("+", (whole, Call("*", (Name(name), shape))))
-            names[port.id].append(name)
+            names[port.id][name] = like
         probed = equate(probed, inputs[port.id], whole)
     return probed, names
 
 
-def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Expression]:
+def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[tuple[str, Expression]]:
     """Return shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
-    found: list[Expression] = [Number(1.0)]
+    found: list[tuple[str, Expression]] = [("a constant", Number(1.0))]
     for signal, variable in port.signals.items():
         if signal in SIGNAL_DEFAULTS:
             continue
@@ -250,11 +273,12 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[Exp
                 "-", (tree, signal_expression(port.signals["h_s"]) if "h_s" in port.signals else Number(sizes["h_0"]))
             )
         share = Call("/", (level, Number(sizes[f"{signal}_n"])))
-        found.append(share)
+        found.append((f"proportional to {variable}", share))
         if port.kind == "input":
-            found.append(Call("*", (share, Call("abs", (share,)))))
+            found.append((f"{variable} squared", Call("*", (share, Call("abs", (share,))))))
         elif signal in ("v", "i"):
-            found.append(Call("tanh", (Call("/", (share, Number(TRANSITION_SHARE))),)))
+            step = Call("tanh", (Call("/", (share, Number(TRANSITION_SHARE))),))
+            found.append((f"with the sign of {variable}", step))
     return found
 
 
@@ -277,6 +301,8 @@ def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
 
 def _as_table(rows: Sequence[PortRow]) -> str:
     """Return rows as aligned columns with a header; file and line in one, lists with spaces."""
+    if not any(row.get("imitated") for row in rows):
+        rows = [{key: value for key, value in row.items() if key != "imitated"} for row in rows]
     shown = [_cells(row) for row in rows]
     if not shown:
         return "no ports"
@@ -293,6 +319,8 @@ def _cells(row: PortRow) -> dict[str, str]:
         text = f"{path_in_library(value)}:{row['line']}" if key == "file" and value else value
         if key == "limits":
             text = ", ".join(f"{one['law']} {with_unit(format(one['smallest'], '.2g'), one['unit'])}" for one in value)
+        if key == "imitated":
+            text = "; ".join(f"{like} by {names}" for like, names in value.items())
         if key == "response":
             text = "" if value is None else f"{value:.3g}"
         cells[key] = " ".join(text) if isinstance(text, list) else str(text) or "-"

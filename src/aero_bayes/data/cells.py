@@ -50,7 +50,7 @@ def numbers_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
     if column.dtype.kind in "biuf":
         return np.asarray(column.to_numpy(), dtype=np.float64)
     if column.dtype.kind in "mM":
-        raise InputError(f"{place(0)}, column {name}: holds dates or durations, something else than numbers")
+        raise InputError(f"{place(0)}, column {name}: holds dates or durations, expected numbers")
     cells = column.astype(object).map(_plain_cell)
     found = np.asarray(pandas.to_numeric(cells, errors="coerce"), dtype=np.float64)
     wrong = np.isnan(found) & cells.notna().to_numpy()
@@ -149,14 +149,12 @@ def instants(times: Any) -> tuple[FloatArray, float]:
     return numbers(given, "time"), 0.0
 
 
-def numbers(column: Any, where: str) -> FloatArray:
+def numbers(values: Any, where: str, name: str = "time") -> FloatArray:
     """Return a column as numbers, NaN where there is none; InputError for dates, durations and text."""
-    name = getattr(column, "name", None) or "time"
-    kind = getattr(getattr(column, "dtype", None), "kind", "f")
     try:
-        if kind in "mM":
+        if getattr(getattr(values, "dtype", None), "kind", "f") in "mM":
             raise TypeError
-        return np.asarray(column, dtype=np.float64)
+        return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{where}: column {name} holds something else than numbers") from None
 

@@ -7,10 +7,9 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.columns import Layout
+from aero_bayes.data.columns import Layout, runs
 from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
 
@@ -56,8 +55,8 @@ def _check_time(name: str, time: FloatArray, place: RowName) -> None:
 def _check_input(name: str, column: str, values: FloatArray, place: RowName) -> None:
     bad = ~np.isfinite(values)
     if bad.any():
-        first, count = int(np.argmax(bad)), _run(bad)
-        block = f" ({count} in a row)" if count > 1 else ""
+        first, end = runs(bad)[0]
+        block = f" ({end - first} in a row)" if end - first > 1 else ""
         raise InputError(
             f"{name}, {place(first)}, column {column}: missing or not finite{block}, expected a value in every row of "
             "an input"
@@ -74,13 +73,6 @@ def _check_output(name: str, column: str, values: FloatArray, place: RowName) ->
             f"{name}, column {column}: {readings} readings in {values.size} rows, expected at least {MIN_SAMPLES} "
             "(leave the column out if it was not measured)"
         )
-
-
-def _run(bad: NDArray[np.bool_]) -> int:
-    """Compute the length of the first run of True."""
-    first = int(np.argmax(bad))
-    rest = bad[first:]
-    return int(np.argmin(rest)) if not rest.all() else int(rest.size)
 
 
 def _check_rate(name: str, recording: Recording, layout: Layout) -> None:

@@ -12,8 +12,9 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.units import TEMPERATURES, base_units, to_modelica_unit, unit_written_out
 
 FindingKind = Literal[
-    "sentinel", "outliers", "stuck", "clipped", "gap", "clock", "wrapped", "rounded", "quality", "unit", "sign", "swap"
-]
+    "sentinel", "outliers", "stuck", "clipped", "gap", "clock", "wrapped", "rounded", "quality", "unit", "sign", "swap",
+    "value",
+]  # fmt: skip
 
 #: Times or rows of a finding that are told one by one.
 MOST_TOLD = 6
@@ -101,7 +102,8 @@ class Found:
     def note(self, file: str, below: Sequence[int]) -> str:
         """Tell which rows above and below (from 0) are not read; empty if all are."""
         rows = [r + 1 for r in (*self.skipped, *below)]
-        told = f"{file}: the names stand in row {self.header[0] + 1}; rows {runs_of(rows)} are not read"
+        which = f"rows {runs_of(rows)} are" if len(rows) > 1 else f"row {runs_of(rows)} is"
+        told = f"{file}: the names stand in row {self.header[0] + 1}; {which} not read"
         return told if rows else ""
 
 

@@ -332,7 +332,7 @@ class _Asked:
         )
         recording = with_steady_clock(recording)
         for n, rows in given.bad.items():
-            what = f"{int(rows.sum())} readings of {n} are marked as bad by the column of its quality."
+            what = f"{int(rows.sum())} readings of {n} are marked as bad in its quality column."
             recording = hide(recording, n, rows, "quality", what)
         check_recording(recording, self.layout, given.line)
         return recording
@@ -381,9 +381,6 @@ def write_csv(recording: Recording, path: Path | str) -> Path:
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    columns = {"time": recording.time, **recording.inputs, **recording.outputs}
-    with whole_file(target) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(",".join(columns) + "\n")
-        for row in np.column_stack(list(columns.values())).tolist():
-            file.write(",".join("" if value != value else repr(value) for value in row) + "\n")
+    with whole_file(target) as temporary:
+        recording.to_frame().to_csv(temporary, lineterminator="\n", encoding="utf-8")
     return target

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from aero_bayes.arguments import names_of
 from aero_bayes.arrays import FloatArray
@@ -100,9 +100,10 @@ class Recording:
     known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time", _numbers(self.name, "time", self.time))
+        dates = np.asarray(self.time).dtype.kind in "mM"
+        object.__setattr__(self, "time", seconds(self.time) if dates else numbers(self.time, self.name))
         for role in ("inputs", "outputs"):
-            columns = {c: _numbers(self.name, c, values) for c, values in getattr(self, role).items()}
+            columns = {c: numbers(values, self.name, c) for c, values in getattr(self, role).items()}
             object.__setattr__(self, role, columns)
         for column, values in {"time": self.time, **self.inputs, **self.outputs}.items():
             if values.shape != self.time.shape or values.ndim != 1:
@@ -160,7 +161,7 @@ class Recording:
             if list(frame.columns).count(column) > 1:
                 raise InputError(f"frame: column {column} appears more than once, expected once")
         time = seconds(frame["time"] if "time" in frame.columns else frame.index)
-        given, measured = ({c: numbers(frame[c], name) for c in names} for names in roles)
+        given, measured = ({c: numbers(frame[c], name, c) for c in names} for names in roles)
         found = with_steady_clock(cls(name, time, given, measured, {"time": "s", **(units or {})}))
         check_recording(found)
         return found
@@ -295,18 +296,6 @@ class Recording:
             outputs={column: values[keep] for column, values in self.outputs.items()},
             sha256="",
         )
-
-
-def _numbers(name: str, column: str, values: ArrayLike) -> FloatArray:
-    given = np.asarray(values)
-    try:
-        if column == "time" and given.dtype.kind in "mM":
-            given = (given - given[0] if given.dtype.kind == "M" else given) / np.timedelta64(1, "s")
-        if given.dtype.kind in "mM":
-            raise TypeError
-        return np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: column {column} holds something else than numbers") from None
 
 
 def _hash_arrays(recording: Recording) -> str:

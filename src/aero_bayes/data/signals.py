@@ -84,7 +84,7 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
 def pick_signals(path: Path, signals: Signals, request: Request) -> Columns:
     """Return the signals that a recording asks for, at one time."""
     if request.batch is not None and request.batch not in signals.vectors:
-        raise InputError(f"{path}: no column {request.batch}, which [data] batch names")
+        raise InputError(f"{path}: no column {request.batch}, expected that of [data] batch")
     with path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     named = {}
@@ -120,21 +120,16 @@ def _check_length(path: Path, name: str, values: FloatArray, length: int) -> Non
 
 def joined(pairs: Mapping[str, tuple[FloatArray, FloatArray]], held: Collection[str]) -> dict[str, FloatArray]:
     """Join signals with clocks of their own at all of their times, from the first at which every input is known."""
-    known = {name: (np.round(t[np.isfinite(t)], SAME_INSTANT), v[np.isfinite(t)]) for name, (t, v) in pairs.items()}
-    known = {name: (t[np.isfinite(v)], v[np.isfinite(v)]) for name, (t, v) in known.items()}
-    time = np.unique(np.concatenate([t for t, _ in known.values()]))
-    for name, (t, _) in known.items():
-        if name in held and t.size:
-            time = time[time >= t[0]]
-    found = {"time": time}
-    for name, (t, v) in known.items():
-        at = np.searchsorted(t, time, side="right") - 1
-        values = np.full(time.size, np.nan)
-        seen = at >= 0 if name in held else (at >= 0) & (t[np.maximum(at, 0)] == time) if t.size else np.zeros(0, bool)
-        if t.size:
-            values[seen] = v[at[seen]]
-        found[name] = values
-    return found
+    import pandas
+
+    known = {
+        n: pandas.Series(v, np.round(t, SAME_INSTANT))[np.isfinite(t) & np.isfinite(v)] for n, (t, v) in pairs.items()
+    }
+    frame = pandas.DataFrame({n: s[~s.index.duplicated(keep="last")] for n, s in known.items()}).sort_index()
+    inputs = [n for n in frame if n in held and len(known[n])]
+    frame[inputs] = frame[inputs].ffill()
+    frame = frame.dropna(subset=inputs)
+    return {"time": frame.index.to_numpy(dtype=float)} | {n: frame[n].to_numpy() for n in frame}
 
 
 def without_repeats(columns: dict[str, FloatArray], held: Collection[str]) -> NDArray[np.bool_]:

@@ -7,13 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.arrays import FloatArray
-from aero_bayes.data.noise import NoiseFloor, output_noise_floor, quantisation_step
+from aero_bayes.data.noise import NoiseFloor, output_noise_floor
 from aero_bayes.data.recording import Recording
+from aero_bayes.data.screen import stuck_rows
 from aero_bayes.display import table_html, with_unit
-
-#: Number of equal readings in a row at an extreme value that mean saturation of a continuous sensor.
-MIN_SATURATED_RUN = 5
 
 
 @dataclass(frozen=True)
@@ -73,8 +70,8 @@ class OutputSummary:
 class RecordingSummary:
     """A recording at a glance.
 
-    ``jitter`` is the standard deviation of the sample interval over its median; ``dropped`` counts intervals of more
-    than 1.5 medians (samples that were not written)."""
+    ``jitter`` is the standard deviation of the sample interval over its median; ``dropped`` counts the samples that
+    are missing in intervals of more than 1.5 medians."""
 
     name: str
     sha256: str
@@ -139,7 +136,7 @@ def summarise(recording: Recording) -> RecordingSummary:
         duration=recording.duration,
         rate_hz=recording.rate_hz,
         jitter=float(np.std(intervals[intervals <= 1.5 * median]) / median),
-        dropped=int((intervals > 1.5 * median).sum()),
+        dropped=int(np.sum(np.rint(intervals[intervals > 1.5 * median] / median) - 1.0)),
         longest_interval=float(intervals.max()),
         inputs=tuple(_input(recording, name) for name in recording.inputs),
         outputs=tuple(_output(recording, name) for name in recording.outputs),
@@ -173,21 +170,6 @@ def _output(recording: Recording, name: str) -> OutputSummary:
         highest=float(values[seen].max()),
         missing=int((~seen).sum()),
         longest_gap=float(np.diff(at).max()) if not seen.all() else 0.0,
-        saturated=_saturated(values[seen]),
+        saturated=float(stuck_rows(values, recording.inputs)[1][seen].mean()),
         noise=output_noise_floor(recording, name),
     )
-
-
-def _saturated(values: FloatArray) -> float:
-    """Compute the share of readings in runs of at least ``MIN_SATURATED_RUN`` at an extreme of a continuous sensor.
-
-    A quantised sensor that stands still looks the same, so one is not judged."""
-    if np.ptp(values) == 0.0 or quantisation_step(values) is not None or np.unique(values).size < 0.2 * values.size:
-        return 0.0
-    share = 0.0
-    for extreme in (values.min(), values.max()):
-        stuck = np.concatenate(([False], values == extreme, [False]))
-        edges = np.flatnonzero(np.diff(stuck))
-        lengths = edges[1::2] - edges[::2]
-        share += float(lengths[lengths >= MIN_SATURATED_RUN].sum())
-    return share / values.size

@@ -31,7 +31,7 @@ BAD_WORDS = re.compile(
     r"bad|invalid|uncertain|err|fail|fault|offline|no.?data|not.?connected|questionable|\bnok\b", re.I
 )
 #: How columns of signals' names and of their values are called in a table with one reading a row.
-SIGNAL_NAMES = ("tag", "signal", "variable", "name", "channel", "sensor", "point", "field", "_field")
+SIGNAL_NAME = re.compile(r"_?(tag|signal|variable|channel|sensor|point|field|name)[ _]?(name|id)?", re.IGNORECASE)
 VALUE_NAME = re.compile(r"_?(value|val|reading|wert)( \[.*\])?", re.IGNORECASE)
 #: What a column of times is called, without its unit.
 TIME_NAMES = {"time", "timestamp", "zeit", "xvalue", "datetime"}
@@ -52,6 +52,10 @@ class FileTable:
     line: Callable[[int], str]
     first_row: int
     note: str = ""
+
+    def place(self, path: Path) -> Callable[[int], str]:
+        """Return what names a row with the file."""
+        return lambda row: f"{path}, {self.line(row)}"
 
 
 class TableFile(Protocol):
@@ -95,10 +99,7 @@ def read_table(file: TableFile, request: Request) -> Columns:
     about = _quality_columns(file.names, {n: c for n, c in named.items() if n not in request.held and n != "time"})
     batch = [] if request.batch is None else [_batch_column(file, request.batch)]
     table = file.read(list(dict.fromkeys([*named.values(), *clocks.values(), *about, *batch])), request.memory)
-
-    def place(row: int) -> str:
-        return f"{file.path}, {table.line(row)}"
-
+    place = table.place(file.path)
     bad: dict[str, Mask] = {}
     for column, signals in about.items():
         marked = _bad(table.frame[column])
@@ -124,7 +125,7 @@ def _batch_column(file: TableFile, name: str) -> str:
     column = column_called(name, file.names)
     if column is None:
         raise InputError(
-            f"{file.where}: no column {name}, which [data] batch names{known_names_hint(name, file.names)}"
+            f"{file.where}: no column {name}, expected that of [data] batch{known_names_hint(name, file.names)}"
         )
     return column
 
@@ -171,17 +172,17 @@ def _in_rows(file: TableFile, request: Request) -> _Rows | None:
     for column, name in enumerate(file.names):
         if name == request.sources["time"] or not set(head.iloc[:, column].astype(str).str.strip()) & missing:
             continue
+        where = f"{file.where}: holds one reading a row, of the signal in column {name}"
         others = [n for n in file.names if n != name]
         time = column_called(request.sources["time"], others)
         timed = [n for n in others if is_time_name(n.partition("[")[0])] if time is None else [time]
         if len(timed) != 1:
-            raise InputError(f"{file.where}: one reading a row, named by column {name}, but no column of times")
+            raise InputError(f"{where}, but no column of times")
         called = [n for n in others if VALUE_NAME.fullmatch(n)]
         left = called or [n for n in others if n != timed[0] and _is_numeric(head.iloc[:, file.names.index(n)])]
         if len(left) != 1:
             raise InputError(
-                f"{file.where}: one reading a row, named by column {name}, but {', '.join(left) or 'no column'} may be "
-                "its value; expected one column value"
+                f"{where}, but {', '.join(left) or 'no column'} may be its value; expected one column value"
             )
         return _Rows(name, left[0], timed[0])
     return None
@@ -198,10 +199,7 @@ def _read_rows(file: TableFile, request: Request, rows: _Rows) -> Columns:
     about = [n for n in file.names if re.sub(r"[\W_]", "", n.casefold()) in QUALITY_NAMES]
     batch = [] if request.batch is None else [_batch_column(file, request.batch)]
     table = file.read(list(dict.fromkeys([rows.time, rows.signal, rows.value, *about, *batch])), request.memory)
-
-    def place(row: int) -> str:
-        return f"{file.path}, {table.line(row)}"
-
+    place = table.place(file.path)
     time, origin = times_in(table.frame[rows.time], place, rows.time)
     whose = table.frame[rows.signal].astype(str).str.strip().to_numpy()
     good = ~np.logical_or.reduce([np.zeros(time.size, dtype=bool), *(_bad(table.frame[c]) for c in about)])
@@ -237,7 +235,7 @@ def row_names(file: TableFile) -> list[str]:
     Else its columns."""
     timed = [n for n in file.names if is_time_name(n.partition("[")[0])]
     called = [n for n in file.names if VALUE_NAME.fullmatch(n)]
-    text = [n for n in file.names if n.casefold() in SIGNAL_NAMES]
+    text = [n for n in file.names if SIGNAL_NAME.fullmatch(n)]
     if len(timed) == len(called) == len(text) == 1:
         return [timed[0], *sorted(set(file.read(text).frame[text[0]].astype(str).str.strip()))]
     return file.names

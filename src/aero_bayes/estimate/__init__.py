@@ -1,7 +1,4 @@
-"""Checks of a fit: tests of its residuals, likelihood profiles, and prediction of what was left out.
-
-``comparison`` and ``crossvalidation`` are imported from their files: they need the sampler, which takes a second.
-"""
+"""Fit models to recordings: objective, search, noise, intervals, checks of the residual, diagnosis, next experiment."""
 
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.calibration import Calibration, SimulatedModel, calibrate

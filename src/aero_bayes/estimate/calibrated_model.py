@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -16,11 +17,13 @@ from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.recording_parameters import values_of_recordings
+from aero_bayes.estimate.unfittable import expression_text
 from aero_bayes.files import ScratchFolder, whole_file
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.compose import rename_model, set_elements
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.modelica.syntax import Array
 from aero_bayes.modelica.tokens import without_indices
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
@@ -132,7 +135,7 @@ def calibrated_model(
     header = [f"Fitted to {data} on {date.today().isoformat()}; beside each value its central 90 % interval."]
     needed = [*(file.name for file in base.files), *(added or {})]
     header += [f"Load {join_names(needed)} first."] if needed else []
-    values_given: dict[str, float | str] = {**_whole_arrays(model, given), **(chosen or {})}
+    values_given: dict[str, float | str] = {**_whole_arrays(model, base, given), **(chosen or {})}
     told = (*header, *_beside(calibration, values, delays))
     return CalibratedModel(base, values_given, remarks, told, dict(added or {}), stop=calibration.data.stop)
 
@@ -187,10 +190,18 @@ def _indices(name: str) -> tuple[int, ...]:
     return tuple(int(n) for n in re.findall(r"\d+", ",".join(re.findall(r"\[([^\]]*)\]", name))))
 
 
-def _whole_arrays(model: Model, given: Mapping[str, float]) -> dict[str, float]:
-    """Return the values, with the model's own for the other elements of an array: Modelica sets an array as a whole."""
+def _whole_arrays(model: Model, base: ModelicaSource, given: Mapping[str, float]) -> dict[str, float | str]:
+    """Return the values, with the model's own for the other elements of an array: Modelica sets an array as a whole.
+
+    An element that the model computes from others is no parameter of it; its expression stands in the source."""
     arrays = {without_indices(name) for name in given if "[" in name}
-    own = {v.name: v.start for v in model.parameters if v.start is not None and without_indices(v.name) in arrays}
+    own: dict[str, float | str] = {}
+    with suppress(InputError):
+        for v in load_flat(base.name, base.files, base.libraries).variables if arrays else ():
+            if v.name in arrays and isinstance(v.binding, Array):
+                own |= {f"{v.name}[{k}]": expression_text(item) for k, item in enumerate(v.binding.items, 1)
+                        if not isinstance(item, Array)}  # fmt: skip
+    own |= {v.name: v.start for v in model.parameters if v.start is not None and without_indices(v.name) in arrays}
     return {**own, **given}
 
 

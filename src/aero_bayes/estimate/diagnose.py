@@ -56,11 +56,13 @@ def check_data(fit: Fit, left: LeftOver) -> DiagnosisRow:
     findings = list(dict.fromkeys(f for recording in fit.calibration.data.recordings for f in recording.findings))
     if not findings:
         return DiagnosisRow(
-            "data", False, "No impossible or stuck readings, outliers, clipping, gaps in time or jumps of a turn."
+            "data", False, "No impossible or stuck readings, outliers, clipping, gaps in time or jumps of a whole turn."
         )
     findings.sort(key=lambda f: f.mended)
     first, more = findings[0], tuple(f.sentence for f in findings[1:])
-    return DiagnosisRow("data", True, first.what, first.where, first.done, not first.mended, more)
+    # Other values may do what a missing effect does, so that effects are still looked for.
+    explains = not first.mended and first.kind != "value"
+    return DiagnosisRow("data", True, first.what, first.where, first.done, explains, more)
 
 
 def check_model(fit: Fit, left: LeftOver) -> DiagnosisRow:
@@ -70,7 +72,7 @@ def check_model(fit: Fit, left: LeftOver) -> DiagnosisRow:
         return DiagnosisRow("model", False, "The residual of every output is noise.")
     names = ", ".join(f"`{name}`" for name in sorted({report.output for report in structured}))
     where = ", ".join(dict.fromkeys(report.recording for report in structured))
-    return DiagnosisRow("model", True, f"The residual of {names} is structured.", f"in {where}", explains=True)
+    return DiagnosisRow("model", True, f"The residual of {names} is more than noise.", f"in {where}", explains=True)
 
 
 #: Share of rounding in the variance of a residual from which it is told: below, the noise smooths the steps.
@@ -145,7 +147,7 @@ def check_search(fit: Fit, left: LeftOver) -> DiagnosisRow:
     count = len(fit.start_levels)
     # Where the residual is noise, the best end is the right one, however few starts lead there.
     if agree == 1 and count >= MIN_STARTS and left.structured:
-        what = f"Local fits from {count} starts end at different costs, and only one of them at the best."
+        what = f"Of {count} local fits from different starts only one reached the best cost."
         done = "A larger swarm ([fit.pso] particles) or narrower bounds would show whether there is a better one."
         return DiagnosisRow("search", True, what, "", done)
     if not bounds:
@@ -265,7 +267,7 @@ def check_solver(fit: Fit, left: LeftOver) -> DiagnosisRow:
     what = f"All {runs} runs were completed."
     if failed:
         share, commonest = sum(failed.values()) / runs, max(failed, key=lambda o: failed[o])
-        what = f"{sum(failed.values())} of {runs} runs failed, most of them since {commonest.text}."
+        what = f"{sum(failed.values())} of {runs} runs failed, most of them because {commonest.text}."
         if share > MAX_FAILED_SHARE:
             return _failed_row(fit, what, commonest)
     moved = _moved_outputs(fit)
@@ -287,8 +289,8 @@ def _failed_row(fit: Fit, what: str, commonest: Outcome) -> DiagnosisRow:
     domains = domain_texts(fit.calibration.model) if commonest in (Outcome.NOT_FINITE, Outcome.SOLVER_FAILED) else []
     done = ""
     if domains:
-        what = f"{what} The equations have {'; '.join(domains[:MAX_NAMED]).rstrip(',')}."
-        done = "Keep the argument in its domain, as by sqrt(max(x, 0)), so that these values can be compared too."
+        what = f"{what} The equations may take {'; '.join(domains[:MAX_NAMED]).rstrip(',')}."
+        done = "Keep the argument in its domain, as by sqrt(max(x, 0)), so that the search can use these values, too."
     return DiagnosisRow("solver", True, what, failing_run(fit), done, explains=True)
 
 
@@ -323,10 +325,10 @@ def _tolerance_row(fit: Fit, moved: dict[str, float], left: LeftOver) -> Diagnos
     where = "; ".join(f"{o} moves by {size}, {share}" for o, size, share in zip(moved, sizes, shares, strict=True))
     furthest = max(fit.solver_shift, key=lambda name: fit.solver_shift[name], default="")
     if furthest:
-        where = f"{where}; {furthest} by {fit.solver_shift[furthest]:.2g} of its standard deviation"
+        where = f"{where}; {furthest} by {fit.solver_shift[furthest]:.2g} standard deviations"
     tolerance = 0.1 * fit.calibration.simulated.solver.relative_tolerance
     return DiagnosisRow(
-        "solver", True, "The answer is another one at a ten times tighter tolerance of the solver.", where,
+        "solver", True, "A ten times tighter tolerance of the solver changes the answer.", where,
         f"Tighten [solver] relative_tolerance and absolute_tolerance, as to {tolerance:.0e}, and fit again.",
         _explains(fit, moved, left),
     )  # fmt: skip

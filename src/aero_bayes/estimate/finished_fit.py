@@ -157,9 +157,10 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
     part = ParameterSet(tuple(calibration.parameters.items[j] for j in sampled))
     _, here = assess_columns(objective, replace(here, coordinates=point), sampled)
     verdict = with_bounds(verdict, part, point[list(sampled)])
-    values = calibration.parameters.from_search(point)
-    rest = [j for j, p in enumerate(calibration.parameters) if j not in sampled and p.name not in verdict.in_steps]
-    values[rest] = calibration.parameters.start[rest]
+    start = calibration.parameters.start
+    # What is still at its start is so to the last digit.
+    still = point == calibration.parameters.to_search(start)
+    values = np.where(still, start, calibration.parameters.from_search(point))
     fitted = _predicted(objective, values, here)
     interrupted = here.reason is Stop.INTERRUPTED
     told = structure_warnings(calibration, objective.by_output(here.whitened.residual), here.noise)

@@ -48,17 +48,20 @@ class Combination:
 
 @dataclass(frozen=True)
 class FlatDirection:
-    """Parameters of which one or several common ``changes`` hardly alter the outputs."""
+    """Parameters of which one or several common ``changes`` hardly alter the outputs.
+
+    ``by_prior`` where the prior knows more of them."""
 
     members: tuple[str, ...]
+    by_prior: bool = False
     changes: int = 1
 
     @property
     def sentence(self) -> str:
         """What a reader should know."""
         names = _listed(self.members)
-        it = "it" if self.changes == 1 else "them"
-        decides = f"the prior, a parameter that is held, or a small error of the model decides {it}"
+        slight = "the readings tell it so slightly that a small error of the model or of a held value decides"
+        decides = "the readings do not tell it, and the prior decides" if self.by_prior else slight
         up_to = "a common change" if self.changes == 1 else f"{self.changes} common changes"
         return f"{names} are known up to {up_to} only: {decides}."
 
@@ -104,10 +107,10 @@ class Identifiability:
         told = {*held, *(name for direction in self.flat for name in direction.members)}
         weak = [n for n, s in self.status.items() if s is Status.WEAK and n not in told]
         if weak:
-            lines.append(f"Weakly determined, the prior matters: {_listed(weak)}.")
+            lines.append(f"The readings determine {_listed(weak)} only weakly, so that the prior matters.")
         left = [n for n in held if n not in self.no_effect]
         if left:
-            lines.append(f"Not visible in this data and left at the start: {_listed(left)}.")
+            lines.append(f"The readings do not show {_listed(left)}: left at the start.")
         return tuple(lines)
 
     def to_dict(self, held: Sequence[str] = ()) -> dict[str, object]:
@@ -171,7 +174,7 @@ def assess(
         ratio,
         _combinations(names, values, logarithmic, information, prior_sd, ~blind),
         tuple(name for j, name in enumerate(names) if blind[j]),
-        _flat([name for j, name in enumerate(names) if not blind[j]], information[np.ix_(~blind, ~blind)]),
+        _flat([n for j, n in enumerate(names) if not blind[j]], information[np.ix_(~blind, ~blind)], prior_sd[~blind]),
     )
     return replace(found, status={name: found.capped(name, one) for name, one in status.items()})
 
@@ -187,18 +190,25 @@ def collinear(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.maximum(sizes, 0.0), vectors
 
 
-def _flat(names: Sequence[str], information: FloatArray) -> tuple[FlatDirection, ...]:
+def _flat(names: Sequence[str], information: FloatArray, prior_sd: FloatArray) -> tuple[FlatDirection, ...]:
     if len(names) < 2:
         return ()
     sizes, vectors = collinear(information)
-    found: list[tuple[set[str], int]] = []
-    for vector in vectors[:, sizes < MAX_COLLINEAR_SHARE].T:
-        members, changes = {n for n, part in zip(names, np.abs(vector), strict=True) if part > MIN_PART}, 1
-        for other in [one for one in found if one[0] & members]:  # directions that share members are one plane
+    found: list[FlatDirection] = []
+    for size, v in zip(sizes, vectors.T, strict=True):
+        if size >= MAX_COLLINEAR_SHARE:
+            continue
+        members, changes = {n for n, part in zip(names, np.abs(v), strict=True) if part > MIN_PART}, 1
+        by_prior = float(np.sum(v**2 / (prior_sd**2 * np.diag(information)))) > size
+        for other in [one for one in found if members & set(one.members)]:  # such directions are one plane
             found.remove(other)
-            members, changes = members | other[0], changes + other[1]
-        found.append((members, changes))
-    return tuple(FlatDirection(tuple(n for n in names if n in members), changes) for members, changes in found)
+            members, changes, by_prior = (
+                members | {*other.members},
+                changes + other.changes,
+                by_prior and other.by_prior,
+            )
+        found.append(FlatDirection(tuple(n for n in names if n in members), by_prior, changes))
+    return tuple(found)
 
 
 def _combinations(

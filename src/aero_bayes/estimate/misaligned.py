@@ -48,7 +48,7 @@ class Misalignment:
     @property
     def done(self) -> str:
         if self.rate:
-            return "Bring both on one clock: a logger each has its own."
+            return "Put both on one clock: each of two loggers has its own."
         return f"Shift its column, or let the fit do so by [fit] max_input_delay = -{1.5 * self.ahead:.2g}."
 
     def aligned(self, calibration: Calibration) -> Calibration:

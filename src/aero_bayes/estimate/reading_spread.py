@@ -68,7 +68,7 @@ class SpreadModel:
 
     def log_density(self, residual: FloatArray, predicted: FloatArray, recording: int = 0) -> FloatArray:
         """Compute the log-density (n,) of residuals (n,) of a recording at predicted readings (n,)."""
-        sd = self._sd(predicted, recording)
+        sd = self.sd(predicted, recording)
         z = residual / sd
         if self.kind == "student":
             nu = self.freedom
@@ -80,7 +80,7 @@ class SpreadModel:
         """Compute the relative standard deviation (n,) of each reading of each recording.
 
         For heavy tails the inverse root of its weight."""
-        sds = [self._sd(y, k) for k, y in enumerate(predictions)]
+        sds = [self.sd(y, k) for k, y in enumerate(predictions)]
         if self.kind == "student":
             nu = self.freedom
             parts = zip(residuals, sds, strict=True)
@@ -88,7 +88,8 @@ class SpreadModel:
         size = math.sqrt(float(np.mean(np.concatenate(sds) ** 2)))
         return [sd / size for sd in sds]
 
-    def _sd(self, predicted: FloatArray, recording: int) -> FloatArray:
+    def sd(self, predicted: FloatArray, recording: int) -> FloatArray:
+        """Compute the standard deviation (n,) of readings of a recording at predicted ones (n,)."""
         own = np.maximum(self.base + self.per_unit * np.abs(predicted), self.least)
         return np.asarray(own * self.scales[recording] if self.scales else own)
 
@@ -131,7 +132,7 @@ def _scaled(
     shape: SpreadModel, residuals: Sequence[FloatArray], predictions: Sequence[FloatArray], by_recording: bool
 ) -> SpreadModel:
     """Return a shape with its likeliest scale, over all recordings or for each."""
-    relative = [r / shape._sd(y, 0) for r, y in zip(residuals, predictions, strict=True)]
+    relative = [r / shape.sd(y, 0) for r, y in zip(residuals, predictions, strict=True)]
     size = partial(_student_scale, freedom=shape.freedom) if shape.kind == "student" else _rms
     whole = size(np.concatenate(relative))
     scales = tuple(size(z) / whole if z.size else 1.0 for z in relative) if by_recording else ()

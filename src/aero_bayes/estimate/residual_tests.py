@@ -18,6 +18,8 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.noise_estimation import innovations, is_model_error, whiten
 from aero_bayes.estimate.objective import Series
+from aero_bayes.estimate.outliers import outlier_rows
+from aero_bayes.estimate.reading_spread import SpreadModel
 from aero_bayes.estimate.whiteness import (
     FALSE_ALARM_RATE,
     autocorrelation,
@@ -258,6 +260,8 @@ MAX_RATIO = 1.3
 #: Least autocorrelation, at any of the lags that are tested, of a residual with structure: with many readings a
 #: dependence that nobody would see in a plot fails the test, too.
 MIN_CORRELATION, LAGS = 0.1, 20
+#: Share of the output's range up to which an error is the solver's or rounding, whose structure says nothing.
+EXACT_SHARE = 1e-6
 #: Fewest readings that are judged.
 MIN_READINGS = 16
 
@@ -300,26 +304,35 @@ def recording_errors(
     after: Fitted,
     floors: Mapping[tuple[str, str], float],
     noise: Mapping[str, OutputNoise],
+    spreads: Mapping[str, SpreadModel] | None = None,
 ) -> tuple[RecordingError, ...]:
-    """Judge models by each recording, or part of one.
+    """Judge models by each recording, or part of one, outliers of the last one left out.
 
     ``before`` and ``after`` hold the outputs of the models on all samples, by recording and output, ``floors`` the
-    noise that is known."""
+    noise that is known, ``spreads`` how it differs from reading to reading."""
     found = []
     for recording, role, begin, end in recordings:
         within = (recording.time >= (-math.inf if begin is None else begin)) & (
             recording.time < (math.inf if end is None else end)
         )
         for output, fitted in ((o, y) for (name, o), y in after.items() if name == recording.name):
-            residual = np.where(within, recording.outputs[output] - fitted, np.nan)
+            read = recording.outputs[output]
+            counted = within & ~outlier_rows(read, fitted, recording.inputs)
+            residual = np.where(counted, read - fitted, np.nan)
             if np.isfinite(residual).sum() < MIN_READINGS:
                 continue
             before_it = None if before is None else before[recording.name, output]
-            was = None if before_it is None else _rms(np.where(within, recording.outputs[output] - before_it, np.nan))
+            was = None if before_it is None else _rms(np.where(counted, read - before_it, np.nan))
             floor = floors.get((recording.name, output))
+            rms = _rms(residual)
+            spread = (spreads or {}).get(output)
+            if spread is not None and spread.kind == "relative":
+                sd = spread.sd(fitted, 0)
+                floor = _rms(np.where(np.isfinite(residual), sd, np.nan))
+                residual = residual / sd * floor
             size = noise[output].sd if floor is None else floor
             p_value, structured = _whiteness(recording, output, residual, noise[output])
-            rms = _rms(residual)
+            structured = structured and rms > EXACT_SHARE * float(np.ptp(fitted))
             verdict: Verdict = "too large" if rms > MAX_RATIO * size else "structured" if structured else "noise"
             found.append(
                 RecordingError(recording.name, role, output, was, rms, size, floor is not None, p_value, verdict, begin)

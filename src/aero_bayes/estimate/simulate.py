@@ -109,7 +109,7 @@ def _problem(
     between = interpolation_for(recording, calibration.data, calibration.model)
     experiment = to_experiment(recording, [], interpolation=between)
     known = {name: value for name, value in recording.known.items() if name not in parameters}
-    experiment = replace(experiment, outputs=calibration.data.outputs, measured=None, known=known)
+    experiment = replace(experiment, outputs=calibration.data.outputs, measured=None, spread=None, known=known)
     like = calibration.data.experiments[0 if own is None else own]
     experiment = replace(experiment, start_sd=like.start_sd)
     if own is not None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.display import join_names
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.global_search import FittedStage
 from aero_bayes.estimate.identifiability import Estimate, Identifiability, Status, fixed_parameters
@@ -23,13 +24,15 @@ from aero_bayes.estimate.laplace import (
 from aero_bayes.estimate.levenberg_marquardt import Stage
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
-from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.whiteness import residual_correlation_time
 from aero_bayes.plain import picked
-from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
+from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, StartTarget
 
 #: Share of new readings that a band holds.
 BAND_SHARE = 0.9
+#: Standard deviations from which an initial value is told to be none of rest.
+REST_DEVIATIONS = 3.0
 #: Average length of a block that is left out, in correlation times of the residual.
 BLOCK_LENGTH = 2.0
 
@@ -127,7 +130,7 @@ def laplace_estimates(
         table[item.name] = Estimate(
             item.name, float(values[column]), *interval, item.unit, status, item.description,
             item.prior.describe(item.unit), item.start, item.lower, item.upper,
-            _note(status, column in free, item.name, identifiability),
+            _note(status, column in free, item.name, identifiability) or _off_rest(item, values[column], interval[0]),
             recordings[item.recording] if item.recording is not None and len(recordings) > 1 else "",
         )  # fmt: skip
     return table | fixed_parameters(calibration)
@@ -145,7 +148,17 @@ def _note(status: Status, free: bool, name: str, identifiability: Identifiabilit
         return "the data says no more of it than the prior"
     if status is Status.AT_BOUND:
         return "ended on a bound of its search: no interval from there; widen the bound or look at the model"
+    together = (m for d in identifiability.flat if name in d.members for m in d.members)
+    if fixed := [m for m in dict.fromkeys(together) if identifiability.status[m] is Status.AT_BOUND]:
+        return f"the interval holds with {join_names(fixed)} on its bound only"
     return ""
+
+
+def _off_rest(item: Parameter, value: float, sd: float | None) -> str:
+    """Say that a state that the model starts at rest was not; empty for any other parameter."""
+    if not isinstance(item.target, StartTarget) or item.start != 0.0 or not sd or abs(value) < REST_DEVIATIONS * sd:
+        return ""
+    return f"the model starts at 0, which is {abs(value) / sd:.1f} standard deviations off"
 
 
 @dataclass(frozen=True)

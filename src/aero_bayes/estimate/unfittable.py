@@ -87,16 +87,22 @@ def _computed(flat: FlatModel, v: FlatVariable, known: list[str]) -> str:
     if v.binding is None or not behind:
         return ""
     return (
-        f"parameter {v.name} of model {flat.name} is computed: {v.name} = {_text(v.binding)}; "
+        f"parameter {v.name} of model {flat.name} is computed: {v.name} = {expression_text(v.binding)}; "
         f"fit {join_names(behind)} in its place"
     )
 
 
-def _text(tree: Expression) -> str:
+def expression_text(tree: Expression) -> str:
     """Return an expression as it is written in Modelica, with more parentheses than needed."""
     if isinstance(tree, Call) and tree.function in _SIGNS and len(tree.args) == 2:
-        left, right = (f"({_text(a)})" if isinstance(a, Call) and a.function in _SIGNS else _text(a) for a in tree.args)
+        sums = [isinstance(a, Call) and a.function in _SIGNS for a in tree.args]
+        texts = [expression_text(a) for a in tree.args]
+        left, right = (f"({text})" if inner else text for text, inner in zip(texts, sums, strict=True))
         return f"{left} {tree.function} {right}"
+    if isinstance(tree, Call) and tree.function == "neg":
+        return f"-({expression_text(tree.args[0])})"
+    if isinstance(tree, Number):
+        return f"{tree.value!r}"
     if isinstance(tree, Call):
-        return f"{tree.function}({', '.join(map(_text, tree.args))})"
+        return f"{tree.function}({', '.join(map(expression_text, tree.args))})"
     return tree.name if isinstance(tree, Name) and not tree.subscripts else short_text(tree)

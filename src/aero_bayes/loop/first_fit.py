@@ -26,7 +26,7 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective, Series, Whitened, objective_of
 from aero_bayes.estimate.parameters import ChosenParameters, Parameter, ParameterSet, chosen_parameters
 from aero_bayes.estimate.recording_parameters import for_recordings
-from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
+from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.unseen import Recordings, Unseen
 from aero_bayes.parallel import ParallelMap
@@ -201,9 +201,8 @@ class FirstFit:
 
     @property
     def values(self) -> dict[str, float]:
-        """SI values by name, also of those that the fit moved though no slope determines them."""
-        found = self.fit.calibration.parameters.from_search(self.fit.optimum.coordinates)
-        return dict(zip(self.plain.parameters.names, found.tolist(), strict=True))
+        """SI values by name."""
+        return dict(zip(self.plain.parameters.names, self.fit.values.tolist(), strict=True))
 
     def with_terms(self, context: LoopContext, model: Model, new: Sequence[Parameter]) -> Calibration:
         """The same recordings held against the model with terms; ``new`` are their parameters.
@@ -257,9 +256,11 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
     calibration, named = close.calibration, {p.name: p.start for p in declared}
     again = calibration.parameters.with_start(np.array([named.get(p.name, p.start) for p in calibration.parameters]))
     again = with_free_starts(again, calibration.data.experiments, model)
-    # All structures are compared under one noise, each reading of an output alike.
-    alike = calibration.data.with_experiments(replace(e, spread=None) for e in calibration.data.experiments)
-    plain, found = replace(calibration, parameters=again, data=replace(alike, spreads={}), noise=own.noise), close
+    # All structures are compared under one noise, each reading of an output alike, unless nothing is left to explain.
+    data, own_noise = calibration.data, check_residuals(calibration, close.series, close.optimum, floors)
+    if structured_residuals(own_noise):
+        data = replace(data.with_experiments(replace(e, spread=None) for e in data.experiments), spreads={})
+    plain, found = replace(calibration, parameters=again, data=data, noise=own.noise), close
     moved = any(a.prior != b.prior for a, b in zip(plain.parameters, calibration.parameters, strict=True))
     if moved or calibration.data.spreads:
         found = refitted(context, plain, close.values, replace(close.optimum, free=close.free))

@@ -10,7 +10,6 @@ from functools import cached_property
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.diagnosis import DiagnosisRow
-from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.residual_tests import (
     JudgedPart,
     RecordingError,
@@ -31,7 +30,6 @@ from aero_bayes.simulation.model import ModelicaSource
 
 #: Share of the squared residual in a tenth of a recording from which it is one disturbance.
 DISTURBANCE_SHARE = 0.8
-Floors = Mapping[tuple[str, str], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +144,7 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
     predicted = context.unseen.predict(first.plain, first.fit.optimum)
     same = tuple((t, *(o for o, _ in c.alternatives)) for t, c in decision.claims.items() if c.alternatives)
     fitted = fitted_parameters(after.calibration.parameters, after.optimum)
-    noise = after.noise
-    errors = _errors(context, predicted, extended.after if extended is not None else predicted, first.floors, noise)
+    errors = _errors(context, after, first.floors, predicted, extended.after if extended is not None else predicted)
     outcome, sentence = _outcome(context, ended, predicted, errors)
     steps, notes = ended.steps, tuple(filter(None, (
         refused_sentence(decision) if effects else "", early_end_sentence(context, search.ended)
@@ -169,7 +166,7 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
         shifts=shifts(first.plain.parameters, optimum, after.calibration.parameters, after.optimum) if effects else (),
         parameters=fitted,
         identifiability=after.identifiability,
-        noise=noise, errors=errors, modelica=written.text if written is not None else "",
+        noise=after.noise, errors=errors, modelica=written.text if written is not None else "",
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "", separate=_separate(decision),
         story=story_of(context, ended), simulations=found.total(),
@@ -185,14 +182,15 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
 
 
 def _errors(
-    context: LoopContext, before: Prediction, after: Prediction, floors: Floors, noise: Mapping[str, OutputNoise]
+    context: LoopContext, fit: Fit, floors: Mapping[tuple[str, str], float], before: Prediction, after: Prediction
 ) -> tuple[RecordingError, ...]:
     """The errors of both models on each recording, with what was fitted of it apart from what was not."""
     known, parts = context.recordings, context.recordings.unseen_from
     fitted: list[JudgedPart] = [(r, "train", None, parts.get(r.name)) for r in known.train]
     unseen: list[JudgedPart] = [(r, "test", parts[r.name], None) for r in known.train if r.name in parts]
     unseen += [(r, "test", None, None) for r in known.test]
-    return recording_errors([*fitted, *unseen], before.fitted, after.fitted, floors, noise)
+    spreads = fit.calibration.data.spreads
+    return recording_errors([*fitted, *unseen], before.fitted, after.fitted, floors, fit.noise, spreads)
 
 
 def _outcome(

@@ -30,15 +30,17 @@ MIN_STEP, MAX_STEP = 0.05, 3.0
 MOST_POINTS = 4
 
 
+#: What tells points of a term apart: what was at hand, the sign of the size, and the shape.
+Kind = tuple[float, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """Search coordinates ``point`` (p,) where a fit with the term may begin, and the fall of the score to expect.
-
-    ``kind`` tells points apart: what was at hand, the sign of the size, and the shape."""
+    """Search coordinates ``point`` (p,) where a fit with the term may begin, and the fall of the score to expect."""
 
     gain: float
     point: FloatArray
-    kind: tuple[float, ...]
+    kind: Kind
 
 
 @dataclass(frozen=True)
@@ -155,12 +157,7 @@ class Screen:
                 self.smallest = min(self.smallest, size * unit)
 
     def _add(
-        self,
-        point: FloatArray,
-        direction: FloatArray,
-        back: FloatArray,
-        steps: Sequence[float],
-        kind: tuple[float, ...],
+        self, point: FloatArray, direction: FloatArray, back: FloatArray, steps: Sequence[float], kind: Kind
     ) -> None:
         """Add the best of some steps along a line; by default of the one that was simulated and the best one."""
         power = float(direction @ direction)

@@ -210,12 +210,8 @@ class Search:
             origin = tuple(x for x in parent if x != of)
             child, second = _plus(origin, t), t in self.library.curves and set(origin) & set(self.library.curves)
             wanted = of in coarse and t in self.library.offered and t not in parent and not second
-            if (
-                wanted
-                and origin in self.fits
-                and child not in self.fits
-                and len(self.fits) < MOST_STRUCTURES + MOST_SWAPS
-            ):
+            new = origin in self.fits and child not in self.fits
+            if wanted and new and len(self.fits) < MOST_STRUCTURES + MOST_SWAPS:
                 self.fit_children(origin, [t])
 
     def fit_children(

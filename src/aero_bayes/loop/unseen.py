@@ -23,6 +23,7 @@ from aero_bayes.estimate.interpolation import (
 )
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import objective_of
+from aero_bayes.estimate.outliers import outlier_rows
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.recording_parameters import for_recordings, templates
 from aero_bayes.estimate.whiteness import residual_correlation_time
@@ -215,7 +216,7 @@ class Unseen:
                 key = (recording.name, output)
                 fitted[key] = predicted
                 residual = recording.outputs[output] - predicted
-                seen = np.isfinite(residual)
+                seen = np.isfinite(residual) & ~outlier_rows(recording.outputs[output], predicted, recording.inputs)
                 if e >= self._fitted:
                     errors[1][key] = rms_error(residual[seen])
                     continue

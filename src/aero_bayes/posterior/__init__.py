@@ -1,7 +1,6 @@
 """Sample the posterior of a fit, and predict recordings from its draws."""
 
 from aero_bayes.posterior.adaptation import Adaptation
-from aero_bayes.posterior.importance import laplace_evidence
 from aero_bayes.posterior.inferencedata import autocorrelation_time, check_convergence, r_hat
 from aero_bayes.posterior.mcmc import Chain, MakeMoves, run_chain, standard_moves
 from aero_bayes.posterior.posterior import Posterior
@@ -16,7 +15,6 @@ __all__ = [
     "SampleSettings",
     "autocorrelation_time",
     "check_convergence",
-    "laplace_evidence",
     "posterior_predictive",
     "r_hat",
     "run_chain",

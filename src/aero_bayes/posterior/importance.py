@@ -1,4 +1,7 @@
-"""Evidence of a fitted model: Laplace's approximation, and importance sampling from it, which says if it holds."""
+"""The integral of a density by importance sampling, with weights that say whether it is reliable.
+
+Reference: Vehtari, Gelman and Gabry (2017), Stat. Comput. 27, 1413.
+"""
 
 from __future__ import annotations
 
@@ -10,108 +13,37 @@ import numpy as np
 from scipy.special import logsumexp
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.posterior.moves.warped_student_t import WarpedStudentT
-from aero_bayes.simulation.interface import Simulator
 
 #: Shape above which an estimate from smoothed weights is not to be trusted.
 RELIABLE_BELOW = 0.7
 
 
 @dataclass(frozen=True, eq=False)
-class WeightedSample:
-    """Weighted draws of a density.
+class Evidence:
+    """The logarithm of a density's integral, and the shape of the weights' tail: reliable below 0.7."""
 
-    ``points`` (n, d); ``weights`` (n,), summing to one; ``pareto_k`` the shape of the weights' tail, reliable below
-    0.7; ``log_evidence`` the logarithm of the density's integral; ``ess`` the effective number of draws."""
-
-    points: FloatArray
-    weights: FloatArray
-    pareto_k: float
     log_evidence: float
-
-    @property
-    def ess(self) -> float:
-        return float(1.0 / np.sum(self.weights**2))
+    pareto_k: float
+    ess: float
 
     @property
     def reliable(self) -> bool:
         return self.pareto_k < RELIABLE_BELOW
 
-    @property
-    def mean(self) -> FloatArray:
-        return np.asarray(self.weights @ self.points)
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Return the weighted covariance, shape (d, d)."""
-        centred = self.points - self.mean
-        return np.asarray((self.weights[:, None] * centred).T @ centred)
-
-    def below(self, values: FloatArray) -> FloatArray:
-        """Return the posterior probability that each coordinate lies below ``values`` (d,): shape (d,)."""
-        return np.asarray(self.weights @ (self.points < values))
-
-    def quantiles(self, levels: FloatArray) -> FloatArray:
-        """Return weighted quantiles, shape (len(levels), d)."""
-        out = np.empty((len(levels), self.points.shape[1]))
-        for j, column in enumerate(self.points.T):
-            order = np.argsort(column)
-            mass = np.cumsum(self.weights[order]) - 0.5 * self.weights[order]
-            out[:, j] = np.interp(levels, mass, column[order])
-        return out
-
-    def resample(self, size: int, rng: np.random.Generator) -> FloatArray:
-        """Return draws of equal weight, shape (size, d), by systematic resampling."""
-        position = (np.arange(size) + rng.random()) / size
-        index = np.minimum(np.searchsorted(np.cumsum(self.weights), position), len(self.points) - 1)
-        return np.asarray(self.points[rng.permutation(index)])
-
 
 def importance_sample(
     density: Callable[[FloatArray], FloatArray], proposal: WarpedStudentT, size: int, rng: np.random.Generator
-) -> WeightedSample:
-    """Draw from a proposal and weigh by a density."""
+) -> Evidence:
+    """Draw from a proposal, and weigh the draws by a density."""
     points = proposal.sample(np.random.RandomState(np.random.MT19937(int(rng.integers(2**63)))), size)
     ratio = density(points) - proposal.log_density(points)
     ratio = np.where(np.isnan(ratio), -np.inf, ratio)
     if not np.isfinite(ratio).any():
         raise ValueError("the density vanishes at every draw")
     smoothed, shape = pareto_smooth(ratio)
-    return WeightedSample(
-        points, np.exp(smoothed - logsumexp(smoothed)), shape, float(logsumexp(smoothed) - math.log(size))
-    )
-
-
-def adaptive_importance_sample(
-    density: Callable[[FloatArray], FloatArray],
-    proposal: WarpedStudentT,
-    size: int,
-    rng: np.random.Generator,
-    *,
-    enough: Callable[[WeightedSample], bool],
-    rounds: int = 8,
-) -> WeightedSample:
-    """Draw in rounds, each proposal fitted to the weighted draws so far; every draw counts in the end."""
-    proposals, used = [proposal], []
-    points, values = np.empty((0, proposal.mean.size)), np.empty(0)
-    for turn in range(rounds):
-        used.append(proposals[-1])
-        new = used[-1].sample(np.random.RandomState(np.random.MT19937(int(rng.integers(2**63)))), size)
-        points, values = np.concatenate([points, new]), np.concatenate([values, density(new)])
-        mixture = logsumexp([p.log_density(points) for p in used], axis=0) - math.log(len(used))
-        ratio = np.where(np.isnan(values), -np.inf, values - mixture)
-        if not np.isfinite(ratio).any():
-            raise ValueError("the density vanishes at every draw")
-        smoothed, shape = pareto_smooth(ratio)
-        total = float(logsumexp(smoothed))
-        found = WeightedSample(points, np.exp(smoothed - total), shape, total - math.log(len(points)))
-        if turn > 0 and enough(found):
-            break
-        wide = found.ess > 3.0 * points.shape[1]
-        proposals.append(WarpedStudentT.of(found.mean, found.covariance, proposal.dof) if wide else used[-1])
-    return found
+    total = float(logsumexp(smoothed))
+    return Evidence(total - math.log(size), shape, math.exp(2.0 * total - float(logsumexp(2.0 * smoothed))))
 
 
 def pareto_smooth(log_weights: FloatArray) -> tuple[FloatArray, float]:
@@ -152,30 +84,3 @@ def _fit_pareto(excess: FloatArray) -> tuple[float, float]:
     shape = float(np.mean(np.log1p(-best * excess)))
     scale = -shape / best
     return (shape * n + 0.5 * 10.0) / (n + 10.0), scale
-
-
-#: Pareto k of the importance weights below which no further round is made.
-MAX_PARETO_K = 0.6
-
-
-def laplace_evidence(fit: Fit) -> float:
-    """Compute the log-evidence of a fit, noise parameters integrated out with the rest (MacKay, 2003, chapter 27)."""
-    layout = NoiseLayout.of(fit.calibration.data, fit.noise)
-    noise = fit.laplace.mean[fit.laplace.parameters :]
-    determinant = float(np.linalg.slogdet(fit.laplace.covariance)[1])
-    volume = 0.5 * (len(fit.laplace.mean) * math.log(2.0 * math.pi) + determinant)
-    return fit.log_posterior + float(layout.log_prior(noise[None])[0]) + volume
-
-
-def importance_posterior(
-    fit: Fit, simulator: Simulator, size: int, rng: np.random.Generator, *, rounds: int = 8, dof: float = 8.0
-) -> WeightedSample:
-    """Sample the posterior of a fit by importance from its Laplace approximation, improved from round to round."""
-    first = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, dof)
-
-    def enough(found: WeightedSample) -> bool:
-        return found.pareto_k < MAX_PARETO_K and found.ess > 0.2 * size
-
-    return adaptive_importance_sample(
-        fit.joint_target(simulator), first, -(-size // 2), rng, enough=enough, rounds=rounds
-    )

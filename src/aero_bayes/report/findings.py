@@ -19,7 +19,6 @@ from aero_bayes.report.text import (
     signed,
     significant,
     symbol,
-    tidy,
 )
 
 #: Above this, ensembles do not agree.
@@ -201,27 +200,3 @@ def left_out_table(run: RunDirectory) -> Markup | None:
         "unit", Column("predicted over fitted", "right"), Column("floor │ ○ fitted  ● predicted", "centre"),
     )  # fmt: skip
     return html_table(columns, rows, "RMS error of each recording, predicted from the others") if rows else None
-
-
-def stretches_table(run: RunDirectory) -> Markup | None:
-    """Write the expected log-density of blocks of time that were left out."""
-    words = {
-        "leave_future_out": "each block, predicted from earlier blocks",
-        "leave_one_out": "each block, predicted from all others",
-        "waic": "the same by the Watanabe-Akaike criterion",
-    }  # fmt: skip
-    rows = []
-    for key, label in words.items():
-        entry = run.result.prediction.stretches.get(key)
-        if entry is None or not entry.reliable:
-            continue
-        name = Markup("{}<small>{}</small>").format(label, key.replace("_", " "))
-        rows.append((name, tidy(entry.elpd, 7), significant(entry.se, 2), count(entry.stretches)))
-    columns = (
-        "predicted", Column("log-density", "right"), Column("standard error", "right"), Column("blocks", "right"),
-    )  # fmt: skip
-    return (
-        html_table(columns, rows, "Expected log-density of left-out blocks of time (larger is better)")
-        if rows
-        else None
-    )

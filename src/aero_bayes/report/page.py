@@ -351,8 +351,8 @@ def _recording(run: RunDirectory, name: str, scene: curves.Scene | None) -> Reco
 
 
 def _prediction(run: RunDirectory) -> dict[str, Any] | None:
-    shown = {"recordings": findings.left_out_table(run), "stretches": findings.stretches_table(run)}
-    return shown | {"note": run.result.prediction.note} if any(shown.values()) else None
+    table = findings.left_out_table(run)
+    return {"recordings": table, "note": run.result.prediction.note} if table else None
 
 
 def _posterior(run: RunDirectory) -> dict[str, Any] | None:

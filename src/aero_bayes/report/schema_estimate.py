@@ -268,27 +268,12 @@ class LeftOutJson(JsonTable):
 
     rms: dict[str, JsonNumber]
     rms_fitted: dict[str, JsonNumber]
-    elpd: JsonNumber
-
-
-class StretchesJson(JsonTable):
-    """Expected log-density of left-out blocks of time."""
-
-    method: str = ""
-    elpd: JsonNumber
-    se: JsonNumber
-    parameters: JsonNumber = None
-    stretches: int
-    pareto_k_max: JsonNumber = None
-    reliable: bool
-    refits: int = 0
 
 
 class PredictionJson(JsonTable):
-    """Cross-validation of the fit on left-out data."""
+    """Cross-validation of the fit over recordings."""
 
     recordings: dict[str, LeftOutJson] = {}
-    stretches: dict[str, StretchesJson] = {}
     note: str = ""
 
 

@@ -23,6 +23,7 @@ from aero_bayes.simulation.interface import InputSignal, Outcome
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
 from aero_bayes.structure.balance import KELVIN, Port, signal_expression
+from aero_bayes.structure.compose import with_probe
 
 #: The nominal value of a signal is this quantile of its absolute values.
 NOMINAL_QUANTILE = 0.995
@@ -133,6 +134,9 @@ def _smooth(measured: FloatArray, width: int = 5) -> FloatArray:
 
 #: Nominal value below which a signal counts as zero.
 MIN_NOMINAL = 1e-200
+#: Share of the range of an output that a constant as large as the terms of a model moves at least, in a model that is
+#: driven by them.
+MIN_REACH = 0.03
 #: Number of first readings whose regression line gives the initial value of a level.
 LEVEL_READINGS = 5
 #: Time for which a model is simulated until it settles, in lengths of the recording; and the largest change of a level
@@ -150,7 +154,11 @@ def port_nominals(
     The nominal value of a law's output in a balance is that of the largest term of the balance. Beside them stands the
     range of each signal, ``v_low`` and ``v_high`` for ``v``, and the share of it that is visited twice, ``v_twice``."""
     ports = [p for p in ports if p.replaceable is None]
-    structure, outputs, data = alias_structure(flat), _AddedOutputs(flat), calibration.data
+    structure, data = alias_structure(flat), calibration.data
+    opened, probes = flat, {p.id: f"pushed_{k}" for k, p in enumerate(ports) if p.balance is not None}
+    for port in ports:
+        opened = with_probe(opened, port, probes[port.id], -1.0) if port.id in probes else opened
+    outputs = _AddedOutputs(opened)
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
     levels = {p.id: signal_expression(p.signals["h"]) for p in ports if p.kind == "storage"}
@@ -160,7 +168,11 @@ def port_nominals(
             seen[port.id]["d"] = outputs.of(Call("-", (levels[port.id], levels[port.neighbours[0]])))
         acting[port.id] = [outputs.of(term) for term in _terms(flat, port)]
     warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in KELVIN and "h_s" not in p.signals}
-    found, rest = outputs.run(calibration, fit, open_simulator, undriven=bool(warm))
+    with tempfile.TemporaryDirectory() as folder:
+        own = outputs.exported(calibration, Path(folder) / "watched.fmu")
+        found, rest = outputs.run(own, fit, open_simulator, undriven=bool(warm))
+        sizes = {id_: max((_size(found, n) for n in acting[id_]), default=0.0) for id_ in probes}
+        larger = _shortfall(own, {probes[id_]: size for id_, size in sizes.items()}, fit, open_simulator)
     found = {
         name: _recorded_over(structure, data, e, found[name]) for e, name in outputs.names.items() if name in found
     }
@@ -170,7 +182,38 @@ def port_nominals(
         ends = rest.get(seen[id_]["h"], [])
         if ends and all(_settled(end, found[seen[id_]["h"]]) for end in ends):
             starts[id_] = float(np.mean([end[-1] for end in ends]))
-    return {p.id: _nominals(p, found, seen[p.id], acting[p.id], time, data, starts.get(p.id)) for p in ports}
+    return {p.id: _nominals(p, found, seen[p.id], acting[p.id], time, data, starts.get(p.id), larger) for p in ports}
+
+
+def _shortfall(own: Calibration, sizes: Mapping[str, float], fit: Optimum, open_simulator: OpenSimulator) -> float:
+    """How many times larger than the terms of the model those must be that move an output through its range.
+
+    It is 1 but where no constant as large as they (``sizes`` by the input that adds it) moves an output by
+    :data:`MIN_REACH` of its range: the model lacks what drives it, such as the weight of a body that falls, so that its
+    own terms are no measure of what is missing."""
+    data, reach = own.data, 0.0
+    read = np.concatenate([np.asarray(e.measured) for e in data.experiments])
+    span = np.maximum(np.nanmax(read, axis=0) - np.nanmin(read, axis=0), MIN_NOMINAL)
+
+    def outputs(**pushed: float) -> FloatArray:
+        moved = [
+            replace(e, inputs=(*e.inputs, *(InputSignal(n, e.time[:1], np.array([v])) for n, v in pushed.items())))
+            for e in data.experiments
+        ]
+        there = replace(own, data=data.with_experiments(moved))
+        found = simulated_signals(there, data.outputs, fit, open_simulator)
+        return np.stack([np.concatenate(found[o]) for o in data.outputs], axis=1)
+
+    still = outputs()
+    for name, size in sizes.items():
+        with suppress(InputError):
+            if size > MIN_NOMINAL:
+                reach = max(reach, float(np.max(np.abs(outputs(**{name: size}) - still) / span)))
+    return 1.0 / reach if 0.0 < reach < MIN_REACH else 1.0
+
+
+def _size(found: Mapping[str, list[FloatArray]], name: str) -> float:
+    return signal_nominal(found[name]) if name in found else 0.0
 
 
 def _settled(end: FloatArray, over: Sequence[FloatArray]) -> bool:
@@ -247,32 +290,32 @@ class _AddedOutputs:
             self.names[expression] = f"watched_{len(self.names)}"
         return self.names[expression]
 
-    def run(
-        self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, undriven: bool
-    ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
-        """Return each expression over the recordings, by its name, and with ``undriven`` also without inputs.
+    def exported(self, calibration: Calibration, path: Path) -> Calibration:
+        """Return the calibration on the model that has them; expressions that cannot be exported are left out."""
+        try:
+            model = self._export(self.names, path)
+        except InputError:
+            model = self._export([e for e in self.names if self._can_be_exported(e, path)], path)
+        return replace(calibration, simulated=replace(calibration.simulated, model=model))
 
-        Expressions that cannot be exported are left out."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "watched.fmu"
-            try:
-                model = self._export(self.names, path)
-            except InputError:
-                model = self._export([e for e in self.names if self._can_be_exported(e, path)], path)
-            names = [name for name in self.names.values() if any(v.name == name for v in model.outputs)]
-            own = replace(calibration, simulated=replace(calibration.simulated, model=model))
-            found, rest = simulated_signals(own, names, fit, open_simulator), {}
-            alive = calibration.parameters.revived(fit.coordinates, fit.free)
-            if not np.array_equal(alive, fit.coordinates):
-                with suppress(InputError):
-                    there = simulated_signals(
-                        own, [*names, *own.data.outputs], replace(fit, coordinates=alive), open_simulator
-                    )
-                    found = {name: [*found[name], *_near(own.data, there, there[name])] for name in names}
-            if undriven:
-                with suppress(InputError):
-                    rest = simulated_signals(_undriven(own), names, fit, open_simulator)
-            return found, rest
+    def run(
+        self, own: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, undriven: bool
+    ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
+        """Return each expression over the recordings, by its name, and with ``undriven`` also without inputs."""
+        model = own.simulated.model
+        names = [name for name in self.names.values() if any(v.name == name for v in model.outputs)]
+        found, rest = simulated_signals(own, names, fit, open_simulator), {}
+        alive = own.parameters.revived(fit.coordinates, fit.free)
+        if not np.array_equal(alive, fit.coordinates):
+            with suppress(InputError):
+                there = simulated_signals(
+                    own, [*names, *own.data.outputs], replace(fit, coordinates=alive), open_simulator
+                )
+                found = {name: [*found[name], *_near(own.data, there, there[name])] for name in names}
+        if undriven:
+            with suppress(InputError):
+                rest = simulated_signals(_undriven(own), names, fit, open_simulator)
+        return found, rest
 
     def _export(self, expressions: Iterable[Expression], path: Path) -> Model:
         flat = self.flat
@@ -293,7 +336,7 @@ def simulated_signals(
 ) -> dict[str, list[FloatArray]]:
     """Simulate variables of a model at a fit."""
     data = calibration.data.with_experiments(
-        replace(e, outputs=tuple(names), measured=None) for e in calibration.data.experiments
+        replace(e, outputs=tuple(names), measured=None, spread=None) for e in calibration.data.experiments
     )
     values = calibration.parameters.from_search(fit.coordinates)
     with open_simulator(replace(calibration, data=data).problem()) as simulator:
@@ -334,9 +377,10 @@ def _nominals(
     time: float,
     data: MeasuredData,
     start: float | None,
+    larger: float,
 ) -> dict[str, float]:
     own = {signal: signal_nominal(found[name]) for signal, name in seen.items() if name in found}
-    act = max((signal_nominal(found[name]) for name in acting if name in found), default=0.0)
+    act = larger * max((_size(found, name) for name in acting), default=0.0)
     if port.kind in ("input", "output", "reading"):
         nominals = {"u_n": own.get("u", 0.0)}
         if port.kind == "input":
