@@ -1,22 +1,40 @@
 """Errors before and after in words."""
 
+import math
 import re
+from types import SimpleNamespace
 
 import pytest
+from facts import facts
 
-from aero_bayes.loop import Prediction, RmsError, describe_error_change
+from aero_bayes.loop import error_change, left_over
 
 pytestmark = pytest.mark.fast
 
 
-def prediction(**rms: float) -> Prediction:
-    return Prediction({}, {("run", output): RmsError(value, 0.02 * value, 100) for output, value in rms.items()}, {})
+def error(recording: str, output: str, before: float, after: float, verdict: str = "noise") -> SimpleNamespace:
+    return SimpleNamespace(
+        recording=recording, role="test", output=output, before=before, after=after, begin=None, verdict=verdict,
+        noise_known=True, ratio=after / 0.1 if math.isfinite(after) else None,
+    )  # fmt: skip
 
 
 def test_an_output_that_gets_worse_is_told_beside_the_one_that_gains_most() -> None:
     units = {"speed": "rad/s"}
-    one = describe_error_change(prediction(speed=1.0, angle=1.0), prediction(speed=2.0, angle=0.1), units)
-    assert re.search(r"angle\b.*\b1\b.*\b0\.1\b.*speed\b.*\b1\b.*\b2 rad/s", one)
-    assert "speed" not in describe_error_change(
-        prediction(speed=1.0, angle=1.0), prediction(speed=1.01, angle=0.1), units
-    )
+    one = error_change([error("run", "speed", 1.0, 2.0), error("run", "angle", 1.0, 0.1)], units)
+    assert re.search(facts("angle", "1", "0.1"), one)
+    assert re.search(facts("speed", "1", "2 rad/s"), one)
+    assert "speed" not in error_change([error("run", "speed", 1.0, 1.01), error("run", "angle", 1.0, 0.1)], units)
+
+
+def test_a_recording_on_which_the_error_grows_is_told_although_it_falls_in_the_mean() -> None:
+    one = error_change([error("slow", "speed", 0.8, 0.2), error("fast", "speed", 0.842, 0.854)], {})
+    assert re.search(facts("slow", "0.8", "0.2"), one)
+    assert re.search(facts("fast", "0.842", "0.854"), one)
+
+
+def test_what_is_left_is_told_of_each_output_once() -> None:
+    (one,) = left_over([error("a", "y", 1.0, 0.4, "too large"), error("b", "y", 1.0, 0.1, "structured"),
+                        error("c", "y", 1.0, 0.1)])  # fmt: skip
+    assert re.search(facts("4", "recording a", "recording b"), one)
+    assert "recording c" not in one

@@ -45,4 +45,4 @@ def found(tmp_path, growth: float) -> LoopResult:
 def test_a_model_that_misses_unseen_data_by_far_is_not_adequate(tmp_path) -> None:
     result = found(tmp_path, GROWTH * 1.05)
     assert result.outcome == "unexplained"
-    assert "n (" in result.sentence
+    assert "error of n" in result.sentence

@@ -33,7 +33,6 @@ LOOK = """window.look = {
     inked: (figure, points) => { const ends = look.paths(figure).flatMap(p => p.getAttribute('d').match(
             /[ML](-?[\\d.]+ -?[\\d.]+)/g) ?? []).map(end => end.slice(1).split(' ').map(Number));
         return points.map(([x, y]) => ends.some(([a, b]) => Math.abs(a - x) < 1 && Math.abs(b - y) < 1)); },
-    picked: () => [...document.querySelectorAll('.picked')].map(p => p.getAttribute('d').split('M').length - 1),
 }"""
 
 
@@ -195,26 +194,6 @@ def test_full_resolution_is_reached_by_zooming(loop: Browser, runs: Path) -> Non
     y = down[0, 1] - 4 + slope * (speed[within] - down[0, 2])  # a tick's text stands four pixels below its line
     points = [*np.column_stack([x, y]).tolist(), [float(across[0, 0]), 2.0]]
     assert loop.evaluate(f"look.inked({STACK}, {points})") == [True] * len(x) + [False]
-
-
-def test_draws_marked_in_one_cell_are_marked_in_all(browser: Browser, runs: Path) -> None:
-    browser.open(runs / "posterior" / "report.html")
-    browser.evaluate(LOOK)
-    pairs = "document.querySelector('figure.pairs')"
-    until(browser, f"{pairs}.querySelector('.cover')")
-    show(browser, pairs)
-    left, top, width, height = browser.evaluate(f"look.box({pairs}.querySelector('.cover:not([tabindex])'))")
-    drag(browser, (left + 1, top + 1), (left + 0.5 * width, top + height - 1))
-    until(browser, "Math.min(...look.picked()) > 0")
-    marked = int(browser.evaluate(f"{pairs}.querySelector('.brushed').textContent").split()[0])
-    assert all(0.9 * marked <= shown <= marked for shown in browser.evaluate("look.picked()"))
-    slider = f"{pairs}.querySelector('[role=slider]')"
-    press(browser, slider, "Escape")
-    assert browser.evaluate("Math.max(...look.picked())") == 0
-    press(browser, slider, "ArrowRight")
-    press(browser, slider, "ArrowRight")
-    assert browser.evaluate(f"{slider}.getAttribute('aria-valuenow')") == "2"
-    assert browser.complaints() == []
 
 
 def test_everything_that_can_be_used_has_a_name(browser: Browser, page: Path) -> None:

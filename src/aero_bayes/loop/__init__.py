@@ -1,13 +1,15 @@
 """What a model predicts of recordings, fitted and unseen, and how far it is off."""
 
+from aero_bayes.data.split import Recordings
 from aero_bayes.loop.first_fit import LoopContext, LoopSettings, LoopStatistics, first_fit
 from aero_bayes.loop.left_out import Blocks, newton_errors, refitted_errors
 from aero_bayes.loop.loop import close_loop
 from aero_bayes.loop.models import CandidateModel, FittedModel
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.search import Search
+from aero_bayes.loop.sentences import error_change, left_over
 from aero_bayes.loop.table import Row, Table
-from aero_bayes.loop.unseen import Prediction, Recordings, RmsError, Unseen, describe_error_change, rms_error
+from aero_bayes.loop.unseen import Prediction, RmsError, Unseen, rms_error
 
 __all__ = [
     "Blocks",
@@ -25,8 +27,9 @@ __all__ = [
     "Table",
     "Unseen",
     "close_loop",
-    "describe_error_change",
+    "error_change",
     "first_fit",
+    "left_over",
     "newton_errors",
     "refitted_errors",
     "rms_error",

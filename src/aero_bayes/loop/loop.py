@@ -12,24 +12,23 @@ from threadpoolctl import threadpool_limits
 
 from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.data.recording import Recording
+from aero_bayes.data.split import Recordings
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, steps_taken, with_step_budget
 from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, chosen_parameters, parameters_from_model
 from aero_bayes.estimate.recording_parameters import templates
-from aero_bayes.estimate.residual_tests import JudgedPart, RecordingError, recording_errors
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision, decide
 from aero_bayes.loop.extend import extend
 from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings, LoopStatistics, beginning_share, first_fit
+from aero_bayes.loop.make_result import Ended, result_of
 from aero_bayes.loop.models import VALUE, FittedModel, ModelSource
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.search import Control, Library, Search
-from aero_bayes.loop.sentences import Ended, result_of
 from aero_bayes.loop.table import Terms
-from aero_bayes.loop.unseen import Recordings
 from aero_bayes.modelica.sources import main_class
 from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.interface import ParameterTarget
@@ -262,20 +261,6 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     fixed = {**calibration.simulated.fixed, **fixed, **own.fixed}
     first = replace(own, method="local", cost="posterior", staged=False, calibration=read, fixed=fixed)
     return replace(settings, fit=first, parameters=chosen)
-
-
-def errors_by_recording(loop: LoopResult) -> tuple[RecordingError, ...]:
-    """Return the errors of a loop's models on each recording, with what was fitted of it apart from what was not."""
-    known = loop.recordings
-    if known is None:
-        return ()
-    parts = known.unseen_from
-    fitted: list[JudgedPart] = [(r, "train", None, parts.get(r.name)) for r in known.train]
-    unseen: list[JudgedPart] = [(r, "test", parts[r.name], None) for r in known.train if r.name in parts]
-    unseen += [(r, "test", None, None) for r in known.test]
-    before, after = loop.predicted_before.fitted, loop.predicted_after.fitted
-    spreads = loop.after.calibration.data.spreads
-    return recording_errors([*fitted, *unseen], before, after, loop.floors, loop.noise, spreads)
 
 
 def settled(search: Search, unseen: Callable[[FittedModel], dict[str, float]], late: Callable[[], bool]) -> Decision:

@@ -1,259 +1,149 @@
-"""Make the result of a loop: plain values, and what was done in sentences."""
+"""Sentences on what a loop found, for the page, the terminal and a notebook.
+
+An effect is a :class:`~aero_bayes.loop.extend.FoundEffect` or its entry of result.json, an error alike."""
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import Any
 
 from aero_bayes.display import join_names, with_unit
-from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
-from aero_bayes.estimate.diagnosis import DiagnosisRow
-from aero_bayes.estimate.residual_tests import ResidualReport, structured_residuals
-from aero_bayes.estimate.result import Fit
-from aero_bayes.loop.decide import Decision
-from aero_bayes.loop.extend import ExtendedFit, FoundEffect, NewParameter, describe, fitted_parameters, limits_of
-from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings
-from aero_bayes.loop.result import LoopOutcome, LoopResult, Step, fall, steps_of
-from aero_bayes.loop.search import Search
-from aero_bayes.loop.unseen import Prediction, describe_error_change, shifts
-from aero_bayes.simulation.interface import DelayTarget
-from aero_bayes.simulation.model import ModelicaSource
 
 #: Alternatives that are listed by name.
 MAX_NAMED = 3
-#: Share of the squared residual in a tenth of a recording from which it is one disturbance.
-DISTURBANCE_SHARE = 0.8
+#: Ratio of two errors above which the error is said to grow.
+MIN_GROWTH_RATIO = 1.05
+_COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
-@dataclass(frozen=True, eq=False)
-class Ended:
-    """How a loop ended: the first fit, the search, what was decided on it, and the fit of the extended model."""
-
-    first: FirstFit
-    search: Search
-    decision: Decision
-    extended: ExtendedFit | None
-
-    @cached_property
-    def steps(self) -> tuple[Step, ...]:
-        return steps_of(self.search.table, self.decision, self.search.library.required)
+def lacking(effects: Sequence[Any]) -> str:
+    """Say what the model lacks, as far as the data say it, and with what it was extended as required."""
+    asked = [e.id for e in effects if e.claim is None]
+    found = [e for e in effects if e.claim is not None]
+    if len(found) > 1 and any(e.claim == "one of" for e in found):
+        told = f"lacks {_number(len(found))} effects"
+    else:
+        told = f"lacks {join_names([_what(e) for e in found])}" if found else ""
+    return " and ".join(filter(None, (told, f"has {join_names(asked)}, as required" if asked else "")))
 
 
-def extended_sentence(context: LoopContext, ended: Ended, before: Prediction) -> str:
-    """The model, the error before and after, and what is claimed of each term."""
-    extended = ended.extended
-    assert extended is not None
-    effects = sorted(extended.effects, key=lambda e: e.kind)  # what has a name first
-    change = describe_error_change(before, extended.after, context.units)
-    known = all(e.claim == "law" for e in effects)
-    text = f"The model {'lacks' if known else 'was extended by'} {join_names([e.id for e in effects])}: {change}"
-    text += "".join(f" {_claim_sentence(e)}" for e in effects)
-    text += refused_sentence(ended.decision)
-    left = structured_residuals(extended.reports)
-    return text + (
-        f" Structure remains in the residual of {join_names(sorted({r.output for r in left}))}." if left else ""
-    )
+def _what(effect: Any) -> str:
+    if effect.claim == "one of":
+        return f"one of {_number(1 + len(effect.alternatives))} effects, such as {in_words(effect) or effect.id}"
+    if effect.kind == "free_form" or effect.claim == "place":
+        return f"an effect at {effect.port}"
+    return in_words(effect) or str(effect.id)
 
 
-def refused_sentence(decision: Decision) -> str:
-    """How many models unseen recordings refused; empty for none."""
-    count = len(decision.refused)
-    return f" Unseen recordings refused {count} model{'s' * (count > 1)} before it." if count else ""
+def in_words(effect: Any) -> str:
+    """Return what an effect is, without the note on its place; empty where no words are known."""
+    return re.sub(r" \([^()]*\)$", "", effect.summary)
 
 
-def _claim_sentence(effect: FoundEffect) -> str:
-    """What is claimed of a term."""
-    if effect.claim is None:
-        return f"{effect.id} is there as required."
-    others = [one.id for one in effect.alternatives]
-    named = join_names(others if len(others) <= MAX_NAMED else [*others[:MAX_NAMED], f"{len(others) - MAX_NAMED} more"])
-    text = f"With {effect.id} the error of {effect.share_of} on left-out readings {fall(effect.share, effect.share_sd)}"
-    if not others or effect.claim == "law":
-        like = f", which looks like {effect.looks_like}" if effect.looks_like else ""
-        no_law = f", but no law says what this curve is{like}" if effect.kind == "free_form" else ""
-        return f"{text}; nothing else that was tried does as well{no_law}."
-    told = {
-        "place": "at the same place, so that the place is known and not the law",
-        "one of": "so that the data do not tell which it is",
-    }
-    does = "do" if len(others) > 1 else "does"
-    return f"{text}; {named} {does} as well{', ' if effect.claim == 'one of' else ' '}{told[effect.claim]}."
+def _number(count: int) -> str:
+    """Return a small whole number as a word."""
+    return _COUNTS[count] if count < len(_COUNTS) else str(count)
 
 
-def none_sentence(ended: Ended, structured: Sequence[str], far: Mapping[str, float]) -> str:
-    """Why nothing was added."""
-    if far:
-        ratios = ", ".join(f"{output} ({ratio:.2g} times the error of the fit)" for output, ratio in far.items())
-        return (
-            f"The model fits the training data, but its error on unseen data is far larger: {ratios}. The training "
-            "data do not show the missing effect, or do not determine the parameters well enough."
-        )
-    if not structured:
-        return "The model is adequate for these recordings: it leaves no more than what the sensors add."
-    first, decision, steps = ended.first, ended.decision, ended.steps
-    reports = [r for r in first.reports if r.output in structured]
-    moment = _disturbance(reports)
-    if moment is not None and not decision.refused:
-        recording, start, stop = moment
-        return (
-            f"Most of the residual of {recording} lies between {start:.3g} s and {stop:.3g} s. This is a single "
-            "disturbance, so the model gets no new effect."
-        )
-    worst = max(reports, key=lambda r: r.ratio)
-    far_above = "more than 100" if worst.ratio >= 100.0 else f"{worst.ratio:.2g}"
-    text = f"The residual of {worst.output} is structured ({far_above} times the noise floor)"
-    if decision.refused:
-        return f"{text}, but unseen recordings refuse all {len(decision.refused)} models that explain a part of it."
-    return f"{text}, but no effect that was tried is material" + (f": {steps[-1].why}." if steps else ".")
+def cross_validated(effect: Any, name: str) -> str:
+    """Say how far an effect lowers the error on readings that were left out of the fit; ``name`` is what it is called.
 
-
-def early_end_sentence(context: LoopContext, where: str) -> str:
-    """Where the time limit or an interrupt ended the search; empty where the search was completed."""
-    if not where:
+    Empty where that is not known."""
+    if effect.share is None:
         return ""
-    limit = f"reached its time limit of {context.settings.max_minutes:g} min"
-    ended = "was interrupted" if context.statistics.watched.asked_to_end else limit
-    return f" The search {ended} at {where}, so it may have missed effects."
+    verb, change = ("raises", effect.share - 1.0) if effect.share > 1.0 else ("lowers", 1.0 - effect.share)
+    spread = f" ± {100.0 * effect.share_sd:.0f}" if (effect.share_sd or 0.0) >= 0.005 else ""
+    of = f" of {effect.share_of}" if effect.share_of else ""
+    return f"Cross-validated on training, {name} {verb} the error{of} by {100.0 * change:.0f}{spread} %."
 
 
-def story_of(context: LoopContext, ended: Ended, told: str) -> tuple[str, ...]:
-    """What was done, in sentences."""
-    first, search, steps = ended.first, ended.search, ended.steps
-    effects = ended.extended.effects if ended.extended is not None else ()
-    worst = max(first.reports, key=lambda r: r.ratio)
-    refits = sum(row.refitted for row in search.table.rows.values())
-    lines = [
-        f"{context.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
-        f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
-        _data_sentence(context),
-        *_restrictions(context.settings),
-        f"{len(search.fits)} model structures were compared by their error on readings that were left out, in "
-        f"{search.table.blocks} blocks; {refits} of them were fitted again without each block.",
-        *(f"Step {s.number}: {s.why}." for s in steps),
-    ]
-    if search.skipped:
-        lines.append(f"Not tried, because the model with them cannot be simulated: {', '.join(search.skipped)}.")
-    for effect in effects:
-        values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
-        lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
-    return (*lines, told)
+def claimed(effect: Any, name: str, others: str = "") -> str:
+    """Say how sure it is that the effect is this one; empty for one that the configuration requires.
+
+    ``others`` stands for what the data do not tell from it where that is listed elsewhere."""
+    known = list(effect.alternatives)
+    if effect.claim is None:
+        return ""
+    if effect.claim == "law":
+        if effect.kind != "free_form":
+            return f"{'No other law' if known else 'Nothing else'} that was tried does as well as {name}."
+        like = f"; it looks like {effect.looks_like}" if effect.looks_like else ""
+        return f"No law of the library does as well as {name}, a curve that was learned from the data{like}."
+    ids = [one.id for one in known]
+    if len(ids) > MAX_NAMED:
+        ids = [*ids[: MAX_NAMED - 1], f"{len(ids) - MAX_NAMED + 1} more"]
+    told = f"The data do not tell {name} from {others or join_names(ids)}: {_how_near(known)}." if ids else ""
+    place = "The place is known, the law is not." if effect.claim == "place" else ""
+    return " ".join(filter(None, (told, place)))
 
 
-def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
-    """What the configuration allows and excludes."""
-    only = [*(settings.effects or ()), *(settings.laws or ())]
-    lines = [f"The configuration allows only {', '.join(only)}."] if only else []
-    lines += [f"The configuration allows effects only at {', '.join(settings.ports)}."] if settings.ports else []
-    lines += [f"The configuration excludes {', '.join(settings.exclude)}."] if settings.exclude else []
-    return tuple(lines)
+def _how_near(others: Sequence[Any]) -> str:
+    """Say how much worse than the chosen term the worst of those predicts that the data do not tell from it."""
+    them = "it" if len(others) == 1 else "them"
+    worst = max((one.error_ratio or 1.0) - 1.0 for one in others)
+    if worst < 0.01:
+        return f"with {them} the left-out error is the same"
+    return f"with {them} the left-out error is {'' if len(others) == 1 else 'at most '}{100.0 * worst:.0f} % larger"
 
 
-def _data_sentence(context: LoopContext) -> str:
-    """Which readings were fitted and which were used for the test."""
-    recordings = context.recordings
-    fitted = join_names([r.name for r in recordings.train])
-    if recordings.unseen_from:
-        ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.unseen_from.items())
-        return f"Fit and search used the first part of {fitted}. The rest ({ends}) could only refuse a model."
-    unseen = join_names([r.name for r in recordings.test])
-    return f"Recordings for fit and search: {fitted}. Recordings that could only refuse a model: {unseen}."
+def error_change(errors: Sequence[Any], units: Mapping[str, str]) -> str:
+    """Say in which recording that was not fitted the error falls most, and where it grows; empty without errors."""
+    known = _compared(errors)
+    if not known:
+        return ""
+    most = min(known, key=lambda e: e.after / e.before)
+    worse = growing(known, units) if most.after < most.before else []
+    told = f"On {place(most)} the error of {most.output} {_from_to(most, units)}"
+    return ", but ".join(filter(None, (told, join_names(worse)))) + "."
 
 
-def _disturbance(reports: Sequence[ResidualReport]) -> tuple[str, float, float] | None:
-    """Recording, start and end in s of a disturbance: a tenth of the recording has most of the squared residual."""
-    found = [r for r in structured_residuals(reports) if r.worst_share > DISTURBANCE_SHARE and math.isfinite(r.ratio)]
-    worst = max(found, key=lambda r: r.worst_share, default=None)
-    return None if worst is None else (worst.recording, *worst.worst_time)
+def growing(errors: Sequence[Any], units: Mapping[str, str]) -> list[str]:
+    """Say where the error of an output grows clearly, or grows at all although it falls elsewhere."""
+    fallen = {e.output for e in errors if e.before and e.after * MIN_GROWTH_RATIO < e.before}
+    grown = (e for e in _compared(errors) if e.after > (1.005 if e.output in fallen else MIN_GROWTH_RATIO) * e.before)
+    return [f"on {place(e)} the error of {e.output} {_from_to(e, units)}" for e in grown]
 
 
-def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) -> LoopResult:
-    """Return all that the loop found, as plain values."""
-    first, search, decision, extended = ended.first, ended.search, ended.decision, ended.extended
-    table, written = search.table, extended.written if extended is not None else None
-    after = extended.fit if extended is not None else first.fit
-    effects = extended.effects if extended is not None else ()
-    predicted = context.unseen.predict(first.plain, first.fit.optimum)
-    same = tuple((t, *(o for o, _ in c.alternatives)) for t, c in decision.claims.items() if c.alternatives)
-    fitted = fitted_parameters(after.calibration.parameters, after.optimum)
-    steps, (outcome, sentence) = ended.steps, _outcome(context, ended, predicted)
-    early = early_end_sentence(context, search.ended)
-    sentence += early
-    data = next((row for row in first.fit.diagnosis if row.cause == "data" and row.found), None)
-    if cause is not None:
-        sentence = f"{cause.cause.capitalize()}: {cause.sentence} No missing effect was looked for in what this leaves."
-    elif data is not None:
-        sentence += f" Data: {data.sentence}"
-    notes = tuple(filter(None, map(str.strip, (refused_sentence(decision), early))))
-    rivals = {r.id for step in steps for r in step.candidates}
-    found, optimum = context.statistics.outcomes, first.fit.optimum
-    context.statistics.end_stage("judgement")
-    return LoopResult(
-        outcome=outcome, sentence=sentence, base=context.family.base,
-        model=written.name if written is not None else context.family.base, effects=effects, equivalent=same,
-        limits=limits_of(search, decision.model), refused=decision.refused, before=first.fit, after=after,
-        predicted_before=predicted, predicted_after=extended.after if extended is not None else predicted,
-        floors=first.floors, residual_before=first.reports,
-        residual_after=extended.reports if extended is not None else first.reports, steps=steps,
-        shifts=shifts(first.plain.parameters, optimum, after.calibration.parameters, after.optimum) if effects else (),
-        parameters=fitted,
-        identifiability=after.identifiability,
-        noise=after.noise, modelica=written.text if written is not None else "",
-        modelica_path=written.path.name if written is not None else "",
-        diff=written.diff if written is not None else "", separate=_separate(decision),
-        story=story_of(context, ended, sentence), simulations=found.total(),
-        failures=sum(count for how, count in found.items() if how), seconds=dict(context.statistics.seconds),
-        words={id_: describe(context, id_) for id_ in sorted(rivals)},
-        added=extended.added if extended is not None else (), diagnosis=first.fit.diagnosis,
-        interpolation=after.calibration.data.interpolation, recordings=context.recordings,
-        plain=context.family.base_model(),
-        calibrated=_calibrated(context.family.base_model().source, extended, after, fitted), table=table,
-        blocks=table.blocks,
-        data_notes=notes if effects else (),
-    )  # fmt: skip
+def _compared(errors: Sequence[Any]) -> list[Any]:
+    """Return the errors with a value before and after, those on recordings that were not fitted if there are any."""
+    known = [e for e in errors if e.before and e.after is not None]
+    return [e for e in known if e.role == "test"] or known
 
 
-def _outcome(context: LoopContext, ended: Ended, before: Prediction) -> tuple[LoopOutcome, str]:
-    """How the loop ended, and why."""
-    if ended.extended is not None:
-        return "extended", extended_sentence(context, ended, before)
-    structured = ended.search.structured(ended.decision.model)
-    far = {} if structured else _far_off(context, ended.first, before)
-    return "unexplained" if structured or far else "adequate", none_sentence(ended, structured, far)
+def _from_to(error: Any, units: Mapping[str, str]) -> str:
+    verb = "falls" if error.after < error.before else "grows"
+    return with_unit(f"{verb} from {error.before:.3g} to {error.after:.3g}", units.get(error.output, ""))
 
 
-def _calibrated(
-    source: ModelicaSource | None, extended: ExtendedFit | None, after: Fit, fitted: Mapping[str, NewParameter]
-) -> CalibratedModel | None:
-    """The model that came out with all its values; none where it came as an FMU."""
-    if source is None:
-        return None
-    written = extended.written if extended is not None else None
-    calibration = after.calibration
-    values = calibration.parameters.from_search(after.optimum.coordinates)
-    name, added = (source.name, {}) if written is None else (written.name, {written.path.name: written.text})
-    new = extended.added if extended is not None else ()
-    delays = [p.name for p in new if isinstance(p.target, DelayTarget)]
-    return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added, delays=delays)
+def place(error: Any) -> str:
+    """Return a recording and its role, or the part of it that was not fitted."""
+    if error.begin is not None:
+        return f"what was not fitted of {error.recording} (from {error.begin:.6g} s on)"
+    return f"the {'test' if error.role == 'test' else 'training'} recording {error.recording}"
 
 
-def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> dict[str, float]:
-    """Errors on unseen data over what an adequate fit leaves, by output, where they are far larger."""
-    left = {(r.recording, r.output): r.rms for r in first.reports}
-    far: dict[str, float] = {}
-    for (name, output), error in before.test.items():
-        own = [rms for (_, other), rms in left.items() if other == output]
-        ratio = error.rms / max([first.fit.noise[output].sd, first.floors.get((name, output), 0.0), *own])
-        if ratio > max(context.settings.max_error_ratio, far.get(output, 0.0)):
-            far[output] = ratio
-    return far
+def left_over(errors: Sequence[Any]) -> list[str]:
+    """Say of each output where the model does not explain it down to the noise, on what was not fitted first."""
+    told = []
+    judged = sorted((e for e in errors if e.verdict != "noise"), key=lambda e: e.role != "test")
+    for output in dict.fromkeys(e.output for e in judged):
+        own = [e for e in judged if e.output == output]
+        large = [f"{_ratio(e)} on {place(e)}" for e in own if e.verdict == "too large"]
+        small = [place(e) for e in own if e.verdict == "structured"]
+        found = [f"is {join_names(large)}"] if large else []
+        found += [f"has structure on {join_names(small)}"] if small else []
+        told.append(f"The error of {output} {join_names(found)}.")
+    return told
 
 
-def _separate(decision: Decision) -> tuple[str, ...]:
-    """How to find an experiment that tells effects apart."""
-    return tuple(
-        f"`aero-bayes design --separate {term} {claim.alternatives[0][0]}` proposes what would tell them apart."
-        for term, claim in decision.claims.items()
-        if claim.alternatives and claim.kind != "law"
-    )
+def _ratio(error: Any) -> str:
+    ratio = f"{error.ratio:.2g}" if (error.ratio or 0.0) < 99.5 else "more than 100"
+    return f"{ratio} times {'its noise' if error.noise_known else 'that of the fit'}"
+
+
+def extended_sentence(base: str, effects: Sequence[Any], errors: Sequence[Any], units: Mapping[str, str]) -> str:
+    """Say what was added, how far the error falls with it, and what is claimed of each term."""
+    told = [f"{base.rpartition('.')[2]} {lacking(effects)}.", error_change(errors, units)]
+    told += [text for e in effects for text in (cross_validated(e, e.id), claimed(e, e.id))]
+    return " ".join(filter(None, told))

@@ -56,6 +56,12 @@ def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tup
     return summed(run, recording, (1, f"measured/{output}"), (-1, f"{model}/{output}"))
 
 
+def _before(run: RunDirectory, recording: str) -> dict[str, FloatArray]:
+    """Return the outputs of the model as it stood; none where nothing was added to it."""
+    added = run.result.loop is None or bool(run.result.loop.effects)
+    return run.signals(BASE_SERIES, recording) if added else {}
+
+
 def opening_scene(run: RunDirectory) -> Scene | None:
     """Return the output with the largest residual before or after, on unseen data if there are any."""
     unseen = [(name, stretch) for name in run.recordings() if (stretch := run.unseen(name)) is not None]
@@ -87,7 +93,7 @@ def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
     panels = scene_panels(run, scene)[::-1]
     low, high = scene.stretch
     whole = run.span(scene.recording) == scene.stretch
-    where = scene.recording if whole else f"{scene.recording} from {low:.4g} to {high:.4g} s"
+    where = scene.recording if whole else f"{scene.recording} from {low:.6g} to {high:.6g} s"
     unseen = "not fitted" if run.unseen(scene.recording) else "fitted"
     alt = f"{greek_name(scene.output)}, measured and modelled, and its residual; recording {where}, {unseen}."
     return plate(panels, alt, "time (s)", legend=legend(run, scene.recording), link=scene.recording, width=width)
@@ -143,7 +149,7 @@ def _state_panel(run: RunDirectory, recording: str, name: str) -> Panel:
 
 def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
     """Return the legend of a recording's curves: colours and labels."""
-    fitted, base = run.signals(FINAL_SERIES, recording), run.signals(BASE_SERIES, recording)
+    fitted, base = run.signals(FINAL_SERIES, recording), _before(run, recording)
     entries = [
         (MEASURED, "measured", True),
         (WARM_COLOUR, "before", bool(base)),
@@ -160,10 +166,11 @@ def _output_panels(
 ) -> list[Panel]:  # fmt: skip
     """Draw panels of the curve and of its residual."""
     time = run.time(recording)
-    final = "after" if f"{BASE_SERIES}/{recording}/{name}" in run.series else "fitted"
-    shown = [(MEASURED, "measured", summed(run, recording, (1, f"measured/{name}"))),
-             (WARM_COLOUR, "before", summed(run, recording, (1, f"{BASE_SERIES}/{name}"))),
-             (ACCENT, final, summed(run, recording, (1, f"{FINAL_SERIES}/{name}")))]  # fmt: skip
+    models = [(WARM_COLOUR, "before", 0.25, BASE_SERIES), (ACCENT, "after", 0.5, FINAL_SERIES)]
+    if name not in _before(run, recording):
+        models = [(ACCENT, "fitted", 0.5, FINAL_SERIES)]
+    shown = [(MEASURED, "measured", summed(run, recording, (1, f"measured/{name}")))]
+    shown += [(colour, label, summed(run, recording, (1, f"{key}/{name}"))) for colour, label, _, key in models]
     factor, unit = scaled_unit(largest(*(found[0] for *_, found in shown[:1] if found)), run.result.unit(name))
     curves: list[Layer] = [
         Line(time, factor * found[0], colour, 3.2 if label == "measured" else 1.3, label=label, source=found[1],
@@ -179,8 +186,7 @@ def _output_panels(
         curves.insert(1, Band(time, factor * low[0], factor * high[0], ACCENT, 0.2, label="90 %", source=source))
     title = signal_title(name, unit, run.result.description(name))
     panels = [Panel(title, tuple(curves), heights[0], x_limits=stretch, factor=factor)]
-    left = [(WARM_COLOUR, "before", 0.25, left_over(run, recording, name, BASE_SERIES)),
-            (ACCENT, final, 0.5, left_over(run, recording, name, FINAL_SERIES))]  # fmt: skip
+    left = [(colour, label, opacity, left_over(run, recording, name, key)) for colour, label, opacity, key in models]
     found = [(colour, label, opacity, pair) for colour, label, opacity, pair in left if pair]
     if found:
         factor, unit = scaled_unit(largest(*(pair[0] for *_, pair in found)), run.result.unit(name))
@@ -202,12 +208,12 @@ def stretch_words(run: RunDirectory, scene: Scene) -> str:
         return f"{scene.recording}, fitted"
     if unseen == run.span(scene.recording):
         return f"{scene.recording}, not fitted"
-    return f"{scene.recording} from {unseen[0]:.4g} s on, not fitted"
+    return f"{scene.recording} from {unseen[0]:.6g} s on, not fitted"
 
 
 def role_of(run: RunDirectory, recording: str) -> str:
     """Return how a recording was used, for its heading."""
     unseen = run.unseen(recording)
     if unseen is not None and unseen != run.span(recording):
-        return f"fitted up to {unseen[0]:.4g} s"
+        return f"fitted up to {unseen[0]:.6g} s"
     return role_words(run.result.role(recording))

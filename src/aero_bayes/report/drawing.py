@@ -314,7 +314,6 @@ class Plate:
     table: Markup | None = None
     link: str = ""
     keys: frozenset[str] = frozenset()
-    css: str = ""
 
 
 def plate(

@@ -27,27 +27,29 @@ R_HAT_LIMIT = 1.01
 
 def errors_table(result: RunJson) -> Markup | None:
     """Write the error of each recording by its own noise, before and after where there are both."""
+    errors = errors_of(result)
+    both = result.loop is not None and bool(result.loop.effects) and any(e.before is not None for e in errors)
     rows: list[tuple[object, ...]] = []
-    for error in errors_of(result):
-        where = error.recording if error.begin is None else f"{error.recording} from {error.begin:.4g} s on"
-        ratios = [x / error.noise if x is not None and error.noise else None for x in (error.before, error.after)]
+    for error in errors:
+        name = error.recording if error.begin is None else f"{error.recording} from {error.begin:.6g} s on"
+        sizes = [error.before, error.after] if both else [error.after]
+        ratios = [x / error.noise if x is not None and error.noise else None for x in sizes]
+        noise = Markup("{}{}").format(
+            significant(error.noise), "" if error.noise_known else Markup("<small>of the fit</small>")
+        )
         rows.append((
-            Markup("{}<small>{}</small>").format(where, role_words(error.role)), symbol(error.output),
-            significant(error.before), significant(error.after), significant(error.noise),
-            pretty_unit(result.unit(error.output)), significant(error.ratio), ratio_glyph(*ratios),
-            probability(error.p_value), status_pill(error.verdict),
+            Markup("{}<small>{}</small>").format(name, role_words(error.role)), symbol(error.output),
+            *(significant(x) for x in sizes), noise, pretty_unit(result.unit(error.output)), significant(error.ratio),
+            ratio_glyph(ratios[0] if both else None, ratios[-1]), probability(error.p_value),
+            status_pill(error.verdict),
         ))  # fmt: skip
-    if not rows:
-        return None
-    columns: list[Column | str] = [
-        "recording", "output", Column("before", "right"), Column("after", "right"), Column("noise", "right"), "unit",
-        Column("ratio", "right"), Column("noise │ ○ before  ● after", "centre"), Column("p (white)", "right"),
+    columns: tuple[Column | str, ...] = (
+        "recording", "output", *(Column(head, "right") for head in (("before", "after") if both else ("error",))),
+        Column("noise", "right"), "unit", Column("ratio", "right"),
+        Column("noise │ ○ before  ● after" if both else "noise │ error", "centre"), Column("p (white)", "right"),
         "what is left",
-    ]  # fmt: skip
-    if all(error.before is None for error in errors_of(result)):
-        columns[3], columns[7] = Column("error", "right"), Column("noise │ error", "centre")
-        columns, rows = [c for k, c in enumerate(columns) if k != 2], [(*r[:2], *r[3:]) for r in rows]
-    return html_table(columns, rows, "RMS error of each recording")
+    )  # fmt: skip
+    return html_table(columns, rows, "RMS error of each recording") if rows else None
 
 
 def errors_of(result: RunJson) -> list[RecordingErrorJson]:
@@ -65,15 +67,16 @@ def errors_of(result: RunJson) -> list[RecordingErrorJson]:
     ]  # fmt: skip
 
 
-def checks_table(result: RunJson) -> Markup | None:
-    """Return the causes of a residual that were found, before and after; those that are clear are a line elsewhere."""
-    before = {row.cause: row for row in (result.loop.diagnosis_before if result.loop else [])}
+def checks_table(result: RunJson, told: str) -> Markup | None:
+    """Return what the checks found, before and after, but what the verdict ``told`` or says of the model."""
+    extended = result.loop is not None and bool(result.loop.effects)
+    before = {row.cause: row for row in (result.loop.diagnosis_before if result.loop and extended else [])}
     rows: list[tuple[object, ...]] = []
     for row in result.diagnosis:
         was = before.get(row.cause)
-        if row.found or (was is not None and was.found):
-            cells = [_check(found) for found in ([was] if before else []) + [row]]
-            rows.append((row.cause, *cells))
+        said = row.cause == "model" or (row.what.removesuffix(".") in told and not row.more)
+        if not said and (row.found or (was is not None and was.found)):
+            rows.append((row.cause, *(_check(found) for found in ([was] if before else []) + [row])))
     heads = ("before", "after") if before else ("what was found",)
     return html_table(("cause", *heads), rows, "What the checks found") if rows else None
 
@@ -136,8 +139,9 @@ def sampler_table(mcmc: McmcJson) -> Markup | None:
 
 
 def sampler_facts(mcmc: McmcJson) -> list[tuple[str, str]]:
-    """Return the sampler's run in a few words and numbers; without those at the head of the page."""
+    """Return the sampler's run in a few words and numbers."""
     facts = [
+        ("largest R-hat", NO_VALUE if mcmc.r_hat_max is None else f"{mcmc.r_hat_max:.3f}"),
         ("independent ensembles", count(mcmc.ensembles)), ("walkers per ensemble", count(mcmc.walkers)),
         ("steps per walker", count(mcmc.draws)), ("simulations", count(mcmc.evaluations)),
         ("autocorrelation time (steps)", significant(mcmc.tau)),

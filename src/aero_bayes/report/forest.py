@@ -76,7 +76,6 @@ def before_and_after(result: RunJson) -> Plate | None:
         )
         moves.append((symbol(name), stated.description if stated else "", NO_VALUE if share is None else
                       f"{signed(share, 1)}\u00a0%", significant(moved.in_sd, 2)))  # fmt: skip
-    rows |= {n: [None, p] for e in loop.effects for n, p in e.parameters.items() if n not in rows}
     columns = ("parameter", "", Column("change", "right"), Column("in combined standard deviations", "right"))
     table = html_table(columns, moves, "How far the parameters moved") if moves else None
     legend = ((WARM_COLOUR, "before"), (ACCENT, "after"))

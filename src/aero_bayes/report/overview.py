@@ -27,8 +27,9 @@ class KeyFigure:
 
 
 def readings(result: RunJson) -> list[KeyFigure]:
-    """List key figures on the quality of the result."""
-    found = [card for role in ("test", "train") for card in _error_readings(result, role)]
+    """List key figures on the quality of the result; the head of a loop's page has its errors."""
+    roles = ("test", "train") if result.loop is None else ()
+    found = [card for role in roles for card in _error_readings(result, role)]
     mcmc = result.mcmc
     if mcmc is not None and mcmc.r_hat_max is not None:
         fine = mcmc.r_hat_max <= R_HAT_LIMIT

@@ -218,7 +218,7 @@ def sensor_table(run: RunDirectory) -> Markup | None:
     return html_table(("output", Column("one count", "right"), "unit", "effect on the noise"), rows, "Encoders")
 
 
-SCRIPTS = ("data", "panel", "drawing", "figure", "pairs", "save", "start")
+SCRIPTS = ("data", "panel", "drawing", "figure", "save", "start")
 
 
 @dataclass(frozen=True)
@@ -244,9 +244,7 @@ def write_run_page(directory: Path | str) -> Path:
 
 def render(run: RunDirectory) -> str:
     """Return the page's text. The same run always gives the same page."""
-    context = _context(run)
-    series = dict(run.series) | posterior_figures.drawn(run.posterior)
-    return fill("page.html.jinja", context, series, [run.result])
+    return fill("page.html.jinja", _context(run), run.series, [run.result])
 
 
 def fill(
@@ -261,7 +259,8 @@ def fill(
     words = {id_: text for result in results for id_, text in result.effect_words().items()}
     signals = {name for result in results for name in result.signals}
     environment.filters = environment.filters | {
-        "sentence": partial(sentence, words=words, signals=signals), "effect": partial(named_effect, words=words)
+        "sentence": partial(sentence, words=words, signals=signals), "terse": partial(sentence, signals=signals),
+        "effect": partial(named_effect, words=words),
     }  # fmt: skip
     script = _script(tuple(scripts))
     keys = sorted({key for plate in _plates(context.values()) for key in plate.keys})
@@ -305,19 +304,19 @@ def _plates(values: Iterable[Any]) -> Iterable[Plate]:
 def _context(run: RunDirectory) -> dict[str, Any]:
     result = run.result
     scene = curves.opening_scene(run)
-    head = finding.finding(result)
+    head, verdict = finding.finding(result), result.verdict or words.verdict(result)
     aside = {n: p for n, p in result.parameters.items() if p.status == "fixed" or p.recording}
     plates = [diagram_plate(d) for d in result.diagrams]
     return {
         "title": words.title(result, run.path.name), "leads": words.LEADS,
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
-        "verdict": result.verdict or words.verdict(result), "said": words.short_verdict(result),
+        "verdict": verdict, "said": words.short_verdict(result),
         "simulated": result.simulated, "finding": head,
         "opening": curves.scene_plate(run, scene, WIDE_WIDTH) if scene else None,
         "opening_words": curves.stretch_words(run, scene) if scene else "",
         "diagrams": [plate for plate in plates if plate],
         "warnings": overview.warnings(result), "readings": overview.readings(result),
-        "checks": words.checks_line(result), "diagnosis": findings.checks_table(result),
+        "checks": words.checks_line(result), "diagnosis": findings.checks_table(result, verdict.text),
         "moved": forest.before_and_after(result),
         "parameters": parameter_table({n: p for n, p in result.parameters.items() if n not in aside}),
         "aside": parameter_table(aside, "Values of single recordings, and fixed parameters"),
@@ -330,7 +329,6 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "errors": findings.errors_table(result), "noise": findings.noise_model_table(run),
         "process_noise": findings.process_noise_table(run),
         "sensors": sensor_table(run), "fit_facts": findings.fit_facts(run),
-        "pso": posterior_figures.history_plate(result.fit.pso.history, "best cost") if result.fit.pso else None,
         "prediction": _prediction(run), "posterior": _posterior(run),
         "waterfall": posterior_figures.waterfall_plate(result.fit.start_levels),
         "loop": _loop(run, result.loop) if result.loop else None,

@@ -15,11 +15,9 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, RULE, SERIES, Canvas
 from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import greek_name, minus, rounded_value, significant, symbol
+from aero_bayes.report.text import greek_name, minus, rounded_value, symbol
 
 _TRACE_BINS = 60
-#: Draws that the page carries for marking them across the cells of the pair plot.
-_DRAWS = 1200
 
 
 def most_correlated(posterior: Mapping[str, FloatArray], most: int = 8) -> list[str]:
@@ -45,19 +43,14 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
     first, second, value = _strongest(names, correlation)
     alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {first} with {second}, {value}."
     canvas = Canvas(cell * len(names) + 8, cell * len(names) + 62, alt)
-    ranges = {name: span(draws[name]) for name in names}
     for row, below in enumerate(names):
         for column, name in enumerate(names[: row + 1]):
             corner = 2 + cell * column, 22 + cell * row
-            spec = {"box": [round(side, 1) for side in (*corner, cell - 8)], "x": name, "rx": ranges[name]}
-            canvas.group("cell", spec if row == column else spec | {"y": below, "ry": ranges[below]})
             if row == column:
                 _marginal(canvas, draws[name], *corner, cell)
                 canvas.text(corner[0] + cell / 2 - 4, corner[1] - 4, greek_name(name), INK, 12.5, "middle")
             else:
                 _joint(canvas, draws[name], draws[below], *corner, cell)
-            canvas.end()
-            if row != column:
                 _number(canvas, correlation[row, column], 2 + cell * row, 22 + cell * column, cell)
     for column, name in enumerate(names):
         _cell_scale(canvas, draws[name], units.get(name, ""), 2 + cell * column, 22 + cell * len(names), cell)
@@ -70,16 +63,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
         for row, name in enumerate(names)
     ]
     table = html_table(("", *(Column(symbol(name), "right") for name in names)), rows, "Rank correlations")
-    keys = frozenset(f"draws/{name}" for name in names)
-    return Plate(canvas.svg(), None, alt, caption, (), table, keys=keys, css="pairs")
-
-
-def drawn(posterior: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Choose draws of all ensembles evenly, by ``draws/parameter``: what the script marks."""
-    return {
-        f"draws/{name}": values.ravel()[np.linspace(0, values.size - 1, min(_DRAWS, values.size)).astype(int)]
-        for name, values in posterior.items()
-    }
+    return Plate(canvas.svg(), None, alt, caption, (), table)
 
 
 def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) -> list[Plate]:
@@ -104,18 +88,6 @@ def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) 
         panel = Panel(title, tuple(layers), 84, x_limits=(0, 100), ticks=3)
         plates.append(plate([panel], alt, "share of the chain (%)", width=300))
     return plates
-
-
-def history_plate(history: Sequence[float | None], label: str) -> Plate | None:
-    """Draw the best cost over the iterations of the particle swarm."""
-    best = np.array([cost if cost is not None else np.nan for cost in history], dtype=np.float64)
-    if np.count_nonzero(np.isfinite(best)) < 2:
-        return None
-    log = bool(np.nanmin(best) > 0 and np.nanmax(best) / np.nanmin(best) > 10)
-    panel = Panel(label, (Line(np.arange(1.0, len(best) + 1), best, ACCENT, label=label),), 120, log_y=log)
-    first, last = best[np.isfinite(best)][[0, -1]]
-    alt = f"Best cost of the swarm over {len(best)} iterations, from {significant(first)} to {significant(last)}."
-    return plate([panel], alt, "iteration", "Particle swarm: best cost so far.", width=320)
 
 
 def waterfall_plate(levels: Sequence[float | None]) -> Plate | None:

@@ -72,7 +72,7 @@ def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Est
     """Write value, 90 % interval, unit and status of every parameter.
 
     What was fixed, ended on a bound, or is not determined by the data never shows an interval."""
-    rows = []
+    rows: list[tuple[object, ...]] = []
     for name, stated in sorted(parameters.items(), key=lambda item: _RANKS.get(item[1].status or "", 1)):
         shown, sure = parameter_quantity(stated)
         interval = Markup('{}<span class="to"> … </span>{}').format(shown.low, shown.high) if sure else NO_VALUE
@@ -82,7 +82,10 @@ def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Est
         value = Markup('<span class="held">{}</span>').format(shown.value) if held else shown.value
         rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""),
                      "; ".join(filter(None, (stated.note, own)))))  # fmt: skip
-    columns = ("parameter", Column("value", "right"), Column("90 % interval", "right"), "unit", "status", "")
+    columns: list[Column | str] = ["parameter", Column("value", "right"), Column("90 % interval", "right"), "unit"]
+    columns += ["status", ""]
+    if not any(row[-1] for row in rows):
+        columns, rows = columns[:-1], [row[:-1] for row in rows]
     return html_table(columns, rows, caption) if rows else None
 
 

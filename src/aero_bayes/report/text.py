@@ -190,10 +190,11 @@ def sentence(text: object, words: Mapping[str, str] | None = None, signals: Coll
 
 
 def _with_words(text: str, words: Mapping[str, str], signals: Collection[str]) -> Markup:
-    known = sorted({*words, *(name for name in signals if symbol(name)[:5] == "<span")}, key=len, reverse=True)
+    known = {*words, *(name for name in signals if symbol(name)[:5] == "<span")} - {"a"}  # the article
+    names = "|".join(map(re.escape, sorted(known, key=len, reverse=True)))
     if not known:
         return escape(text)
-    parts = re.split(rf"(?<!\w)({'|'.join(map(re.escape, known))})(?!\w)", text)
+    parts = re.split(rf"(?<!\w)({names})(?!\w)", text)
     return Markup("").join(
         escape(part) if index % 2 == 0 else named_effect(part, words) if part in words else symbol(part)
         for index, part in enumerate(parts)

@@ -42,12 +42,11 @@ class Drawing {
     return Math.min(1, Math.max(0, ((event.clientX - box.left) * scale - this.left) / this.width));
   }
   listen() {
-    const { svg, figure } = this, fingers = new Map();
+    const { svg, figure } = this;
     const value = (share) => this.range[0] + share * (this.range[1] - this.range[0]);
     let start = null;
     svg.addEventListener("pointerdown", (event) => {
       if (event.button) return;
-      fingers.set(event.pointerId, this.at(event));
       start = { share: this.at(event), range: this.range, pan: event.shiftKey || event.pointerType === "touch" };
       try { svg.setPointerCapture(event.pointerId); } catch { /* a pointer that has gone */ }
       if (event.pointerType !== "touch") event.preventDefault();
@@ -56,14 +55,8 @@ class Drawing {
     svg.addEventListener("pointermove", (event) => {
       const share = this.at(event);
       if (!start) { figure.link.point(value(share)); return; }
-      const before = [...fingers.values()];
-      fingers.set(event.pointerId, share);
-      const now = [...fingers.values()];
-      start.moved ||= now.length === 2 || Math.abs(share - start.share) > 0.02;
-      if (now.length === 2) {
-        const [gap, was] = [Math.abs(now[0] - now[1]), Math.abs(before[0] - before[1])];
-        if (gap > 0.02 && was > 0.02) figure.link.zoom(was / gap, value(0.5 * (now[0] + now[1])));
-      } else if (start.pan && start.moved) {
+      start.moved ||= Math.abs(share - start.share) > 0.02;
+      if (start.pan && start.moved) {
         const shift = (start.share - share) * (start.range[1] - start.range[0]);
         figure.link.show([start.range[0] + shift, start.range[1] + shift]);
       } else if (!start.pan) {
@@ -73,14 +66,13 @@ class Drawing {
       }
     });
     const stop = (event) => {
-      fingers.delete(event.pointerId);
       if (start && !start.pan && event.type === "pointerup") {
         const ends = [start.share, this.at(event)].sort((a, b) => a - b);
         if (ends[1] - ends[0] > 0.01) figure.link.show(ends.map(value));
       }
       if (start?.pan && !start.moved && event.type === "pointerup") figure.link.point(value(this.at(event)));  // a tap
       this.mark.setAttribute("width", 0);
-      if (!fingers.size) start = null;
+      start = null;
     };
     for (const name of ["pointerup", "pointercancel"]) svg.addEventListener(name, stop);
     svg.addEventListener("pointerleave", (event) => { if (!start && event.pointerType !== "touch") figure.link.point(null); });

@@ -7,7 +7,7 @@ class Saver {
     this.bar = Object.assign(document.createElement("div"), { className: "tools save" });
     const name = this.svg?.getAttribute("aria-label") ?? "figure", file = name.replace(/[^\p{L}\d]+/gu, "_").slice(0, 60);
     const kinds = [["PNG", () => this.png()], ["SVG", () => new Blob([this.picture()], { type: "image/svg+xml" })]];
-    if (this.time || box.matches(".pairs") || box.querySelector(".numbers table")) kinds.push(["CSV", () => this.csv()]);
+    if (this.time || box.querySelector(".numbers table")) kinds.push(["CSV", () => this.csv()]);
     for (const [kind, make] of kinds) {
       const button = Object.assign(document.createElement("button"), { type: "button", textContent: kind, title: `Save as ${kind}` });
       button.setAttribute("aria-label", `Save as ${kind}: ${name}`);
@@ -35,7 +35,7 @@ class Saver {
       for (const property of KEPT) own[k].style.setProperty(property, style.getPropertyValue(property));
       own[k].removeAttribute("data-spec");
     });
-    for (const element of copy.querySelectorAll(".cursor, .readout, .mark, .cover, a")) element.remove();
+    for (const element of copy.querySelectorAll(".cursor, .readout, .mark, a")) element.remove();
     const labels = [...this.box.querySelectorAll(".legend span")], tall = height + (labels.length ? 22 : 0);
     copy.prepend(element("rect", { width, height: tall, fill: ink("--ground") }, copy));
     const legend = element("text", { x: 3, y: height + 14, "font-size": 11.5 }, copy);
@@ -51,15 +51,11 @@ class Saver {
     canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);
     return new Promise((done) => canvas.toBlob(done, "image/png"));
   }
-  // Every sample of the curves within the stretch that is seen, every draw of a pair plot, else the figure's table.
+  // Every sample of the curves within the stretch that is seen, else the figure's table.
   async csv() {
     let rows;
     if (this.time) rows = await this.samples();
-    else if (this.box.matches(".pairs")) {
-      const names = [...new Set([...this.box.querySelectorAll("g.cell")].map((group) => JSON.parse(group.dataset.spec).x))];
-      const draws = await Promise.all(names.map((name) => load(`draws/${name}`)));
-      rows = [names, ...Array.from(draws[0], (_, i) => draws.map((values) => values[i]))];
-    } else {
+    else {
       const text = (cell) => [...cell.childNodes].map((node) => node.textContent.trim()).join(" ").replaceAll("−", "-").replaceAll("\u202f", "").replace(/^–$/, "");
       rows = [...this.box.querySelectorAll(".numbers tr")].map((row) => [...row.children].map(text));
     }

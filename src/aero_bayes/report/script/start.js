@@ -1,7 +1,6 @@
-// Every figure with a time axis, every pair plot of the page, and the section that is read.
+// Every figure with a time axis, every file, and the section that is read.
 document.documentElement.classList.add("scripted");
 for (const box of document.querySelectorAll("figure[data-link]")) new Figure(box);
-for (const box of document.querySelectorAll("figure.pairs")) new Pairs(box);
 for (const box of document.querySelectorAll("figure")) if (box.querySelector("svg.plot")) new Saver(box);
 addEventListener("resize", () => { for (const link of links.values()) link.schedule(); });  // the other form may be seen now
 const seen = new IntersectionObserver((entries) => {

@@ -1,0 +1,239 @@
+"""Make the result of a loop: plain values, why it ended so, and what was done."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from aero_bayes.display import join_names, with_unit
+from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
+from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.identifiability import Status
+from aero_bayes.estimate.residual_tests import (
+    JudgedPart,
+    RecordingError,
+    ResidualReport,
+    recording_errors,
+    structured_residuals,
+)
+from aero_bayes.estimate.result import Fit
+from aero_bayes.loop.decide import Decision
+from aero_bayes.loop.extend import ExtendedFit, describe, limits_of
+from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings
+from aero_bayes.loop.result import LoopOutcome, LoopResult, Step, steps_of
+from aero_bayes.loop.search import Search
+from aero_bayes.loop.sentences import extended_sentence, left_over
+from aero_bayes.loop.unseen import Prediction, shifts
+from aero_bayes.simulation.interface import DelayTarget
+from aero_bayes.simulation.model import ModelicaSource
+
+#: Share of the squared residual in a tenth of a recording from which it is one disturbance.
+DISTURBANCE_SHARE = 0.8
+Floors = Mapping[tuple[str, str], float]
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """How a loop ended: the first fit, the search, what was decided on it, and the fit of the extended model."""
+
+    first: FirstFit
+    search: Search
+    decision: Decision
+    extended: ExtendedFit | None
+
+    @cached_property
+    def steps(self) -> tuple[Step, ...]:
+        return steps_of(self.search.table, self.decision, self.search.library.required)
+
+
+def refused_sentence(decision: Decision) -> str:
+    """How many models unseen recordings refused; empty for none."""
+    count = len(decision.refused)
+    return f"Unseen recordings refused {count} model{'s' * (count > 1)} before it." if count else ""
+
+
+def none_sentence(ended: Ended, structured: Sequence[str], far: bool, left: bool) -> str:
+    """Why nothing was added; ``left`` where a recording is not explained down to the noise."""
+    if far:
+        return (
+            "The model fits the training data, but not data that was not fitted. The training data do not show the "
+            "missing effect, or do not determine the parameters well enough."
+        )
+    if not structured:
+        adequate = "The model is adequate for these recordings: it leaves no more than what the sensors add."
+        return "No missing effect was found." if left else adequate
+    decision, steps = ended.decision, ended.steps
+    moment = _disturbance([r for r in ended.first.reports if r.output in structured])
+    if moment is not None and not decision.refused:
+        recording, start, stop = moment
+        return (
+            f"Most of the residual of {recording} lies between {start:.3g} s and {stop:.3g} s. This is a single "
+            "disturbance, so the model gets no new effect."
+        )
+    text = "What the model leaves has structure"
+    if decision.refused:
+        return f"{text}, but unseen recordings refuse all {len(decision.refused)} models that explain a part of it."
+    return f"{text}, but no effect that was tried is material" + (f": {steps[-1].why}." if steps else ".")
+
+
+def early_end_sentence(context: LoopContext, where: str) -> str:
+    """Where the time limit or an interrupt ended the search; empty where the search was completed."""
+    if not where:
+        return ""
+    limit = f"reached its time limit of {context.settings.max_minutes:g} min"
+    ended = "was interrupted" if context.statistics.watched.asked_to_end else limit
+    return f"The search {ended} at {where}, so it may have missed effects."
+
+
+def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
+    """What was done, in sentences."""
+    first, search, steps = ended.first, ended.search, ended.steps
+    effects = ended.extended.effects if ended.extended is not None else ()
+    worst = max(first.reports, key=lambda r: r.ratio)
+    refits = sum(row.refitted for row in search.table.rows.values())
+    lines = [
+        f"{context.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
+        f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
+        _data_sentence(context),
+        *_restrictions(context.settings),
+        f"{len(search.fits)} model structures were compared by their error on readings that were left out, in "
+        f"{search.table.blocks} blocks; {refits} of them were fitted again without each block.",
+        *(f"Step {s.number}: {s.why}." for s in steps),
+    ]
+    if search.skipped:
+        lines.append(f"Not tried, because the model with them cannot be simulated: {', '.join(search.skipped)}.")
+    for effect in effects:
+        values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
+        lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
+    return tuple(lines)
+
+
+def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
+    """What the configuration allows and excludes."""
+    only = [*(settings.effects or ()), *(settings.laws or ())]
+    lines = [f"The configuration allows only {', '.join(only)}."] if only else []
+    lines += [f"The configuration allows effects only at {', '.join(settings.ports)}."] if settings.ports else []
+    lines += [f"The configuration excludes {', '.join(settings.exclude)}."] if settings.exclude else []
+    return tuple(lines)
+
+
+def _data_sentence(context: LoopContext) -> str:
+    """Which readings were fitted and which were used for the test."""
+    recordings = context.recordings
+    fitted = join_names([r.name for r in recordings.train])
+    if recordings.unseen_from:
+        ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.unseen_from.items())
+        return f"Fit and search used the first part of {fitted}. The rest ({ends}) could only refuse a model."
+    unseen = join_names([r.name for r in recordings.test])
+    return f"Recordings for fit and search: {fitted}. Recordings that could only refuse a model: {unseen}."
+
+
+def _disturbance(reports: Sequence[ResidualReport]) -> tuple[str, float, float] | None:
+    """Recording, start and end in s of a disturbance: a tenth of the recording has most of the squared residual."""
+    found = [r for r in structured_residuals(reports) if r.worst_share > DISTURBANCE_SHARE and math.isfinite(r.ratio)]
+    worst = max(found, key=lambda r: r.worst_share, default=None)
+    return None if worst is None else (worst.recording, *worst.worst_time)
+
+
+def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) -> LoopResult:
+    """Return all that the loop found, as plain values."""
+    first, search, decision, extended = ended.first, ended.search, ended.decision, ended.extended
+    table, written = search.table, extended.written if extended is not None else None
+    after = extended.fit if extended is not None else first.fit
+    effects = extended.effects if extended is not None else ()
+    predicted = context.unseen.predict(first.plain, first.fit.optimum)
+    same = tuple((t, *(o for o, _ in c.alternatives)) for t, c in decision.claims.items() if c.alternatives)
+    noise = after.noise
+    errors = _errors(context, predicted, extended.after if extended is not None else predicted, first.floors, after)
+    outcome, sentence = _outcome(context, ended, predicted, errors)
+    steps, notes = ended.steps, tuple(filter(None, (
+        refused_sentence(decision) if effects else "", early_end_sentence(context, search.ended)
+    )))  # fmt: skip
+    data = next((row for row in first.fit.diagnosis if row.cause == "data" and row.found), None)
+    sentence = " ".join([sentence, *left_over(errors), *notes, *([f"Data: {data.sentence}"] if data else [])])
+    if cause is not None:
+        sentence = f"{cause.cause.capitalize()}: {cause.sentence} No missing effect was looked for in what this leaves."
+    rivals = {r.id for step in steps for r in step.candidates}
+    found = context.statistics.outcomes
+    context.statistics.end_stage("judgement")
+    return LoopResult(
+        outcome=outcome, sentence=sentence, base=context.family.base,
+        model=written.name if written is not None else context.family.base, effects=effects, equivalent=same,
+        limits=limits_of(search, decision.model), refused=decision.refused, before=first.fit, after=after,
+        predicted_before=predicted, predicted_after=extended.after if extended is not None else predicted,
+        floors=first.floors, residual_before=first.reports,
+        residual_after=extended.reports if extended is not None else first.reports, steps=steps,
+        shifts=shifts(first.fit, after) if effects else (),
+        identifiability=after.identifiability,
+        noise=noise, errors=errors, modelica=written.text if written is not None else "",
+        modelica_path=written.path.name if written is not None else "",
+        diff=written.diff if written is not None else "", separate=_separate(decision),
+        story=story_of(context, ended), simulations=found.total(),
+        failures=sum(count for how, count in found.items() if how), seconds=dict(context.statistics.seconds),
+        words={id_: describe(context, id_) for id_ in sorted(rivals)},
+        added=extended.added if extended is not None else (), diagnosis=first.fit.diagnosis,
+        interpolation=after.calibration.data.interpolation, recordings=context.recordings,
+        plain=context.family.base_model(),
+        calibrated=_calibrated(context.family.base_model().source, extended, after), table=table,
+        blocks=table.blocks,
+        data_notes=notes,
+    )  # fmt: skip
+
+
+def _errors(
+    context: LoopContext, before: Prediction, after: Prediction, floors: Floors, fit: Fit
+) -> tuple[RecordingError, ...]:
+    """The errors of both models on each recording, with what was fitted of it apart from what was not."""
+    known, parts = context.recordings, context.recordings.unseen_from
+    fitted: list[JudgedPart] = [(r, "train", None, parts.get(r.name)) for r in known.train]
+    unseen: list[JudgedPart] = [(r, "test", parts[r.name], None) for r in known.train if r.name in parts]
+    unseen += [(r, "test", None, None) for r in known.test]
+    spreads = fit.calibration.data.spreads
+    return recording_errors([*fitted, *unseen], before.fitted, after.fitted, floors, fit.noise, spreads)
+
+
+def _outcome(
+    context: LoopContext, ended: Ended, before: Prediction, errors: Sequence[RecordingError]
+) -> tuple[LoopOutcome, str]:
+    """How the loop ended, and why."""
+    if ended.extended is not None:
+        return "extended", extended_sentence(context.family.base, ended.extended.effects, errors, context.units)
+    structured = ended.search.structured(ended.decision.model)
+    far = not structured and _far_off(context, ended.first, before)
+    why = none_sentence(ended, structured, far, bool(left_over(errors)))
+    return "unexplained" if structured or far else "adequate", why
+
+
+def _calibrated(source: ModelicaSource | None, extended: ExtendedFit | None, after: Fit) -> CalibratedModel | None:
+    """The model that came out with all its values; none where it came as an FMU."""
+    if source is None:
+        return None
+    written = extended.written if extended is not None else None
+    calibration = after.calibration
+    values = calibration.parameters.from_search(after.optimum.coordinates)
+    name, added = (source.name, {}) if written is None else (written.name, {written.path.name: written.text})
+    new = extended.added if extended is not None else ()
+    delays = [p.name for p in new if isinstance(p.target, DelayTarget)]
+    fitted = {name: e for name, e in after.parameters.items() if e.status is not Status.FIXED}
+    return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added, delays=delays)
+
+
+def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> bool:
+    """Whether the error of an output on unseen data is far larger than what an adequate fit leaves of it."""
+    for (name, output), error in before.test.items():
+        own = [r.rms for r in first.reports if r.output == output]
+        least = max([first.fit.noise[output].sd, first.floors.get((name, output), 0.0), *own])
+        if error.rms > context.settings.max_error_ratio * least:
+            return True
+    return False
+
+
+def _separate(decision: Decision) -> tuple[str, ...]:
+    """How to find an experiment that tells effects apart."""
+    return tuple(
+        f"`aero-bayes design --separate {term} {claim.alternatives[0][0]}` proposes what would tell them apart."
+        for term, claim in decision.claims.items()
+        if claim.alternatives and claim.kind != "law"
+    )
