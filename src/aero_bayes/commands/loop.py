@@ -210,22 +210,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
 
 def loop_parameters(job: Job, loop: LoopResult) -> Json:
     """Make the table of all parameters of the final model: estimates with their status, and why others were fixed."""
-    new = {item.name: item for item in (*loop.added, *later_of(job))}
-    table: Json = {}
-    for name, estimate in loop.parameters.items():
-        base = name.partition("@")[0]
-        item = job.parameters[base] if base in job.parameters else new.get(base)
-        entry: Json = estimate.to_dict() | {"status": str(loop.identifiability.status[name])}
-        if name in loop.after.failed_intervals:
-            entry["note"] = loop.after.failed_intervals[name]
-        if item is not None:
-            entry |= {
-                "description": item.description, "prior": item.prior.describe(item.unit), "start": item.start,
-                "lower": item.lower, "upper": item.upper,
-            }  # fmt: skip
-        if entry["status"] in ("unidentified", "at_bound"):
-            entry |= {"sd": None, "q05": None, "q50": None, "q95": None}
-        table[name] = entry
+    table: Json = {name: estimate.to_dict() for name, estimate in loop.parameters.items()}
     reasons = fixed_reasons(job.model, job.fixed)
     for variable in job.model.parameters:
         name = variable.name

@@ -50,18 +50,19 @@ class Combination:
 class FlatDirection:
     """Parameters of which one or several common ``changes`` hardly alter the outputs.
 
-    ``by_prior`` where the prior knows more of them."""
+    ``by_prior``: the prior knows more of each of them than the readings."""
 
     members: tuple[str, ...]
-    by_prior: bool = False
     changes: int = 1
+    by_prior: bool = False
 
     @property
     def sentence(self) -> str:
         """What a reader should know."""
         names = _listed(self.members)
-        slight = "the readings tell it so slightly that a small error of the model or of a held value decides"
-        decides = "the readings do not tell it, and the prior decides" if self.by_prior else slight
+        it = "it" if self.changes == 1 else "them"
+        slight = f"the readings tell {it} so slightly that a small error of the model or of a held value decides"
+        decides = f"the readings do not tell {it}, and the prior decides" if self.by_prior else slight
         up_to = "a common change" if self.changes == 1 else f"{self.changes} common changes"
         return f"{names} are known up to {up_to} only: {decides}."
 
@@ -194,21 +195,16 @@ def _flat(names: Sequence[str], information: FloatArray, prior_sd: FloatArray) -
     if len(names) < 2:
         return ()
     sizes, vectors = collinear(information)
-    found: list[FlatDirection] = []
+    found: list[tuple[set[str], int, bool]] = []
     for size, v in zip(sizes, vectors.T, strict=True):
-        if size >= MAX_COLLINEAR_SHARE:
-            continue
-        members, changes = {n for n, part in zip(names, np.abs(v), strict=True) if part > MIN_PART}, 1
-        by_prior = float(np.sum(v**2 / (prior_sd**2 * np.diag(information)))) > size
-        for other in [one for one in found if members & set(one.members)]:  # such directions are one plane
-            found.remove(other)
-            members, changes, by_prior = (
-                members | {*other.members},
-                changes + other.changes,
-                by_prior and other.by_prior,
-            )
-        found.append(FlatDirection(tuple(n for n in names if n in members), by_prior, changes))
-    return tuple(found)
+        if size < MAX_COLLINEAR_SHARE:
+            members, changes = {n for n, part in zip(names, np.abs(v), strict=True) if part > MIN_PART}, 1
+            by_prior = float(np.sum(v**2 / (prior_sd**2 * np.diag(information)))) > size
+            for other in [one for one in found if one[0] & members]:  # directions that share members are one plane
+                found.remove(other)
+                members, changes, by_prior = members | other[0], changes + other[1], by_prior and other[2]
+            found.append((members, changes, by_prior))
+    return tuple(FlatDirection(tuple(n for n in names if n in m), changes, by) for m, changes, by in found)
 
 
 def _combinations(

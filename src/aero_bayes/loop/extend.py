@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.identifiability import Estimate
+from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import ClaimKind, Decision
@@ -19,27 +19,8 @@ from aero_bayes.loop.first_fit import FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import Table, Terms, law_of
 from aero_bayes.loop.unseen import Prediction
-from aero_bayes.plain import picked, plain
+from aero_bayes.plain import plain
 from aero_bayes.structure.model_family import CurveBasis, ExtendedModel
-
-
-@dataclass(frozen=True)
-class NewParameter:
-    """A parameter of the model that came out: value, standard deviation and central 90 % interval in SI units."""
-
-    name: str
-    value: float
-    sd: float
-    q05: float
-    q95: float
-    unit: str
-    description: str
-
-    def __float__(self) -> float:
-        return self.value
-
-    def to_dict(self) -> dict[str, object]:
-        return picked(self, "value sd q05 q95 unit", q50=self.value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +53,7 @@ class FoundEffect:
     id: str
     port: str
     kind: Literal["catalogue", "free_form"]
-    parameters: tuple[NewParameter, ...]
+    parameters: tuple[Estimate, ...]
     share: float
     share_sd: float
     share_of: str
@@ -150,11 +131,10 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     fit = refitted(context, calibration, si, replace(first.fit.optimum, free=free))
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.unseen.predict(calibration, fit.optimum)
-    found = fitted_parameters(calibration.parameters, fit.optimum)
     widths = written.widths if written is not None else {}
     effects = tuple(
         replace(
-            _effect(context, search.table, decision, id_, [new for _, new in names[id_]], found, fit),
+            _effect(context, search.table, decision, id_, [new for _, new in names[id_]], fit),
             widths=dict(widths.get(id_, {})),
         )
         for id_ in decision.model
@@ -169,7 +149,6 @@ def _effect(
     decision: Decision,
     id_: str,
     names: list[str],
-    found: Mapping[str, NewParameter],
     fit: Fit,
 ) -> FoundEffect:
     """What is said of a term in the model that came out."""
@@ -182,9 +161,9 @@ def _effect(
     )
     others = claim.alternatives if claim is not None else ()
     curve = _learned(context.family.basis(id_), names, fit) if over else None
-    ports = table.ports
+    ports, known = table.ports, fit.parameters
     return FoundEffect(
-        id_, ports.get(id_, ""), "free_form" if over else "catalogue", tuple(found[n] for n in names if n in found),
+        id_, ports.get(id_, ""), "free_form" if over else "catalogue", tuple(known[n] for n in names if n in known),
         *share, claim.kind if claim is not None else None,
         tuple(Alternative(o, ports.get(o, ""), ratio) for o, ratio in others), describe(context, id_),
         over=over, looks_like=_looks_like(table, decision, id_) if over else "", curve=curve,
@@ -202,24 +181,6 @@ def _looks_like(table: Table, decision: Decision, curve: str) -> str:
     port = table.ports.get(curve)
     laws = (o for o in table.swaps(decision.model, curve) if o not in table.curves and table.ports.get(o) == port)
     return law_of(next(laws, ""))
-
-
-def fitted_parameters(parameters: ParameterSet, fit: Optimum) -> dict[str, NewParameter]:
-    """Return values with Laplace's intervals, which are symmetric on a parameter's own search axis."""
-    values = parameters.from_search(fit.coordinates)
-    low, high = parameters.box
-    found = {}
-    for j in fit.free:
-        item = parameters.items[j]
-        sd = fit.sd(j)
-        ends = np.repeat(fit.coordinates[np.newaxis, :], 2, axis=0)
-        ends[:, j] = np.clip(fit.coordinates[j] + np.array([-1.645, 1.645]) * sd, low[j], high[j])
-        q05, q95 = parameters.from_search(ends)[:, j]
-        slope = float(parameters.jacobian(values)[j])
-        found[item.name] = NewParameter(
-            item.name, float(values[j]), sd * slope, float(q05), float(q95), item.unit, item.description
-        )
-    return found
 
 
 def _learned(basis: CurveBasis, names: list[str], fit: Fit) -> LearnedCurve:

@@ -14,6 +14,7 @@ import numpy as np
 from aero_bayes.arguments import names_of
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import noise_floors
+from aero_bayes.data.split import Recordings
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.finished_fit import finished_fit
@@ -28,7 +29,7 @@ from aero_bayes.estimate.parameters import ChosenParameters, Parameter, Paramete
 from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.estimate.result import Fit
-from aero_bayes.loop.unseen import Recordings, Unseen
+from aero_bayes.loop.unseen import Unseen
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.progress import Progress, Watched
 from aero_bayes.simulation.engines import open_simulator

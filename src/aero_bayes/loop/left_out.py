@@ -66,7 +66,7 @@ class Blocks:
         outputs = objective.outputs
         owner = np.repeat([outputs.index(s.output) for s in series], [s.sampling.size for s in series])
         scale = [float(calibration.data.scale[calibration.data.outputs.index(o)]) for o in outputs]
-        least = np.bincount(owner, minlength=len(outputs)) * np.square(ROUNDING_SHARE * np.array(scale))
+        least = np.bincount(owner, minlength=len(outputs)).astype(float) * np.square(ROUNDING_SHARE * np.array(scale))
         return cls(outputs, tuple(folds), owner, least, whole)
 
     def sums(self, residual: FloatArray, readings: Readings | None = None) -> FloatArray:

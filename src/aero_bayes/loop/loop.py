@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.data.recording import Recording
+from aero_bayes.data.split import Recordings
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, steps_taken, with_step_budget
@@ -28,7 +29,6 @@ from aero_bayes.loop.models import VALUE, FittedModel, ModelSource
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.search import Control, Library, Search
 from aero_bayes.loop.table import Terms
-from aero_bayes.loop.unseen import Recordings
 from aero_bayes.modelica.sources import main_class
 from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.interface import ParameterTarget

@@ -10,6 +10,7 @@ from functools import cached_property
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.residual_tests import (
     JudgedPart,
     RecordingError,
@@ -19,7 +20,7 @@ from aero_bayes.estimate.residual_tests import (
 )
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import Decision
-from aero_bayes.loop.extend import ExtendedFit, NewParameter, describe, fitted_parameters, limits_of
+from aero_bayes.loop.extend import ExtendedFit, describe, limits_of
 from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings
 from aero_bayes.loop.result import LoopOutcome, LoopResult, Step, steps_of
 from aero_bayes.loop.search import Search
@@ -30,6 +31,7 @@ from aero_bayes.simulation.model import ModelicaSource
 
 #: Share of the squared residual in a tenth of a recording from which it is one disturbance.
 DISTURBANCE_SHARE = 0.8
+Floors = Mapping[tuple[str, str], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +145,8 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
     effects = extended.effects if extended is not None else ()
     predicted = context.unseen.predict(first.plain, first.fit.optimum)
     same = tuple((t, *(o for o, _ in c.alternatives)) for t, c in decision.claims.items() if c.alternatives)
-    fitted = fitted_parameters(after.calibration.parameters, after.optimum)
-    errors = _errors(context, after, first.floors, predicted, extended.after if extended is not None else predicted)
+    noise = after.noise
+    errors = _errors(context, predicted, extended.after if extended is not None else predicted, first.floors, after)
     outcome, sentence = _outcome(context, ended, predicted, errors)
     steps, notes = ended.steps, tuple(filter(None, (
         refused_sentence(decision) if effects else "", early_end_sentence(context, search.ended)
@@ -154,7 +156,7 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
     if cause is not None:
         sentence = f"{cause.cause.capitalize()}: {cause.sentence} No missing effect was looked for in what this leaves."
     rivals = {r.id for step in steps for r in step.candidates}
-    found, optimum = context.statistics.outcomes, first.fit.optimum
+    found = context.statistics.outcomes
     context.statistics.end_stage("judgement")
     return LoopResult(
         outcome=outcome, sentence=sentence, base=context.family.base,
@@ -163,10 +165,9 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
         predicted_before=predicted, predicted_after=extended.after if extended is not None else predicted,
         floors=first.floors, residual_before=first.reports,
         residual_after=extended.reports if extended is not None else first.reports, steps=steps,
-        shifts=shifts(first.plain.parameters, optimum, after.calibration.parameters, after.optimum) if effects else (),
-        parameters=fitted,
+        shifts=shifts(first.fit, after) if effects else (),
         identifiability=after.identifiability,
-        noise=after.noise, errors=errors, modelica=written.text if written is not None else "",
+        noise=noise, errors=errors, modelica=written.text if written is not None else "",
         modelica_path=written.path.name if written is not None else "",
         diff=written.diff if written is not None else "", separate=_separate(decision),
         story=story_of(context, ended), simulations=found.total(),
@@ -175,14 +176,14 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
         added=extended.added if extended is not None else (), diagnosis=first.fit.diagnosis,
         interpolation=after.calibration.data.interpolation, recordings=context.recordings,
         plain=context.family.base_model(),
-        calibrated=_calibrated(context.family.base_model().source, extended, after, fitted), table=table,
+        calibrated=_calibrated(context.family.base_model().source, extended, after), table=table,
         blocks=table.blocks,
         data_notes=notes,
     )  # fmt: skip
 
 
 def _errors(
-    context: LoopContext, fit: Fit, floors: Mapping[tuple[str, str], float], before: Prediction, after: Prediction
+    context: LoopContext, before: Prediction, after: Prediction, floors: Floors, fit: Fit
 ) -> tuple[RecordingError, ...]:
     """The errors of both models on each recording, with what was fitted of it apart from what was not."""
     known, parts = context.recordings, context.recordings.unseen_from
@@ -205,9 +206,7 @@ def _outcome(
     return "unexplained" if structured or far else "adequate", why
 
 
-def _calibrated(
-    source: ModelicaSource | None, extended: ExtendedFit | None, after: Fit, fitted: Mapping[str, NewParameter]
-) -> CalibratedModel | None:
+def _calibrated(source: ModelicaSource | None, extended: ExtendedFit | None, after: Fit) -> CalibratedModel | None:
     """The model that came out with all its values; none where it came as an FMU."""
     if source is None:
         return None
@@ -217,6 +216,7 @@ def _calibrated(
     name, added = (source.name, {}) if written is None else (written.name, {written.path.name: written.text})
     new = extended.added if extended is not None else ()
     delays = [p.name for p in new if isinstance(p.target, DelayTarget)]
+    fitted = {name: e for name, e in after.parameters.items() if e.status is not Status.FIXED}
     return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added, delays=delays)
 
 

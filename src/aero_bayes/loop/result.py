@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.data.split import Recordings
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.diagnosis import Diagnosis
-from aero_bayes.estimate.identifiability import Identifiability
+from aero_bayes.estimate.identifiability import Estimate, Identifiability, Status
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
@@ -24,9 +25,9 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.figures import describe_figure_parameters, drawn
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
-from aero_bayes.loop.extend import FoundEffect, Limit, NewParameter
+from aero_bayes.loop.extend import FoundEffect, Limit
 from aero_bayes.loop.table import Table, Terms
-from aero_bayes.loop.unseen import Prediction, Recordings, Shift
+from aero_bayes.loop.unseen import Prediction, Shift
 from aero_bayes.plain import picked
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
@@ -53,6 +54,11 @@ class FittedLoop:
         'N/m'
         """
         return self.after
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """Parameters of the model that came out that were fitted, with their intervals."""
+        return {name: e for name, e in self.after.parameters.items() if e.status is not Status.FIXED}
 
     def summary(self) -> str:
         """Return the parameters of the model that came out as a table: value, 90 % interval, unit, status.
@@ -171,7 +177,6 @@ class LoopResult(FittedLoop):
         One for each term that was chosen, and one for what was tried beside them.
     shifts : tuple of Shift
         How far parameters moved when the effects came in.
-    parameters : mapping of str to NewParameter
         Of the model that came out; ``added`` are the new ones as they were searched.
     identifiability : Identifiability
         What the data say of each of them.
@@ -240,7 +245,6 @@ class LoopResult(FittedLoop):
     residual_after: tuple[ResidualReport, ...]
     steps: tuple[Step, ...]
     shifts: tuple[Shift, ...]
-    parameters: Mapping[str, NewParameter]
     identifiability: Identifiability
     noise: Mapping[str, OutputNoise]
     errors: tuple[RecordingError, ...]
@@ -264,7 +268,7 @@ class LoopResult(FittedLoop):
     blocks: int = 0
     scratch: ScratchFolder | None = field(default=None, repr=False)
 
-    def __getitem__(self, name: str) -> NewParameter:
+    def __getitem__(self, name: str) -> Estimate:
         if name not in self.parameters:
             raise InputError(f"no parameter {name!r}{known_names_hint(str(name), self.parameters)}")
         return self.parameters[name]

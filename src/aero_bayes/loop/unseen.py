@@ -11,7 +11,8 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
-from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.data.split import Recordings
+from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.initial_states import CalibrationSettings, with_free_starts
 from aero_bayes.estimate.interpolation import (
@@ -26,6 +27,7 @@ from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.outliers import outlier_rows
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.recording_parameters import for_recordings, templates
+from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.whiteness import residual_correlation_time
 from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
 from aero_bayes.structure.model_family import ModelFamily
@@ -101,75 +103,13 @@ def _sd_of_mean(series: FloatArray) -> float:
     return float(np.std(series)) * math.sqrt(residual_correlation_time([series]) / series.size)
 
 
-def shifts(
-    parameters: ParameterSet, before: Optimum, after_parameters: ParameterSet, after: Optimum
-) -> tuple[Shift, ...]:
-    """Change of every parameter that both fits share, the recordings' own excepted."""
-    found = []
-    first, second = parameters.from_search(before.coordinates), after_parameters.from_search(after.coordinates)
-    slope_1, slope_2 = parameters.jacobian(first), after_parameters.jacobian(second)
-    for j in before.free:
-        item = parameters.items[j]
-        if item.recording is not None or item.name not in after_parameters:
-            continue
-        k = after_parameters.index(item.name)
-        if k in after.free:
-            found.append(
-                Shift(
-                    item.name, float(first[j]), float(before.sd(j) * slope_1[j]), float(second[k]),
-                    float(after.sd(k) * slope_2[k]),
-                )
-            )  # fmt: skip
-    return tuple(found)
-
-
-@dataclass(frozen=True, eq=False)
-class Recordings:
-    """The recordings, and which part of them is fitted.
-
-    ``fitted`` are the training recordings; without test recordings only their first parts. ``unseen_from`` is then the
-    time (s), by name, from which readings count as unseen."""
-
-    train: tuple[Recording, ...]
-    test: tuple[Recording, ...]
-    fitted: tuple[Recording, ...]
-    unseen_from: Mapping[str, float]
-    outputs: tuple[str, ...]
-
-    @classmethod
-    def of(
-        cls, train: Sequence[Recording], test: Sequence[Recording], held_out: float, known: Sequence[str]
-    ) -> Recordings:
-        """Check the recordings, and hold out the share ``held_out`` of each training one if there is no other test.
-
-        ``known`` are the outputs of the model."""
-        outputs = tuple(o for o in known if any(o in r.outputs for r in train))
-        if not outputs:
-            raise InputError(f"none of the outputs {', '.join(known)} was recorded")
-        names = [r.name for r in train]
-        if len(set(names)) < len(names):
-            raise InputError("two training recordings have the same name")
-        if test:
-            return cls(tuple(train), tuple(test), tuple(train), {}, outputs)
-        unseen_from: dict[str, float] = {}
-        parts = []
-        for recording in train:
-            cut = _cut(recording, outputs, held_out)
-            unseen_from[recording.name] = cut
-            parts.append(replace(recording.without(after=cut), name=recording.name))
-        return cls(tuple(train), (), tuple(parts), unseen_from, outputs)
-
-
-def _cut(recording: Recording, outputs: Sequence[str], held_out: float) -> float:
-    """Return the time in s from which readings are held out, so that each output has readings before it.
-
-    A sensor that was mounted late has them in its last part only."""
-    ends = [
-        recording.time[np.isfinite(recording.outputs[o])][[0, -1]]
-        for o in outputs
-        if o in recording.outputs and np.isfinite(recording.outputs[o]).any()
-    ] or [recording.time[[0, -1]]]
-    return max(float(first + (1.0 - held_out) * (last - first)) for first, last in ends)
+def shifts(before: Fit, after: Fit) -> tuple[Shift, ...]:
+    """Change of every parameter that both fits determine, the recordings' own excepted."""
+    shared = (e for n, e in before.parameters.items() if n in after.parameters and not e.recording)
+    pairs = ((e, after.parameters[e.name]) for e in shared)
+    return tuple(
+        Shift(e.name, e.value, e.sd, now.value, now.sd) for e, now in pairs if e.sd is not None and now.sd is not None
+    )
 
 
 #: Share of a recording that was not fitted from which its initial states are estimated.

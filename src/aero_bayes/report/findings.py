@@ -43,7 +43,7 @@ def errors_table(result: RunJson) -> Markup | None:
             ratio_glyph(ratios[0] if both else None, ratios[-1]), probability(error.p_value),
             status_pill(error.verdict),
         ))  # fmt: skip
-    columns = (
+    columns: tuple[Column | str, ...] = (
         "recording", "output", *(Column(head, "right") for head in (("before", "after") if both else ("error",))),
         Column("noise", "right"), "unit", Column("ratio", "right"),
         Column("noise │ ○ before  ● after" if both else "noise │ error", "centre"), Column("p (white)", "right"),
