@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from aero_bayes.display import join_names, with_unit
+from aero_bayes.display import join_names
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.identifiability import Status
@@ -88,9 +88,8 @@ def early_end_sentence(context: LoopContext, where: str) -> str:
 
 
 def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
-    """What was done, in sentences."""
-    first, search, steps = ended.first, ended.search, ended.steps
-    effects = ended.extended.effects if ended.extended is not None else ()
+    """What was done, in sentences; the steps of the search have entries of their own."""
+    first, search = ended.first, ended.search
     worst = max(first.reports, key=lambda r: r.ratio)
     refits = sum(row.refitted for row in search.table.rows.values())
     lines = [
@@ -100,13 +99,9 @@ def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
         *_restrictions(context.settings),
         f"{len(search.fits)} model structures were compared by their error on readings that were left out, in "
         f"{search.table.blocks} blocks; {refits} of them were fitted again without each block.",
-        *(f"Step {s.number}: {s.why}." for s in steps),
     ]
     if search.skipped:
         lines.append(f"Not tried, because the model with them cannot be simulated: {', '.join(search.skipped)}.")
-    for effect in effects:
-        values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
-        lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
     return tuple(lines)
 
 

@@ -129,7 +129,7 @@ def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, .
         claim = decision.claims[chosen]
         alike = tuple(o for o, _ in claim.alternatives)
         why = f"with {chosen} the error of {claim.share_of} on left-out readings {fall(claim.share, claim.share_sd)}"
-        why += f"; what else does as well: {', '.join(alike)}" if alike else ""
+        why += f"; the data do not tell it from {', '.join(alike)}" if alike else ""
         found.append(Step(len(found) + 1, tuple(rivals), chosen, (chosen, *alike) if alike else (), why))
         left.remove(chosen)
         base = tuple(sorted((*base, chosen)))
