@@ -26,7 +26,7 @@ from aero_bayes.modelica.build import (
     this_machine,
     zig_compiler,
 )
-from aero_bayes.simulation import Model
+from aero_bayes.simulation.model import Model
 
 #: Where Debian's cross libraries of ARM are, and Wine, which is not on the path.
 ARM_LIBRARIES = Path("/usr/aarch64-linux-gnu")
@@ -63,7 +63,7 @@ def trajectory(fmu: Path, platform: str, folder: Path) -> np.ndarray:
     model, one = Model.load(fmu), PLATFORMS[platform]
     with zipfile.ZipFile(fmu) as archive:
         library = folder / f"model{one.suffix}"
-        library.write_bytes(archive.read(f"binaries/{one.folders[2]}/{model.identifier}{one.suffix}"))
+        library.write_bytes(archive.read(f"binaries/{one.folder}/{model.identifier}{one.suffix}"))
     program = folder / "step.exe"
     compiler = c_compiler() if one is this_machine() else zig_compiler(one.targets[0])
     source = Path(__file__).parent / "step_fmu.c"

@@ -8,8 +8,9 @@ import numpy as np
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, Recordings, first_fit
-from aero_bayes.simulation import WorkerPool
-from aero_bayes.structure import LawPlaces, ModelicaFamily
+from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 
 def test_a_model_without_a_free_parameter_is_simulated_with_its_values(tmp_path: Path) -> None:

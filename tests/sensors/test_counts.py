@@ -6,16 +6,12 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 import simulated_rigs.aero as bench
-from aero_bayes.estimate import (
-    FitSettings,
-    NoiseModel,
-    describe_quantisation,
-    fit,
-    interval_log_density,
-    rounding_error,
-)
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model
+from aero_bayes.estimate import NoiseModel
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.quantisation import describe_quantisation, interval_log_density, rounding_error
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.fast
 

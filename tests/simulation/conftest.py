@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from fmu_builder import build
 
-from aero_bayes.simulation import InputSignal, Model, WorkerPool
+from aero_bayes.simulation.interface import InputSignal
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.workers import WorkerPool
 
 MakeModel = Callable[..., Model]
 

@@ -14,18 +14,11 @@ import pytest
 from test_engine_isolation import FINE, TIME
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import (
-    Experiment,
-    Model,
-    NativeSimulator,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-    WorkerPool,
-    confinement,
-    supervision,
-)
+from aero_bayes.simulation import confinement, supervision
+from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.workers import WorkerPool
 
 pytestmark = pytest.mark.fast
 

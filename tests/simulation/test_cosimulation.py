@@ -10,21 +10,20 @@ import pytest
 from test_engine_isolation import CRASH, FAIL, FINE, HANG, NOT_A_NUMBER
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import (
+from aero_bayes.simulation.cosimulation_runs import communication_points, equal_steps
+from aero_bayes.simulation.engines import engine_of, open_simulator
+from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
-    Model,
-    NativeSimulator,
     Outcome,
     ParameterTarget,
     Problem,
     SolverSettings,
     StartTarget,
-    engine_of,
-    open_simulator,
 )
-from aero_bayes.simulation.cosimulation_runs import communication_points, equal_steps
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 TIME = np.linspace(0.0, 2.0, 41)
 

@@ -11,19 +11,19 @@ from scipy.optimize import brentq
 from test_engine_events import bounce
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import (
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import (
     Experiment,
-    Model,
-    NativeSimulator,
     Outcome,
     ParameterTarget,
     Problem,
     ProblemTarget,
     SolverSettings,
     StartTarget,
-    WorkerPool,
-    open_simulator,
 )
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.workers import WorkerPool
 
 pytestmark = pytest.mark.fast
 
