@@ -63,7 +63,7 @@ def trajectory(fmu: Path, platform: str, folder: Path) -> np.ndarray:
     model, one = Model.load(fmu), PLATFORMS[platform]
     with zipfile.ZipFile(fmu) as archive:
         library = folder / f"model{one.suffix}"
-        library.write_bytes(archive.read(f"binaries/{one.folder}/{model.identifier}{one.suffix}"))
+        library.write_bytes(archive.read(f"binaries/{one.folders[2]}/{model.identifier}{one.suffix}"))
     program = folder / "step.exe"
     compiler = c_compiler() if one is this_machine() else zig_compiler(one.targets[0])
     source = Path(__file__).parent / "step_fmu.c"

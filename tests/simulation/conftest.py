@@ -61,7 +61,7 @@ def pool() -> Iterator[WorkerPool]:
 @pytest.fixture(scope="session")
 def aero(tmp_path_factory: pytest.TempPathFactory) -> Model:
     """The AERO, exported from its Modelica source."""
-    export = pytest.importorskip("aero_bayes.modelica")
+    export = pytest.importorskip("aero_bayes.modelica.compilers")
     pytest.importorskip("casadi")
     pytest.importorskip("rumoca")
     path: Path = tmp_path_factory.mktemp("aero") / "OneDof.fmu"

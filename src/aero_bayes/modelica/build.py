@@ -31,7 +31,7 @@ class Platform:
     """One kind of machine."""
 
     name: PlatformName
-    folder: str
+    folders: Mapping[int, str]
     suffix: str
     targets: tuple[str, ...]
     flags: tuple[str, ...]
@@ -41,13 +41,13 @@ class Platform:
 PLATFORMS: Mapping[str, Platform] = {
     p.name: p
     for p in (
-        Platform("linux64", "linux64", ".so", ("x86_64-linux-gnu.2.17",), _ELF),
-        Platform("win64", "win64", ".dll", ("x86_64-windows-gnu",), ("-shared", "-s")),
+        Platform("linux64", {2: "linux64", 3: "x86_64-linux"}, ".so", ("x86_64-linux-gnu.2.17",), _ELF),
+        Platform("win64", {2: "win64", 3: "x86_64-windows"}, ".dll", ("x86_64-windows-gnu",), ("-shared", "-s")),
         Platform(
-            "aarch64-linux", "aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",), _ELF
+            "aarch64-linux", {2: "aarch64-linux", 3: "aarch64-linux"}, ".so", ("aarch64-linux-gnu.2.17",), _ELF
         ),
         Platform(
-            "darwin64", "darwin64", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0"),
+            "darwin64", {2: "darwin64", 3: "x86_64-darwin"}, ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0"),
             ("-fPIC", "-dynamiclib"),
         ),
     )
@@ -166,7 +166,7 @@ def compile_binaries(source: str, identifier: str, platforms: Sequence[Platform]
             library = _compile_library(source, identifier)
         else:
             library = one_file({target: _cross_compile(source, identifier, one, target) for target in one.targets})
-        members[f"binaries/{one.folder}/{identifier}{one.suffix}"] = library
+        members[f"binaries/{one.folders[2]}/{identifier}{one.suffix}"] = library
     return members
 
 

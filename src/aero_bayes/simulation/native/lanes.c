@@ -177,7 +177,7 @@ int lane_begin(Lanes *s, int at, Run *r, int mode, const double *noise)
     int outcome;
     start_time_limit(r);
     sink_begin(r, mode, noise);
-    r->taken = r->rejected = r->evaluations = 0;
+    r->taken = r->rejected = 0;
     r->status = FMI_OK;
     if ((outcome = initialise(r))) return outcome;
     if ((outcome = outcome_of(r->fmu, s->constants(r->fmu->instance,
@@ -356,7 +356,6 @@ void lanes_advance(Lanes *s)
         s->accepted[l] = 0;
         if (!lane->run || lane->ended) continue;
         Run *r = lane->run;
-        r->evaluations += STAGES + s->moves;
         if (s->error[l] <= 1.0) {
             s->accepted[l] = -1;
             dense |= has_samples(s, lane);
