@@ -5,6 +5,7 @@ from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Uniform
+from aero_bayes.estimate.signal_search import SearchSettings
 
 __all__ = [
     "CalibrationSettings",
@@ -14,6 +15,7 @@ __all__ = [
     "NoiseModel",
     "Normal",
     "Override",
+    "SearchSettings",
     "Uniform",
     "parameters_from_model",
 ]
