@@ -15,7 +15,7 @@ from aero_bayes.modelica.discrete import DiscretePart, solve_discrete
 from aero_bayes.modelica.equation_system import EquationSystem
 from aero_bayes.modelica.expression import Builder, Node, topological_order
 from aero_bayes.modelica.initial_values import initial_values
-from aero_bayes.modelica.linear_equations import AlgebraicLoop, components, eliminate, linear_solve, match
+from aero_bayes.modelica.linear_equations import AlgebraicLoop, components, eliminate, match, solve_where_linear
 
 _SELECT = ("never", "avoid", "default", "prefer", "always")
 
@@ -238,8 +238,10 @@ def _solve(
     for block in components(needs):
         block = sorted(block)
         symbols = [unknowns[matched[e]] for e in block]
-        found = _linear(system, [equations[e] for e in block], symbols, memo)
-        if found is None:
+        values = solve_where_linear(system, [equations[e] for e in block], symbols, memo)
+        if values is not None:
+            found = dict(zip(symbols, values, strict=True))
+        else:
             here = [b.substitute(equations[e], dict(memo)) for e in block]
             rest = eliminate(b, here, symbols, constants)
             found = {u: u for u in rest.unknowns}
@@ -249,25 +251,6 @@ def _solve(
         solved |= found
         memo |= found
     return solved, tuple(loops)
-
-
-def _linear(
-    system: EquationSystem, equations: Sequence[Node], symbols: Sequence[Node], memo: dict[Node, Node]
-) -> dict[Node, Node] | None:
-    """Return the solution of a block that is linear in its symbols, or None."""
-    b = system.builder
-    zeros = {s: b.zero for s in symbols}
-    matrix = [[b.derivative(e, s) for s in symbols] for e in equations]
-    if any(b.symbols(a) & set(symbols) for row in matrix for a in row):
-        return None
-    try:
-        constants = [b.substitute(e, dict(zeros)) for e in equations]
-    except (ArithmeticError, ValueError):
-        return None
-    matrix = [[b.substitute(a, memo) for a in row] for row in matrix]
-    right = [b.neg(b.substitute(c, memo)) for c in constants]
-    solution = linear_solve(system, matrix, right, symbols)
-    return None if solution is None else dict(zip(symbols, solution, strict=True))
 
 
 def _ordered(b: Builder, node: Node) -> list[Node]:

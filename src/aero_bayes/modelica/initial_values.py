@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.equation_system import EquationSystem
 from aero_bayes.modelica.expression import Node
-from aero_bayes.modelica.linear_equations import AlgebraicLoop, components, linear_solve
+from aero_bayes.modelica.linear_equations import AlgebraicLoop, components, solve_where_linear
 
 
 def initial_values(
@@ -47,7 +47,7 @@ def initial_values(
         here = [b.substitute(rows[row_of[i]], dict(found)) for i in sorted(block)]
         solution = None
         if not any(b.symbols(r) & (in_loops | set(used)) for r in here):
-            solution = _linear(system, here, symbols)
+            solution = solve_where_linear(system, here, symbols)
         if solution is None:
             used += symbols
             residuals += here
@@ -82,13 +82,3 @@ def _owners(nearest: Sequence[Sequence[Node]], reach: Sequence[frozenset[Node]])
     for k in range(len(nearest)):
         place(k, set())
     return owner
-
-
-def _linear(system: EquationSystem, residuals: Sequence[Node], symbols: Sequence[Node]) -> list[Node] | None:
-    """Return the values of symbols, where the residuals are linear in them."""
-    b = system.builder
-    matrix = [[b.derivative(r, s) for s in symbols] for r in residuals]
-    if any(b.symbols(a) & set(symbols) for row in matrix for a in row):
-        return None
-    right = [b.neg(b.substitute(r, {s: b.zero for s in symbols})) for r in residuals]
-    return linear_solve(system, matrix, right, symbols)
