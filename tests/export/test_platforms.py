@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from aero_bayes import InputError, export_fmu
-from aero_bayes.estimate.unfittable import no_parameter_text
+from aero_bayes.estimate.fittable import no_parameter_text
 from aero_bayes.modelica.build import (
     PLATFORMS,
     c_compiler,

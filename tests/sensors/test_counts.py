@@ -7,7 +7,7 @@ import simulated_rigs.aero as bench
 from aero_bayes.estimate import NoiseModel
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
-from aero_bayes.estimate.quantisation import describe_sensors, rounding_error
+from aero_bayes.estimate.noise_estimation import describe_sensors, rounding_error
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.model import Model
 

@@ -14,10 +14,9 @@ from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.data.recording import Recording
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.calibration import Calibration, steps_taken, with_step_budget
+from aero_bayes.estimate.calibration import Calibration, steps_taken, templates, with_step_budget
 from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, chosen_parameters, parameters_from_model
-from aero_bayes.estimate.recording_parameters import templates
 from aero_bayes.estimate.residual_tests import JudgedPart, RecordingError, recording_errors
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
