@@ -10,8 +10,9 @@ import pytest
 from facts import facts
 
 from aero_bayes.errors import InputError
-from aero_bayes.loop import LoopSettings, Table, close_loop
+from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.loop.decide import decide
+from aero_bayes.loop.table import Table
 from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import real, white

@@ -15,16 +15,9 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import (
-    MAX_LOST_RUNS,
-    Experiment,
-    NativeSimulator,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-    WorkerPool,
-)
+from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.workers import MAX_LOST_RUNS, WorkerPool
 
 FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP = (
     range(13)

@@ -15,7 +15,9 @@ import pytest
 
 from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder, sweep
-from aero_bayes.simulation import Experiment, Model, Problem, open_simulator
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, Problem
+from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.fast
 

@@ -15,10 +15,9 @@ from aero_bayes.data.recording import Recording
 from aero_bayes.data.split import Recordings
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.calibration import Calibration, steps_taken, with_step_budget
+from aero_bayes.estimate.calibration import Calibration, steps_taken, templates, with_step_budget
 from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, chosen_parameters, parameters_from_model
-from aero_bayes.estimate.recording_parameters import templates
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision, decide

@@ -10,12 +10,11 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.calibration import Calibration, for_recordings
 from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, prior_curvature
-from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.residual_tests import check_residuals
 from aero_bayes.loop.table import Terms
 from aero_bayes.simulation.interface import ParameterTarget

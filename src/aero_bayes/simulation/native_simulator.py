@@ -207,8 +207,6 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
 class NativeSimulator(ClosedAtExit):
     """Runs a problem with the compiled engine."""
 
-    engine = "native"
-
     def __init__(self, problem: Problem, workers: int | None = None, pool: WorkerPool | None = None) -> None:
         if problem.model.interface != "model exchange":
             raise InputError(f"{problem.model.path}: has no Model Exchange, which the native engine needs")
