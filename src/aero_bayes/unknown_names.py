@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from pathlib import Path
 
 #: Largest number of known names that a message lists.
 MAX_LISTED_NAMES = 20
@@ -22,3 +23,10 @@ def known_names_hint(name: str, known: Iterable[str]) -> str:
     close = closest_name(name, names)
     hint = f"; did you mean {close}?" if close is not None else ""
     return f", found {', '.join(names[:MAX_LISTED_NAMES])}{', ...' if len(names) > MAX_LISTED_NAMES else ''}{hint}"
+
+
+def no_such_file(path: Path, what: str = "") -> str:
+    """Return the message about a file that does not exist, with the file beside it that is named most like it."""
+    beside = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
+    close = next((n for n in beside if n.startswith(f"{path.name}.")), None) or closest_name(path.name, beside)
+    return f"{path}: no such file{what}" + (f"; did you mean {path.with_name(close)}?" if close is not None else "")

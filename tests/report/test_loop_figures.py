@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from aero_bayes.report import CandidateJson, LoopJson, StepJson, changed_equations, rounds_plate
+from aero_bayes.report import CandidateJson, LoopJson, StepJson, changed_equations, rounds_table
 
 pytestmark = pytest.mark.fast
 
@@ -16,13 +16,11 @@ def rounds_of(shares: dict[str, float]) -> LoopJson:
     return LoopJson(outcome="extended", steps=[StepJson(round=1, candidates=candidates, chosen="a")])
 
 
-def test_the_label_of_the_longest_bar_ends_within_the_drawing() -> None:
-    for share in (0.9, 0.5, 1e-9):
-        plate = rounds_plate(rounds_of({"a": share, "b": 0.99}), {})
-        assert plate is not None
-        for drawing, width in ((plate.wide, 1140), (plate.narrow, 350)):
-            texts = re.findall(r'<text x="([\d.]+)"[^>]*text-anchor="start"[^>]*>([^<]*)<', str(drawing))
-            assert max(float(x) + 6.0 * len(text) for x, text in texts) < width
+def test_the_bar_of_a_candidate_is_as_long_as_the_error_falls() -> None:
+    table = str(rounds_table(rounds_of({"a": 0.25, "b": 0.95, "c": 1.2}), {}))
+    bars = re.findall(r'class="bar"[^>]*width="([\d.]+)"', table)
+    track = float(re.findall(r'class="track"[^>]*width="([\d.]+)"', table)[0])
+    assert [float(width) / track for width in bars] == pytest.approx([0.75, 0.05, 0.0], abs=0.001)
 
 
 def test_the_added_term_is_marked_in_its_equation() -> None:

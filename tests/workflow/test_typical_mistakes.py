@@ -74,6 +74,7 @@ MISTAKES = {
     ),
     "a unit that is none": toml(
         "[parameters]", '[data.columns.F]\nunit = "newtons"\n[parameters]', "column F: unknown unit 'newtons'",
+        "did you mean N?",
     ),
     "a unit of another kind": toml(
         "[parameters]", '[data.columns.F]\nunit = "mm"\n[parameters]', "column F: unit mm cannot become N",
@@ -88,8 +89,8 @@ MISTAKES = {
     "times that repeat": data("\n0.02,", "\n0.0,", "row 3, column time: repeats"),
     "a hole in the input": data("\n0.02,0.0,", "\n0.02,,", "row 3, column F: missing"),
     "a missing cell": data("\n0.02,0.0,", "\n0.02,", "row 3: 2 cells, expected 3"),
-    "no such recording": typed("fit --config rig.toml --data trian.csv", "trian.csv: no such file"),
-    "no such configuration": typed("fit --config rgi.toml --data train.csv", "rgi.toml: cannot be read"),
+    "no such recording": typed("fit --config rig.toml --data trian.csv", "trian.csv: no such file", "mean train.csv?"),
+    "no such configuration": typed("fit --config rig --data train.csv", "rig: no such file; did you mean rig.toml?"),
     "the same recording twice": typed("fit --config rig.toml --data train.csv --data train.csv", "given twice"),
     "no configuration": typed("fit --data train.csv", "the default model Aero.Systems.OneDof", "--config rig.toml"),
     "an FMU that is not there": typed("fit --config rig.toml --model Rig.fmu --data train.csv", "no such file"),
@@ -108,7 +109,9 @@ MISTAKES = {
     ),
     "a class for the exporter": typed("fmu --model Rgi --source Rig.mo --out out/Rig.fmu", "no such class in Rig.mo"),
     "a class without its file": typed("fmu --model Rig --out out/Rig.fmu", "Rig: no such class; name its file"),
-    "a semicolon forgotten": Mistake(("Rig.mo:12: unexpected",), FIT, {"Rig.mo": ("der(s) = v;", "der(s) = v")}),
+    "a semicolon forgotten": Mistake(
+        ("Rig.mo:12: unexpected", "end of line 10"), FIT, {"Rig.mo": ("der(s) = v;", "der(s) = v")},
+    ),
     "a page of nothing": Mistake(("out", "result.json"), "report out"),
     "a recording that no model is named for": Mistake(("default model", "--config rig.toml"), "check train.csv"),
 }  # fmt: skip

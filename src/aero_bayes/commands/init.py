@@ -34,6 +34,7 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
+from aero_bayes.unknown_names import no_such_file
 
 #: Number of sample times at which sensitivities are computed.
 SAMPLE_COUNT = 2000
@@ -66,7 +67,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
         raise InputError(f"{out}: its folder does not exist")
     for path in (source, data):
         if not path.exists():
-            raise InputError(f"{path}: no such file")
+            raise InputError(no_such_file(path))
     is_fmu = source.suffix.lower() == ".fmu"
     name = source.stem if is_fmu else model or main_class(source)
     built = Model.load(source) if is_fmu else load_model(name, sources=[source], libraries=libraries)

@@ -148,8 +148,8 @@ def check_default(files: Sequence[Path], layout: Layout) -> None:
             near = [p for p in sorted(path.absolute().parent.glob("*.toml")) if p.name != "pyproject.toml"]
             which = " or ".join(f"--config {os.path.relpath(p)}" for p in near[:3]) or "--config FILE.toml"
             raise InputError(
-                f"{path}: has no column {lacking[0]}, which the default model {DEFAULT_MODEL} needs (found "
-                f"{', '.join(there)}); name your model by {which}"
+                f"{path}: holds {', '.join(there)}, but no {lacking[0]}, which the default model {DEFAULT_MODEL} "
+                f"needs; name your model by {which} (aero-bayes init writes one)"
             )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.declared import ColumnSpec, PackageDeclaration
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.units import TEMPERATURES, base_units, conversion, to_modelica_unit
+from aero_bayes.modelica.units import TEMPERATURES, base_units, conversion, to_modelica_unit, unit_written_out
 
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -151,7 +151,9 @@ class ColumnMap:
         found = conversion(unit, expected) if expected or known is None else (known[0], 0.0)
         if found is None:
             if known is None and to_modelica_unit(unit) not in TEMPERATURES:
-                raise InputError(f"column {column}: unknown unit {unit!r}, expected one like {expected or 'rad/s'}")
+                meant = unit_written_out(unit)
+                hint = f"; did you mean {meant}?" if meant else f", expected one like {expected or 'rad/s'}"
+                raise InputError(f"column {column}: unknown unit {unit!r}{hint}")
             raise InputError(f"column {column}: unit {self.unit} cannot become {expected or 'SI'}")
         return values * (turns * found[0]) + found[1]
 

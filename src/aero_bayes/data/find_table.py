@@ -9,7 +9,7 @@ from typing import Literal
 
 from aero_bayes.data.cells import is_value
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.units import TEMPERATURES, base_units, to_modelica_unit
+from aero_bayes.modelica.units import TEMPERATURES, base_units, to_modelica_unit, unit_written_out
 
 FindingKind = Literal[
     "sentinel", "outliers", "stuck", "clipped", "gap", "clock", "wrapped", "rounded", "quality", "unit", "sign", "swap",
@@ -66,7 +66,6 @@ MOST_HEADER_ROWS = 3
 NO_UNIT = re.compile(r"|(double|single|float|u?int|real|bool(ean)?|string|char)\d*|ts|rn|-|none|n/?a", re.I)
 NO_UNITS = re.compile(rf"{NO_UNIT.pattern}|avg|smp|max|min|std|tot", re.I)
 #: Units as oscilloscopes spell them.
-UNIT_WORDS = {"second": "s", "seconds": "s", "volt": "V", "volts": "V", "ampere": "A", "amp": "A", "watt": "W"}
 COMMENTS = ("#", "%")
 #: Share of the cells of a column of values that are values.
 MOSTLY = 0.6
@@ -170,7 +169,7 @@ def with_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
     """Return names of columns with the units of the row below them, ``F [N]``; types and the like are no units."""
     given = [u.strip("[]() ") for u in [*units, *[""] * len(names)]]
     no_unit = NO_UNITS if all(map(NO_UNITS.fullmatch, given)) else NO_UNIT
-    known = ["" if no_unit.fullmatch(u) else UNIT_WORDS.get(u.lower(), u) for u in given]
+    known = ["" if no_unit.fullmatch(u) else unit_written_out(u) or u for u in given]
     return [(f"{n} [{u}]" if n else u) if u else n for n, u in zip(names, known, strict=False)]
 
 
@@ -178,7 +177,7 @@ def _are_units(row: Sequence[str]) -> bool:
     """Return whether at least half of the cells are units, types, or mean that there is no unit."""
     given = [u.strip("[]() ") for u in row if u]
     plain = [to_modelica_unit(u) for u in given]
-    known = [p in TEMPERATURES or base_units(p or "?") or NO_UNITS.fullmatch(u) or u.lower() in UNIT_WORDS
+    known = [p in TEMPERATURES or base_units(p or "?") or NO_UNITS.fullmatch(u) or unit_written_out(u)
              for u, p in zip(given, plain, strict=True)]  # fmt: skip
     return 2 * sum(map(bool, known)) >= len(given)
 

@@ -27,7 +27,7 @@ from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.modelica.library import declaration_of
-from aero_bayes.unknown_names import known_names_hint
+from aero_bayes.unknown_names import known_names_hint, no_such_file
 
 #: Suffixes of the files of a folder that are looked at.
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".xlsx", ".parquet", ".feather", ".mf4", ".tdms", ".lvm")
@@ -253,7 +253,7 @@ class _Asked:
         """Return the name of a run and its files that hold a signal; those of a folder for the folder."""
         for file in files:
             if not file.exists():
-                raise InputError(f"{file}: no such file")
+                raise InputError(no_such_file(file))
         if len(files) > 1:
             return "+".join(file.stem for file in files), list(files)
         if not files[0].is_dir():

@@ -15,6 +15,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.class_reader import read_classes
 from aero_bayes.modelica.sources import modelica_files, read_modelica_text
 from aero_bayes.modelica.tokens import tokenize, words_of
+from aero_bayes.unknown_names import no_such_file
 
 _OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")
 
@@ -80,7 +81,7 @@ def copy_sources(folder: Path, sources: Sequence[Path]) -> list[Path]:
         loaded.append(folder / package.name / "package.mo")
     for source in map(Path, sources):
         if not source.exists():
-            raise InputError(f"{source}: no such file")
+            raise InputError(no_such_file(source))
         for file in modelica_files([source]):
             read_modelica_text(file)  # refused here, under its own path
         if source.is_dir():

@@ -21,6 +21,7 @@ from aero_bayes.modelica.tokens import (
     split_outside,
     tokenize,
 )
+from aero_bayes.unknown_names import no_such_file
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ def read_classes_of(source: Path) -> tuple[ClassText, ...]:
 def main_class(source: Path) -> str:
     """Find the full name of the one model of a source that no other class there uses."""
     if not source.exists():
-        raise InputError(f"{source}: no such file")
+        raise InputError(no_such_file(source))
     found = [c for c in read_classes_of(source) if c.kind in ("model", "block", "class") and not c.partial]
     words = {
         c.full_name: {t.word for s in c.statements for t in s.tokens} | {b.rpartition(".")[2] for b in c.bases()}

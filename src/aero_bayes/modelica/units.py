@@ -56,6 +56,13 @@ _BY_HAND = {
     "Celsius": "degC", "L": "l", "-": "1", "Ah": "A.h", "mAh": "mA.h", "Wh": "W.h", "kWh": "kW.h",
 }  # fmt: skip
 _PREFIX = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
+#: Units that are written out, also with the mistakes that are made in it.
+_WRITTEN_OUT = re.compile(
+    r"(mill?i|kilo|mega|micro|centi)?"
+    r"(amp|volt|watt|met|gram|newton|second|hertz|radian|joule|pascal|kelvin|ohm)(?:er|re|ere|me)?s?"
+)
+_LETTERS = {"met": "m", "gram": "g", "second": "s", "hertz": "Hz", "radian": "rad", "pascal": "Pa", "ohm": "Ohm"}
+_PREFIXES = {"mega": "M", "micro": "u"}
 _ITEM = r"(?:1|[^\W\d_]+|[%°])"
 _PRODUCT = rf"{_ITEM}(?:[+-]?\d+)?(?:\.{_ITEM}(?:[+-]?\d+)?)*"
 _GRAMMAR = re.compile(rf"(?:{_PRODUCT}|\({_PRODUCT}\))(?:/(?:{_ITEM}(?:[+-]?\d+)?|\({_PRODUCT}\)))?")
@@ -100,6 +107,15 @@ def _symbol(name: str) -> tuple[float, dict[str, int]] | None:
         factor, exponents = _DERIVED[name[1:]]
         return factor * _PREFIX[name[0]], exponents
     return None
+
+
+def unit_written_out(name: str) -> str:
+    """Return the unit that a word such as ``volts`` or ``miliamp`` names; empty for another word."""
+    found = _WRITTEN_OUT.fullmatch(name.lower())
+    if found is None:
+        return ""
+    prefix, unit = found[1] or "", found[2]
+    return _PREFIXES.get(prefix, prefix[:1]) + _LETTERS.get(unit, unit[0].upper())
 
 
 def to_modelica_unit(unit: str) -> str:

@@ -3,7 +3,7 @@
 from aero_bayes.report.compare import write_comparison
 from aero_bayes.report.drawing import Line, Panel, Source, data_table, draw, nice_ticks
 from aero_bayes.report.fleet_page import write_fleet_page
-from aero_bayes.report.loop_figures import curve_plate, rounds_plate
+from aero_bayes.report.loop_figures import curve_plate, rounds_table
 from aero_bayes.report.loop_story import changed_equations
 from aero_bayes.report.page import BITS, pack_series, write_run_page
 from aero_bayes.report.pairs import pairs_figure
@@ -116,7 +116,7 @@ __all__ = [
     "recording_figure",
     "rounded_value",
     "rounds_figure",
-    "rounds_plate",
+    "rounds_table",
     "run_figure",
     "scene_figure",
     "sentence",

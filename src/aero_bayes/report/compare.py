@@ -87,7 +87,7 @@ def _estimates_by_run_table(runs: Runs) -> Markup | None:
             (symbol(name), unit, *(_estimate(entries.get(run)) for run in runs), _apart(list(entries.values())))
         )
     heads = [Column(run, "right") for run in runs]
-    last = Column("largest difference, in combined standard deviations", "right")
+    last = Column("largest difference (combined sd)", "right")
     return html_table(("parameter", "unit", *heads, last), rows, "Parameters, with 90 % intervals") if rows else None
 
 

@@ -61,7 +61,7 @@ def finding(result: RunJson) -> Finding | None:
         nothing = "Not known: no effect that was tried explains what is left"
     known = [text for e in effects if (text := cross_validated(e, name or e.id))]
     known += [f"{text[:1].upper()}{text[1:]}." for text in (growing(loop.errors, units) if effects else [])]
-    sure = [text for e in effects if (text := claimed(e, name or e.id, "what is listed below"))]
+    sure = [text for e in effects if (text := claimed(e, name or e.id, "those listed below"))]
     sure += [words.limit(one) for one in loop.limits[:MOST_LIMITS]] if loop.outcome == "adequate" else []
     rivals = [table for e in effects if (table := rivals_table(e))]
     return Finding(

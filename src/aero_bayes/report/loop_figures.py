@@ -9,20 +9,17 @@ import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.report.curves import largest
-from aero_bayes.report.drawing import NARROW_WIDTH, WIDE_WIDTH, Band, Line, Panel, Plate, plate, tick_text
+from aero_bayes.report.drawing import Band, Line, Panel, Plate, plate
 from aero_bayes.report.schema_loop import CandidateJson, EffectJson, LoopJson, StepJson
-from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, WARM_COLOUR, Canvas
-from aero_bayes.report.tables import Column, html_table
+from aero_bayes.report.svg import ACCENT
+from aero_bayes.report.tables import bar, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 PORT = 430.0
-_ROW, _TOP = 19.0, 46.0
 _MOST_ROWS = 24
-#: Falls of the error that are marked on the axis, in %.
-TICKS = (0, 25, 50, 75, 100)
-#: Width of a letter beside a bar, and letters of a candidate's label.
-LETTER, LABEL_LETTERS = 6.3, 52
+#: Letters of a candidate's label beside a bar.
+LABEL_LETTERS = 52
 
 
 def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
@@ -38,99 +35,35 @@ def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
     return steps, ids, [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
 
 
-def rounds_plate(loop: LoopJson, words: Mapping[str, str]) -> Plate | None:
-    """Draw a row for each candidate, a column for each round, bars of how far the error falls."""
-    steps, ids, shown = rounds(loop)
-    if not steps:
-        return None
-    alt = f"Fall of the error on left-out readings for {len(ids)} candidates over {len(steps)} steps. " + " ".join(
-        f"Step {step.round}: {step.chosen or 'none'} chosen." for step in steps
-    )
-    left_out = len(ids) - len(shown)
-    rest = f" {left_out} candidates that do not lower the error are not shown." if left_out else ""
-    caption = Markup(
-        "The output where the error falls most, all parameters fitted again. Orange: chosen. Outlined: the data cannot "
-        "tell it from the chosen one.{}"
-    ).format(rest)
-    wide, narrow = (_rounds_drawing(steps, shown, words, width, alt) for width in (WIDE_WIDTH, NARROW_WIDTH))
-    return Plate(wide, narrow, alt, caption, (), _rounds_table(steps, ids, words))
-
-
-def _rounds_drawing(steps: list[StepJson], ids: list[str], words: Mapping[str, str], width: float, alt: str) -> Markup:
-    wide = width > 600
-    ports = {c.id: c.port for step in steps for c in step.candidates}
-    label = 350.0 if wide else 0.0
-    row = _ROW if wide else 2 * _ROW
-    canvas = Canvas(width, _TOP + row * len(ids) + 24, alt)
-    column = (width - label - 10) / len(steps)
-    found = [c for step in steps for c in step.candidates]
-    beside = 8 + LETTER * max(len(fall_text(c)) for c in found)
-
-    def across(percent: float) -> float:
-        return (column - beside) * min(max(percent, 0.0), 100.0) / 100.0
-
-    for index, id_ in enumerate(ids):
-        y = _TOP + row * index
-        canvas.curve([0, width], [y + row - 2, y + row - 2], RULE, 0.6)
-        fits = LABEL_LETTERS - (len(ports.get(id_, "")) if wide else 0)
-        canvas.text(0, y + 13, short_label(id_, words, fits), INK, 11.5)
-        if wide:
-            canvas.text(label - 12, y + 13, ports.get(id_, ""), MUTED, 10.5, "end")
-    for k, step in enumerate(steps):
-        left = label + 4 + column * k
-        canvas.text(left, 14, f"Step {step.round}", INK, 12)
-        for percent in TICKS[:: 1 if column > 200.0 else 2]:
-            canvas.text(left + across(percent), _TOP - 10, tick_text(percent), MUTED, 10, "middle")
-        by_id = {c.id: c for c in step.candidates}
-        for index, id_ in enumerate(ids):
-            if id_ in by_id:
-                y = _TOP + row * index + (0 if wide else _ROW - 3)
-                length = max(across(fall(by_id[id_])), 1.5)
-                _bar(canvas, by_id[id_], step, (left, y, length), fall_text(by_id[id_]))
-    return canvas.svg()
-
-
-def short_label(id_: str, words: Mapping[str, str], letters: int = LABEL_LETTERS) -> str:
-    """Return what a candidate is, by its words or else its id, cut to a number of letters."""
-    text = words.get(id_) or id_
-    return text if len(text) <= letters else f"{text[: letters - 1]}…"
-
-
-def _bar(canvas: Canvas, found: CandidateJson, step: StepJson, place: tuple[float, float, float], text: str) -> None:
-    """Draw a candidate's fall of the error as a bar (left, top, length), with its text where it falls at all."""
-    left, y, length = place
-    chosen = found.id == step.chosen
-    colour, opacity = (WARM_COLOUR, 1.0) if chosen else (ACCENT, 0.45)
-    alike = "" if found.id not in step.equivalent or chosen else f";stroke:var(--{WARM_COLOUR});stroke-width:1.6"
-    outline = f"M{left:.1f} {y + 4:.1f}h{length:.1f}v10h-{length:.1f}Z"
-    canvas.shape(outline, f"fill:var(--{colour});fill-opacity:{opacity}{alike}")
-    if fall(found) >= 1.0 or chosen:
-        canvas.text(left + length + 4, y + 13, text, INK if chosen else MUTED, 10.5)
-
-
-def _rounds_table(steps: list[StepJson], ids: list[str], words: Mapping[str, str]) -> Markup:
+def rounds_table(loop: LoopJson, words: Mapping[str, str]) -> Markup | None:
+    """Write a row for each candidate, and a bar for each step: how far the error falls."""
+    steps, ids, _ = rounds(loop)
     cells = [{c.id: c for c in step.candidates} for step in steps]
     rows = []
     for id_ in ids:
         name = Markup("<code>{}</code><small>{}</small>").format(id_, words.get(id_, ""))
         port = next((by_id[id_].port for by_id in cells if id_ in by_id), NO_VALUE)
-        rows.append(
-            (name, port, *(_candidate_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True)))
-        )
-    heads = [Column(f"step {step.round}", "right") for step in steps]
-    return html_table(
-        ("candidate", "port", *heads), rows, "Candidates: fall of the error on left-out readings in each step"
-    )
+        rows.append((name, port, *(_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True))))
+    heads = (f"step {step.round}" for step in steps)
+    caption = "How far the error on left-out readings falls, in the output where it falls most"
+    return html_table(("candidate", "port", *heads), rows, caption) if rows else None
 
 
-def _candidate_cell(found: CandidateJson | None, step: StepJson) -> Markup:
+def _cell(found: CandidateJson | None, step: StepJson) -> Markup:
     if found is None:
         return Markup(NO_VALUE)
     notes = [
-        "chosen" if found.id == step.chosen else "equivalent" if found.id in step.equivalent else "",
+        "chosen" if found.id == step.chosen else "not told from the chosen one" if found.id in step.equivalent else "",
         "" if found.refitted else "by one Newton step",
     ]
-    return Markup("{}<small>{}</small>").format(fall_text(found), "; ".join(filter(None, notes)))
+    drawn = bar(0.01 * max(fall(found), 0.0), f"{found.id}: {fall_text(found)}")
+    return Markup("{} {}<small>{}</small>").format(drawn, fall_text(found), "; ".join(filter(None, notes)))
+
+
+def short_label(id_: str, words: Mapping[str, str]) -> str:
+    """Return what a candidate is, by its words or else its id, cut to a number of letters."""
+    text = words.get(id_) or id_
+    return text if len(text) <= LABEL_LETTERS else f"{text[: LABEL_LETTERS - 1]}…"
 
 
 def fall(found: CandidateJson | EffectJson) -> float:

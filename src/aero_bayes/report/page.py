@@ -371,7 +371,7 @@ def _posterior(run: RunDirectory) -> dict[str, Any] | None:
 def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
     return {
         "story": loop.story,
-        "rounds": loop_figures.rounds_plate(loop, run.result.effect_words()),
+        "rounds": loop_figures.rounds_table(loop, run.result.effect_words()),
         "separate": loop.separate,
         "diff": loop_story.diff_lines(loop),
         "source": loop.modelica_source,

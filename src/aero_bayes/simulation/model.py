@@ -34,6 +34,7 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.model_description import BINARY_FOLDERS, ModelDescription, listed
 from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.unknown_names import no_such_file
 
 if TYPE_CHECKING:
     import pandas
@@ -238,7 +239,7 @@ class Model(ModelDescription):
         """
         path = Path(path)
         if not path.is_file():
-            raise InputError(f"{path}: no such file (expected an FMU)")
+            raise InputError(no_such_file(path, " (expected an FMU)"))
         names, (text, declared) = archive.read_texts(path, DECLARATION_MEMBER)
         root = parse_description(path, text)
         version = root.get("fmiVersion", "none")
