@@ -27,7 +27,7 @@ from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.whiteness import residual_correlation_time
 from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
-from aero_bayes.structure.model_family import ModelFamily
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 #: Ratio of two errors above which the error is said to grow.
 MIN_GROWTH_RATIO = 1.05
@@ -203,7 +203,7 @@ class Unseen:
 
     recordings: Recordings
     settings: CalibrationSettings
-    family: ModelFamily
+    family: ModelicaFamily
     open_simulator: Callable[[Problem], Simulator]
 
     @property
