@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.posterior.moves.surrogate import Surrogate
-from aero_bayes.posterior.moves.warped_student_t import KNOT_SCORES, Warp, WarpedStudentT
+from aero_bayes.posterior.moves import KNOT_SCORES, Warp, WarpedStudentT
+from aero_bayes.posterior.surrogate import Surrogate
 
 Density = Callable[[FloatArray], FloatArray]
 

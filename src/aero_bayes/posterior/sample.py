@@ -37,7 +37,7 @@ from aero_bayes.posterior.modes import (
     mode_shares,
     worst,
 )
-from aero_bayes.posterior.moves.warped_student_t import WarpedStudentT
+from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.progress import Progress, Watched, watching
