@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from emcee.moves import StretchMove
 from harness import Row, update
 from threadpoolctl import threadpool_limits
 
@@ -31,7 +32,7 @@ from aero_bayes.estimate.target import Target
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.posterior.inferencedata import check_convergence
 from aero_bayes.posterior.mcmc import MakeMoves, run_chain, standard_moves
-from aero_bayes.posterior.moves import StretchMove, WarpedStudentT
+from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model

@@ -349,7 +349,6 @@ def fit_calibration(
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
     *,
-    simulator: Simulator | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Fit a calibration through any simulator."""
@@ -358,8 +357,7 @@ def fit_calibration(
     with ExitStack() as stack:
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
-        if simulator is None:
-            simulator = stack.enter_context(open_simulator(calibration.problem()))
+        simulator = stack.enter_context(open_simulator(calibration.problem()))
         search = GlobalSearch(
             objective_of(calibration, simulator, result_cache=checkpoint), settings.global_search, progress
         )

@@ -35,7 +35,7 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.model_family import ModelFamily
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 
 @dataclass(frozen=True, repr=False)
@@ -146,7 +146,7 @@ class LoopContext:
 
     ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1)."""
 
-    family: ModelFamily
+    family: ModelicaFamily
     recordings: Recordings
     settings: LoopSettings
     pool: WorkerPool

@@ -29,7 +29,7 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.whiteness import residual_correlation_time
 from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
-from aero_bayes.structure.model_family import ModelFamily
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Unseen:
 
     recordings: Recordings
     settings: CalibrationSettings
-    family: ModelFamily
+    family: ModelicaFamily
     open_simulator: Callable[[Problem], Simulator]
 
     @property

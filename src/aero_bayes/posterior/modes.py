@@ -22,7 +22,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget
 from aero_bayes.posterior.inferencedata import Convergence
 from aero_bayes.posterior.mcmc import Chain
-from aero_bayes.posterior.moves.warped_student_t import WarpedStudentT
+from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.simulation.interface import Simulator
 
 #: Shape above which an estimate from smoothed weights is not to be trusted.
