@@ -19,19 +19,13 @@ from typing import Literal
 import numpy as np
 from harness import Pair, Row, time_pair, update
 
-from aero_bayes.modelica import export_fmu
 from aero_bayes.modelica.build import c_compiler
-from aero_bayes.simulation import (
-    Experiment,
-    InputSignal,
-    Model,
-    NativeSimulator,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-    WorkerPool,
-    open_simulator,
-)
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, InputSignal, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.workers import WorkerPool
 
 OUTPUTS = ("i_m", "omega_m", "theta")
 PARAMETERS = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp", "L_a")

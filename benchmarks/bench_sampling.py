@@ -20,16 +20,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from emcee.moves import StretchMove
 from harness import Row, update
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.estimate import CalibrationSettings, Fit, FitSettings, NoiseModel, fit
+from aero_bayes.estimate import CalibrationSettings, NoiseModel
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import Target
-from aero_bayes.modelica import export_fmu
-from aero_bayes.posterior import MakeMoves, SampleSettings, run_chain, standard_moves
+from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.posterior.inferencedata import check_convergence
-from aero_bayes.posterior.moves import StretchMove, WarpedStudentT
-from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.posterior.mcmc import MakeMoves, run_chain, standard_moves
+from aero_bayes.posterior.moves import WarpedStudentT
+from aero_bayes.posterior.settings import SampleSettings
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.model import Model
 from simulated_rigs.aero import Truth, simulate_recording
 from simulated_rigs.designs import paper_step
 from simulated_rigs.sensors import white

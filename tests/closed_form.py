@@ -8,17 +8,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from aero_bayes.estimate import Calibration, MeasuredData, NoiseModel, Parameter, ParameterSet, Prior, SimulatedModel
-from aero_bayes.simulation import (
-    Experiment,
-    GaussNewton,
-    Likelihoods,
-    Model,
-    ParameterTarget,
-    Problem,
-    Trajectories,
-    Variable,
-)
+from aero_bayes.estimate import NoiseModel
+from aero_bayes.estimate.calibration import Calibration, SimulatedModel
+from aero_bayes.estimate.measured_data import MeasuredData
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.priors import Prior
+from aero_bayes.simulation.interface import Experiment, GaussNewton, Likelihoods, ParameterTarget, Problem, Trajectories
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model_description import Variable
 
 Formula = Callable[[np.ndarray, np.ndarray], np.ndarray]
 State = TypeVar("State", float, np.ndarray)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
-from aero_bayes.structure import Law, LawModels, law_models, shipped_laws
+from aero_bayes.structure.compose import LawModels, law_models
+from aero_bayes.structure.law import Law, shipped_laws
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -8,7 +8,11 @@ from pathlib import Path
 
 from numpy.random import Generator
 
-from aero_bayes.modelica import ExplicitModel, FlatModel, Node, causalise, evaluate_nodes, load_flat, translate
+from aero_bayes.modelica.causalisation import ExplicitModel, causalise
+from aero_bayes.modelica.equation_system import translate
+from aero_bayes.modelica.expression import Node, evaluate_nodes
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.rumoca_front import load_flat
 
 RIGS = Path(__file__).parent / "models"
 

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from aero_bayes.structure import LawPlaces, WrittenModel, place_laws, reserved_names, write_laws
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.placed_law import place_laws
+from aero_bayes.structure.write_model import WrittenModel, reserved_names, write_laws
 
 
 def write_effects(base: str, effects: Mapping[str, Mapping[str, float]], folder: Path, name: str = "") -> WrittenModel:

@@ -9,18 +9,13 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.modelica import FlatModel, load_flat
-from aero_bayes.structure import (
-    Law,
-    LawModels,
-    PlacedLaw,
-    WrittenModel,
-    compose_laws,
-    find_candidates,
-    place_law,
-    ports_with_laws,
-    write_laws,
-)
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.compose import LawModels, compose_laws
+from aero_bayes.structure.law import Law
+from aero_bayes.structure.placed_law import PlacedLaw, place_law
+from aero_bayes.structure.write_model import WrittenModel, write_laws
 
 SIZES = {"f_n": 2.5, "v_n": 1.3, "x_n": 0.8, "u_n": 1.7, "q_n": 2.1, "h_n": 0.9, "d_n": 0.9, "i_n": 1.4, "t_n": 0.3}
 

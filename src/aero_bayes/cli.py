@@ -158,7 +158,6 @@ def _with_state_of_folder(command: Command) -> Command:
 @click.option("--model", default=DEFAULT_MODEL, show_default=True, help="Modelica class.")
 @click.option("--source", "sources", type=FILE, multiple=True, help="Further .mo files to load.")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
-@click.option("--fmi", type=click.Choice(["2", "3"]), default="2", show_default=True, help="Version of the standard.")
 @click.option(
     "--platforms", default="", metavar="LIST",
     help="all, or some of linux64, win64, aarch64-linux, darwin64; this machine by default.",
@@ -166,7 +165,6 @@ def _with_state_of_folder(command: Command) -> Command:
 @click.option("--out", type=FILE, required=True, help="The FMU to write.")
 def fmu_command(
     model: str,
-    fmi: str,
     out: Path,
     compiler: Literal["auto", "omc", "embedded"],
     sources: tuple[Path, ...],
@@ -184,7 +182,6 @@ def fmu_command(
         sources=sources,
         libraries=libraries,
         platforms=platforms,
-        fmi=3 if fmi == "3" else 2,
     )
     click.echo(f"wrote {written}")
 

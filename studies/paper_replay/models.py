@@ -12,8 +12,9 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.estimate.cost import eq6
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model, Outcome, ParameterTarget, Problem, Simulator, SolverSettings
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.interface import Outcome, ParameterTarget, Problem, Simulator, SolverSettings
+from aero_bayes.simulation.model import Model
 from paper_replay.published import TRANSFER_GAIN, UNOPTIMISED
 from simulated_rigs.aero import default_truth, simulate_recording
 from simulated_rigs.designs import paper_step

@@ -14,13 +14,17 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.commands import versions, write_result, write_series
 from aero_bayes.data import Recording
-from aero_bayes.estimate import Fit, FitSettings, fit
-from aero_bayes.estimate.fit import declared_overrides
+from aero_bayes.estimate.fit import declared_overrides, fit
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
+from aero_bayes.estimate.result import Fit
 from aero_bayes.report import SCHEMA, StudyColumnJson, StudyJson, StudyRowJson, write_run_page
-from aero_bayes.simulation import Model, Outcome, WorkerPool, open_simulator
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.workers import WorkerPool
 from paper_replay.models import ModelEvaluator, export_models, open_models, paper_recording
 from paper_replay.published import FMINCON, PSO, PSO_DATASHEET, TABLE_1, TABLE_PARAMETERS, TRANSFER, UNOPTIMISED
 from paper_replay.search import StageEnd, coarse_stage, in_stages, scaled_stage, swarm_recipe

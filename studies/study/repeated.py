@@ -17,7 +17,8 @@ from numpy.random import Generator
 import aero_bayes
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, FitSettings
+from aero_bayes.estimate import CalibrationSettings
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.estimate.priors import LogNormal

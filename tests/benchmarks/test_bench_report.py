@@ -14,9 +14,10 @@ import pytest
 from bench import Goal
 from harness import Pair, Row, time_pair, update
 
-from aero_bayes.estimate import Target
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.estimate.target import Target
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.long
 

@@ -7,10 +7,13 @@ import pytest
 
 import simulated_rigs.aero as bench
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import CalibrationSettings, FitSettings, fit
+from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.crossvalidation import leave_one_recording_out
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.model import Model
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,10 @@ import pytest
 from closed_form import FormulaSimulator, calibration, parameter
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import FitSettings, LogUniform, Normal, fit_calibration, profile_likelihood
+from aero_bayes.estimate import LogUniform, Normal
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.likelihood_profile import profile_likelihood
 
 pytestmark = pytest.mark.fast
 

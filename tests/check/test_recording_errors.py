@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import OutputNoise
+from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.reading_spread import SpreadModel
 from aero_bayes.estimate.residual_tests import recording_errors
 

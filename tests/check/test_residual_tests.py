@@ -9,22 +9,20 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aero_bayes.estimate import (
-    Normal,
-    Objective,
-    OutputNoise,
-    SampleTimes,
-    Series,
-    autocorrelation,
+from aero_bayes.estimate import Normal
+from aero_bayes.estimate.local_fit import local_fit
+from aero_bayes.estimate.noise import OutputNoise, SampleTimes
+from aero_bayes.estimate.noise_estimation import whiten
+from aero_bayes.estimate.objective import Objective, Series
+from aero_bayes.estimate.residual_tests import (
     check_residuals,
-    local_fit,
     portmanteau_test,
     slow_variation_test,
     smooth_dependence_test,
-    whiten,
 )
-from aero_bayes.loop import rms_error
-from aero_bayes.simulation import InputSignal
+from aero_bayes.estimate.whiteness import autocorrelation
+from aero_bayes.loop.unseen import rms_error
+from aero_bayes.simulation.interface import InputSignal
 
 pytestmark = pytest.mark.fast
 

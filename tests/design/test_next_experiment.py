@@ -10,19 +10,16 @@ from facts import facts
 
 import simulated_rigs.aero as bench
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import (
-    FAMILIES,
-    FitSettings,
-    Limits,
-    NoiseLayout,
-    SearchSettings,
-    fit,
-    propose_experiment,
-    separating_experiment,
-)
+from aero_bayes.estimate import Limits
+from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.information import ExperimentPredictor, posterior_sd
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.propose import propose_experiment
+from aero_bayes.estimate.separation import separating_experiment
+from aero_bayes.estimate.signal_search import FAMILIES, SearchSettings
+from aero_bayes.estimate.target import NoiseLayout
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.model import Model
 from simulated_rigs.designs import Levels, pulse
 
 pytestmark = pytest.mark.fast

@@ -9,7 +9,7 @@ import pytest
 
 import aero_bayes
 from aero_bayes.data import Recording
-from aero_bayes.estimate import FitSettings
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
 
 pytestmark = pytest.mark.fast
 

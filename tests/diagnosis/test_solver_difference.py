@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.estimate.initial_states import CalibrationSettings
-from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import SolverSettings
 
 pytestmark = pytest.mark.fast

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.model import Model
 
 
 @pytest.fixture(scope="session")

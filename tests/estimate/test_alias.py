@@ -12,19 +12,15 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import (
-    CalibrationSettings,
-    GlobalSearch,
-    GlobalSearchResult,
-    GlobalSearchSettings,
-    Objective,
-    Override,
-    calibrate,
-    choose_interpolation,
-    parameters_from_model,
-)
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.interpolation import choose_interpolation
+from aero_bayes.estimate.levenberg_marquardt import GlobalSearchSettings
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.model import Model
 
 OSCILLATOR = """model Oscillator "A mass on a spring"
   parameter Real m(unit = "s2", min = 0) = 6e-6;

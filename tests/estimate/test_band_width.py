@@ -6,8 +6,11 @@ import closed_form
 import numpy as np
 import pytest
 
-from aero_bayes.estimate import Fit, FitSettings, Normal, fit_calibration
+from aero_bayes.estimate import Normal
+from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.laplace import BLOCK_COUNT, LinearisedFit, blocks_of_time
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.stage_report import conformal_quantile
 from aero_bayes.estimate.whiteness import residual_correlation_time
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH

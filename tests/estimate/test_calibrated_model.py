@@ -11,8 +11,10 @@ import pytest
 
 import aero_bayes
 from aero_bayes.data import Layout
-from aero_bayes.estimate import CalibratedModel, Override, parameters_from_model
-from aero_bayes.simulation import ModelicaSource, SolverSettings
+from aero_bayes.estimate import Override, parameters_from_model
+from aero_bayes.estimate.calibrated_model import CalibratedModel
+from aero_bayes.simulation.interface import SolverSettings
+from aero_bayes.simulation.model import ModelicaSource
 
 CART = Path(__file__).parents[2] / "examples" / "cart"
 ROOM = """

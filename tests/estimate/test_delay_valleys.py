@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 import simulated_rigs.aero as bench
-from aero_bayes.estimate import CalibrationSettings, FitSettings, LocalResult, QuadraticModel, Stop, fit
+from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.delays import laplace_log_evidence
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalResult, QuadraticModel, Stop
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.model import Model
 
 
 @pytest.fixture(scope="module")

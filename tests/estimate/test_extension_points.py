@@ -11,7 +11,8 @@ import pytest
 from facts import facts
 from scipy.stats import gamma
 
-from aero_bayes.estimate import FitSettings, QuadraticModel, fit_calibration, levenberg_marquardt
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.levenberg_marquardt import FitSettings, QuadraticModel, levenberg_marquardt
 
 pytestmark = pytest.mark.fast
 

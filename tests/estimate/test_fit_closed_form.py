@@ -8,16 +8,11 @@ from closed_form import FormulaSimulator, calibration, parameter
 from scipy.optimize import least_squares
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate import (
-    FitSettings,
-    LogUniform,
-    NoiseModel,
-    Normal,
-    Status,
-    SwarmSettings,
-    Uniform,
-    fit_calibration,
-)
+from aero_bayes.estimate import LogUniform, NoiseModel, Normal, Uniform
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.identifiability import Status
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.swarm import SwarmSettings
 
 pytestmark = pytest.mark.fast
 

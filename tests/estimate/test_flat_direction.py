@@ -13,7 +13,8 @@ import aero_bayes
 from aero_bayes import FitSettings, Recording
 from aero_bayes.cli import main
 from aero_bayes.estimate import CalibrationSettings
-from aero_bayes.simulation import Experiment, InputSignal, Problem, SolverSettings, open_simulator
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, InputSignal, Problem, SolverSettings
 
 DRIVE = """
 model Drive

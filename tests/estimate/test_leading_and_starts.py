@@ -8,23 +8,15 @@ from closed_form import FormulaSimulator, calibration, parameter
 from scipy.signal import cont2discrete
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import (
-    CalibrationSettings,
-    FitSettings,
-    LocalFitSettings,
-    NoiseModel,
-    Objective,
-    Override,
-    SwarmSettings,
-    Uniform,
-    calibrate,
-    fit,
-    fit_calibration,
-    local_fit,
-    parameters_from_model,
-    with_few_samples,
-)
-from aero_bayes.simulation import open_simulator
+from aero_bayes.estimate import CalibrationSettings, NoiseModel, Override, Uniform, parameters_from_model
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.delays import with_few_samples
+from aero_bayes.estimate.fit import fit, fit_calibration
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.simulation.engines import open_simulator
 
 PENDULUM = """
 model Swinging "A lightly damped oscillator under a force"

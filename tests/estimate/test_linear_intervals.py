@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from closed_form import FormulaSimulator, calibration, parameter
 
-from aero_bayes.estimate import FitSettings, Uniform, fit_calibration
+from aero_bayes.estimate import Uniform
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
 
 pytestmark = pytest.mark.fast
 T = np.linspace(0.0, 4.0, 120)

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from closed_form import FormulaSimulator, calibration, parameter
 
-from aero_bayes.estimate import FitSettings, NoiseModel, SwarmSettings, Uniform, fit_calibration
+from aero_bayes.estimate import NoiseModel, Uniform
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.swarm import SwarmSettings
 
 TIME = np.linspace(0.0, 10.0, 120)
 SETTINGS = FitSettings(pso=SwarmSettings(particles=16, iterations=40))

@@ -12,7 +12,7 @@ import aero_bayes
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation.engines import open_simulator
 
 
 @pytest.fixture(scope="module")

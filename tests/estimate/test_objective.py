@@ -6,17 +6,13 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import (
-    CalibrationSettings,
-    LogNormal,
-    Normal,
-    Objective,
-    OutputNoise,
-    Parameter,
-    ParameterSet,
-    calibrate,
-)
-from aero_bayes.simulation import ParameterTarget, SolverSettings, open_simulator
+from aero_bayes.estimate import CalibrationSettings, LogNormal, Normal
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import ParameterTarget, SolverSettings
 
 pytestmark = pytest.mark.fast
 

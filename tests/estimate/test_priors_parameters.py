@@ -11,7 +11,8 @@ from scipy import integrate, stats
 
 from aero_bayes import load_model
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import LogNormal, LogUniform, Normal, Override, ParameterSet, Uniform, parameters_from_model
+from aero_bayes.estimate import LogNormal, LogUniform, Normal, Override, Uniform, parameters_from_model
+from aero_bayes.estimate.parameters import ParameterSet
 
 pytestmark = pytest.mark.fast
 

@@ -21,7 +21,7 @@ from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.residual_tests import check_residuals
-from aero_bayes.simulation import open_simulator
+from aero_bayes.simulation.engines import open_simulator
 
 DRIFT = """model Drift
   parameter Real theta(unit = "1/s") = 5; parameter Real mu = 1;

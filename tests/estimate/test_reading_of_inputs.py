@@ -12,8 +12,10 @@ from scipy.signal import cont2discrete, dlsim
 import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import CalibrationSettings, Override, calibrate, moving_inputs, parameters_from_model
-from aero_bayes.simulation import Interpolation
+from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.interpolation import moving_inputs
+from aero_bayes.simulation.interface import Interpolation
 
 HOUSE = """model House "A room with a heater"
   parameter Real tau(unit = "h", min = 0.1, max = 100) = 3 "Time constant";

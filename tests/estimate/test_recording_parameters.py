@@ -11,7 +11,7 @@ import pytest
 import aero_bayes
 from aero_bayes import FitSettings, Recording
 from aero_bayes.estimate import Override
-from aero_bayes.simulation import Model
+from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.start_parameters import start_parameters
 
 LAG = """

@@ -10,8 +10,13 @@ from closed_form import FormulaSimulator, calibration, parameter
 
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import Calibration, Fit, FitSettings, NoiseModel, SwarmSettings, Uniform, fit_calibration
-from aero_bayes.simulation import Likelihoods, Problem, Trajectories
+from aero_bayes.estimate import NoiseModel, Uniform
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.simulation.interface import Likelihoods, Problem, Trajectories
 
 pytestmark = pytest.mark.fast
 

@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
 
-from aero_bayes.estimate import CostShape, FixedCost, LocalSettings, QuadraticModel, Stop, levenberg_marquardt
-from aero_bayes.estimate.levenberg_marquardt import bounded_step
+from aero_bayes.estimate.levenberg_marquardt import (
+    FixedCost,
+    LocalSettings,
+    QuadraticModel,
+    Stop,
+    bounded_step,
+    levenberg_marquardt,
+)
+from aero_bayes.estimate.step_rule import CostShape
 
 pytestmark = pytest.mark.fast
 

@@ -10,11 +10,12 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm, t
 
-from aero_bayes.estimate import FitSettings, NoiseModel, Normal, OutputNoise, SampleTimes
+from aero_bayes.estimate import NoiseModel, Normal
 from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.laplace import curvature_adjustment, jackknife_covariance, widened_covariance
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
+from aero_bayes.estimate.noise import OutputNoise, SampleTimes
 from aero_bayes.estimate.objective import Objective, Series
 
 EXACT = LocalFitSettings(LocalSettings(tolerance=1e-9), hold_noise=True, prior=False)

@@ -9,12 +9,14 @@ import pytest
 
 import aero_bayes
 from aero_bayes import FitSettings, Recording
-from aero_bayes.estimate import CalibrationSettings, calibrate
+from aero_bayes.estimate import CalibrationSettings
+from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.global_search import MAX_SEEN_GAIN, GlobalSearch
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import parameters_from_model
-from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.model import Model
 
 BRANCH = """
 model Branch

@@ -6,17 +6,13 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import (
-    CalibrationSettings,
-    LocalFitSettings,
-    Objective,
-    Override,
-    calibrate,
-    local_fit,
-    parameters_from_model,
-)
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model, open_simulator
+from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.fast
 

@@ -12,18 +12,11 @@ from scipy.optimize import least_squares
 from scipy.signal import lsim
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import (
-    CalibrationSettings,
-    FitSettings,
-    LogUniform,
-    Override,
-    Status,
-    SwarmSettings,
-    Uniform,
-    fit,
-    fit_calibration,
-    parameters_from_model,
-)
+from aero_bayes.estimate import CalibrationSettings, LogUniform, Override, Uniform, parameters_from_model
+from aero_bayes.estimate.fit import fit, fit_calibration
+from aero_bayes.estimate.identifiability import Status
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.swarm import SwarmSettings
 
 LINEAR_SPRING = """
 model LinearSpring "A driven mass on a spring that is taken for linear"

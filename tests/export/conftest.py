@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from written_effects import write_effects
 
-from aero_bayes.modelica import declaration_of, export_fmu
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.modelica.library import declaration_of
 
 BASE = "Aero.Systems.OneDof"
 

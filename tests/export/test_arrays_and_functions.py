@@ -11,7 +11,7 @@ import pytest
 from export_driver import driven
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import export_fmu
+from aero_bayes.modelica.compilers import export_fmu
 
 Write = Callable[[str, str], Path]
 

@@ -13,8 +13,7 @@ from facts import facts
 from hand_written_aero import NOMINAL, STATES, one_dof
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import (
-    FlatModel,
+from aero_bayes.modelica.compose import (
     add_input,
     add_output,
     add_parameter,
@@ -22,13 +21,14 @@ from aero_bayes.modelica import (
     add_variable,
     attribute_value,
     equate,
-    export_flat,
     instantiate,
-    load_flat,
     rename_model,
     replace_uses,
     set_parameter,
 )
+from aero_bayes.modelica.embedded import export_flat
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Name, Number, names_in
 
 Write = Callable[[str, str], Path]

@@ -16,21 +16,14 @@ from scipy.integrate import solve_ivp
 
 import aero_bayes
 from aero_bayes.data import Layout, Recording
-from aero_bayes.modelica import export_fmu
 from aero_bayes.modelica.causalisation import causalise
+from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.switching_surfaces import find_surfaces
-from aero_bayes.simulation import (
-    Experiment,
-    InputSignal,
-    Model,
-    NativeSimulator,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    StartTarget,
-)
+from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, StartTarget
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 Write = Callable[[str, str], Path]
 FloatArray = NDArray[np.float64]

@@ -13,8 +13,8 @@ from export_driver import driven
 from fmpy.validation import validate_fmu
 from hand_written_aero import NOMINAL, SCALES, STATES
 
-from aero_bayes.modelica import declaration_of
-from aero_bayes.structure import LawPlaces
+from aero_bayes.modelica.library import declaration_of
+from aero_bayes.structure.law_places import LawPlaces
 
 #: A magnitude for each switching parameter, and the second parameters.
 ON = {

@@ -13,17 +13,10 @@ from export_driver import driven
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import (
-    Experiment,
-    InputSignal,
-    Model,
-    NativeSimulator,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-)
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 Write = Callable[[str, str], Path]
 KINDS = pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])

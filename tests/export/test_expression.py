@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from aero_bayes.modelica import Builder, Node, evaluate_nodes
+from aero_bayes.modelica.expression import Builder, Node, evaluate_nodes
 from aero_bayes.modelica.parse import BINARY, UNARY
 
 pytestmark = pytest.mark.fast

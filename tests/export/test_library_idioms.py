@@ -10,7 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from aero_bayes.modelica import Builder, Events, Node, Value, call_table, evaluate_nodes, export_fmu
+from aero_bayes.modelica.arrays import Value
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.modelica.expression import Builder, Node, evaluate_nodes
+from aero_bayes.modelica.operators import Events, call_table
 
 FloatArray = NDArray[np.float64]
 TYPES, INTERNAL = "Modelica.Blocks.Types.", "Modelica.Blocks.Tables.Internal."

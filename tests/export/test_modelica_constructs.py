@@ -14,8 +14,11 @@ from facts import facts
 from fmpy.validation import validate_fmu
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import ExplicitModel, evaluate_nodes, explicit_model, export_fmu
-from aero_bayes.simulation import Model
+from aero_bayes.modelica.causalisation import ExplicitModel
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.modelica.embedded import explicit_model
+from aero_bayes.modelica.expression import evaluate_nodes
+from aero_bayes.simulation.model import Model
 
 Write = Callable[[str, str], Path]
 

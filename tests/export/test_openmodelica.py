@@ -10,8 +10,7 @@ import pytest
 from facts import facts
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import export_fmu, first_compiler
-from aero_bayes.modelica.compilers import DERIVATIVES, FLAGS, first_error, script
+from aero_bayes.modelica.compilers import DERIVATIVES, FLAGS, export_fmu, first_compiler, first_error, script
 
 pytestmark = pytest.mark.fast
 

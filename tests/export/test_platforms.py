@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from aero_bayes import InputError, export_fmu
-from aero_bayes.estimate.unfittable import no_parameter_text
+from aero_bayes.estimate.fittable import no_parameter_text
 from aero_bayes.modelica.build import (
     PLATFORMS,
     c_compiler,
@@ -26,7 +26,7 @@ from aero_bayes.modelica.build import (
     this_machine,
     zig_compiler,
 )
-from aero_bayes.simulation import Model
+from aero_bayes.simulation.model import Model
 
 #: Where Debian's cross libraries of ARM are, and Wine, which is not on the path.
 ARM_LIBRARIES = Path("/usr/aarch64-linux-gnu")

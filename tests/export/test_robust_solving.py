@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import Builder, Scope, evaluate_nodes, export_fmu, possible_values
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.modelica.expression import Builder, evaluate_nodes
+from aero_bayes.modelica.scope import Scope, possible_values
 from aero_bayes.modelica.syntax import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
-from aero_bayes.simulation import Experiment, Model, Outcome, Problem, SolverSettings, open_simulator
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, Outcome, Problem, SolverSettings
+from aero_bayes.simulation.model import Model
 from tests.export.test_library_idioms import simulate
 
 

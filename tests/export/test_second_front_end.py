@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.modelica import evaluate_nodes, explicit_model, modelica_root
+from aero_bayes.modelica.embedded import explicit_model
+from aero_bayes.modelica.expression import evaluate_nodes
+from aero_bayes.modelica.library import modelica_root
 
 api = pytest.importorskip("pymoca.backends.casadi.api", reason="the second front end, pymoca, is not installed")
 casadi = pytest.importorskip("casadi", reason="the second front end evaluates with CasADi, which is not installed")

@@ -15,7 +15,10 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import export_fmu, library_roots, link_packages, load_flat, needed_libraries
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.modelica.library import library_roots, needed_libraries
+from aero_bayes.modelica.library_view import link_packages
+from aero_bayes.modelica.rumoca_front import load_flat
 
 SOURCE = Path(__file__).parent / "MslModels.mo"
 MODELS = re.findall(r"^  model (\w+)", SOURCE.read_text(encoding="utf-8"), re.MULTILINE)

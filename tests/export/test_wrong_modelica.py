@@ -13,7 +13,8 @@ from fmpy import simulate_fmu
 
 from aero_bayes.commands import run_init
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import explicit_model, export_fmu
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.modelica.embedded import explicit_model
 
 Write = Callable[[str, str], Path]
 

@@ -9,7 +9,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from aero_bayes.modelica import export_fmu
+from aero_bayes.modelica.compilers import export_fmu
 
 STEPS = Path(__file__).resolve().parents[3] / "shared" / "rigs" / "aero_2dof" / "steps.csv"
 FITTED = {

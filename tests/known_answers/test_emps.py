@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, FitSettings, Override, fit, parameters_from_model
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model
+from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.model import Model
 
 PUBLISHED = {"M": 95.11, "F_v": 203.5, "F_c": 20.39, "offset": -3.16}
 G_TAU, K_P, K_V = 35.15, 160.18, 243.45

@@ -13,23 +13,19 @@ import pytest
 from scipy.optimize import approx_fprime, minimize
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import (
-    CalibrationSettings,
-    FitSettings,
-    JointTarget,
-    NoiseLayout,
-    NoiseModel,
-    Normal,
-    Parameter,
-    ParameterSet,
-    Target,
-    calibrate,
-    fit_calibration,
-)
-from aero_bayes.modelica import export_fmu
-from aero_bayes.posterior import SampleSettings, run_chain
+from aero_bayes.estimate import CalibrationSettings, NoiseModel, Normal
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.posterior.mcmc import run_chain
 from aero_bayes.posterior.moves import WarpedStudentT
-from aero_bayes.simulation import Model, ParameterTarget, StartTarget, open_simulator
+from aero_bayes.posterior.settings import SampleSettings
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import ParameterTarget, StartTarget
+from aero_bayes.simulation.model import Model
 
 HARE = (30, 47.2, 70.2, 77.4, 36.3, 20.6, 18.1, 21.4, 22, 25.4, 27.1, 40.3, 57, 76.6, 52.3, 19.5, 11.2, 7.6, 14.6, 16.2)
 HARE = (*HARE, 24.7)

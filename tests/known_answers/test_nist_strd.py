@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.estimate import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
+from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, QuadraticModel, levenberg_marquardt
 
 pytestmark = pytest.mark.fast
 

@@ -24,7 +24,8 @@ from aero_bayes.modelica.edits import (
 )
 from aero_bayes.modelica.parse import sides_of
 from aero_bayes.modelica.tokens import one_line, tokenize
-from aero_bayes.structure import find_insertion_point, is_driver
+from aero_bayes.structure.find import is_driver
+from aero_bayes.structure.insertion_point import find_insertion_point
 
 pytestmark = pytest.mark.fast
 

@@ -9,20 +9,15 @@ import numpy as np
 import pytest
 from small_rigs import RIGS
 
-from aero_bayes.modelica import export_flat
-from aero_bayes.modelica.embedded import export_embedded
-from aero_bayes.simulation import (
-    Experiment,
-    InputSignal,
-    Model,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-    WorkerPool,
-    open_simulator,
-)
-from aero_bayes.structure import LawPlaces, ModelicaFamily, compose_laws, place_laws
+from aero_bayes.modelica.embedded import export_embedded, export_flat
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.compose import compose_laws
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
+from aero_bayes.structure.placed_law import place_laws
 from aero_bayes.structure.redeclare import load_with_redeclarations
 
 TIME = np.linspace(0.0, 4.0, 201)

@@ -18,10 +18,14 @@ from aero_bayes.cli import main
 from aero_bayes.data import Layout, Recording, write_csv
 from aero_bayes.declared import DECLARATION_MEMBER
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import calibrate, declared_overrides, parameters_from_model
-from aero_bayes.modelica import declaration_of, export_fmu
-from aero_bayes.simulation import Model, ModelicaSource
-from aero_bayes.structure import LawPlaces, ModelicaFamily
+from aero_bayes.estimate import parameters_from_model
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.fit import declared_overrides
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.modelica.library import declaration_of
+from aero_bayes.simulation.model import Model, ModelicaSource
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 SLEDGE = Path(__file__).parent.parent / "models" / "Sledge"
 DECLARED = declaration_of("Sledge.Rig", [SLEDGE])

@@ -14,20 +14,15 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import FlatEquation, add_input, evaluate_nodes
 from aero_bayes.modelica.classes import snake_case
-from aero_bayes.modelica.compose import set_parameter
+from aero_bayes.modelica.compose import add_input, set_parameter
+from aero_bayes.modelica.expression import evaluate_nodes
+from aero_bayes.modelica.flat import FlatEquation
 from aero_bayes.modelica.syntax import Call, Name, Number
-from aero_bayes.structure import (
-    LAW_INTERFACES,
-    Law,
-    LawModels,
-    compose_law,
-    law_models,
-    place_law,
-    ports_with_laws,
-    read_laws,
-)
+from aero_bayes.structure.candidates import ports_with_laws
+from aero_bayes.structure.compose import LawModels, compose_law, law_models
+from aero_bayes.structure.law import LAW_INTERFACES, Law, read_laws
+from aero_bayes.structure.placed_law import place_law
 
 pytestmark = pytest.mark.fast
 
@@ -324,7 +319,7 @@ end Mine;
 
 
 def test_every_partial_model_has_a_shape() -> None:
-    from aero_bayes.modelica import modelica_root
+    from aero_bayes.modelica.library import modelica_root
 
     folder = modelica_root() / "Laws" / "Interfaces"
     assert {p.stem for p in folder.glob("*Law.mo")} == set(LAW_INTERFACES)

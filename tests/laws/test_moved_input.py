@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import (
-    CalibrationSettings,
-    LocalFitSettings,
-    Objective,
-    Override,
-    calibrate,
-    local_fit,
-    parameters_from_model,
-)
+from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate.calibration import calibrate
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.simulation import DelayTarget, open_simulator
-from aero_bayes.structure import LawPlaces, ModelicaFamily
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import DelayTarget
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 SOURCE = """model Plate "A plate on a heater"
   input Real P(unit = "W");

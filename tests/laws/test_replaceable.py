@@ -13,17 +13,16 @@ from aero_bayes import Fit, fit
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import parameters_from_model
-from aero_bayes.modelica import ExplicitModel, evaluate_nodes, explicit_model
-from aero_bayes.simulation import Model, open_simulator
-from aero_bayes.structure import (
-    LawPlaces,
-    ModelicaFamily,
-    WrittenModel,
-    place_laws,
-    port_table,
-    reserved_names,
-    write_laws,
-)
+from aero_bayes.modelica.causalisation import ExplicitModel
+from aero_bayes.modelica.embedded import explicit_model
+from aero_bayes.modelica.expression import evaluate_nodes
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.model import Model
+from aero_bayes.structure.balance import port_table
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
+from aero_bayes.structure.placed_law import place_laws
+from aero_bayes.structure.write_model import WrittenModel, reserved_names, write_laws
 
 CIRCUIT = """package Circuit
   connector Pin

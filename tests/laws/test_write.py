@@ -15,28 +15,20 @@ from small_rigs import RIGS, Numbers, explicit, rig, somewhere
 from written_laws import SIZES, agree, uses_at
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import export_flat, export_fmu, load_flat
-from aero_bayes.simulation import (
-    Experiment,
-    InputSignal,
-    Interpolation,
-    Model,
-    NativeSimulator,
-    Problem,
-    SolverSettings,
-    WorkerPool,
-)
-from aero_bayes.structure import (
-    Law,
-    LawModels,
-    LawPlaces,
-    ModelicaFamily,
-    compose_laws,
-    find_candidates,
-    place_law,
-    ports_with_laws,
-    write_laws,
-)
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.modelica.embedded import export_flat
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.simulation.interface import Experiment, InputSignal, Interpolation, Problem, SolverSettings
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.compose import LawModels, compose_laws
+from aero_bayes.structure.law import Law
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
+from aero_bayes.structure.placed_law import place_law
+from aero_bayes.structure.write_model import write_laws
 
 ONE_OF_EACH = [
     ("Cart", "dead_zone@F"), ("Cart", "hysteresis@F"), ("Cart", "rate_limit@F"), ("Cart", "delay@q"),

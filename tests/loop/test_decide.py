@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.loop import Row, Table
 from aero_bayes.loop.decide import decide
+from aero_bayes.loop.table import Row, Table
 
 TABLES = json.loads((Path(__file__).parent / "tables.json").read_text())
 

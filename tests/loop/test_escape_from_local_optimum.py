@@ -11,7 +11,8 @@ from closed_form import held
 
 from aero_bayes import FitSettings
 from aero_bayes.data import Recording, to_experiment
-from aero_bayes.estimate import CalibrationSettings, with_other_interpolation
+from aero_bayes.estimate import CalibrationSettings
+from aero_bayes.estimate.interpolation import with_interpolation
 from aero_bayes.loop import LoopSettings, close_loop
 
 SOURCE = """model Spring "A mass on a spring"
@@ -75,11 +76,9 @@ def test_inputs_read_the_other_way_twice_are_as_they_were() -> None:
     run = recording("run", 3, 200)
     held = closed_form.calibration([(run.time, run.outputs["y"][:, None])], ["y"], [])
     held = replace(held, data=replace(held.data, recordings=(run,), experiments=(to_experiment(run),)))
-    lines = with_other_interpolation(held)
-    assert lines is not None
+    lines = with_interpolation(held, {"F": "linear"})
     assert lines.data.interpolation == {"F": "linear"}
-    again = with_other_interpolation(lines)
-    assert again is not None
+    again = with_interpolation(lines, {"F": "hold"})
     assert again.data.interpolation == {"F": "hold"}
     before, after = held.data.experiments[0].inputs[0], again.data.experiments[0].inputs[0]
     assert (after.name, after.interpolation) == (before.name, "hold")

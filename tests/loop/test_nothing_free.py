@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
+from aero_bayes.data.split import Recordings
 from aero_bayes.errors import InputError
-from aero_bayes.loop import LoopContext, LoopSettings, LoopStatistics, Recordings, close_loop, first_fit
-from aero_bayes.simulation import WorkerPool
-from aero_bayes.structure import LawPlaces, ModelicaFamily
+from aero_bayes.loop import LoopSettings, close_loop
+from aero_bayes.loop.first_fit import LoopContext, LoopStatistics, first_fit
+from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 
 def test_a_model_without_a_free_parameter_is_simulated_with_its_values(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import pytest
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.parallel import ParallelMap, Task
-from aero_bayes.simulation import WorkerPool
+from aero_bayes.simulation.workers import WorkerPool
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers are forked")
 

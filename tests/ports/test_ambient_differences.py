@@ -14,7 +14,7 @@ from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.loop import LoopSettings, close_loop
-from aero_bayes.modelica import load_flat
+from aero_bayes.modelica.rumoca_front import load_flat
 
 OVEN = """model Oven "An oven in a hall whose temperature is recorded"
   parameter Real C(unit = "J/K", min = 0) = 350;

@@ -10,18 +10,16 @@ import pytest
 from fmpy import simulate_fmu
 from numpy.typing import NDArray
 
-from aero_bayes.modelica import FlatModel, add_output, export_flat, load_flat
+from aero_bayes.modelica.compose import add_output
+from aero_bayes.modelica.embedded import export_flat
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Name, Number
-from aero_bayes.structure import (
-    Law,
-    LawModels,
-    PlacedLaw,
-    compose_laws,
-    find_candidates,
-    place_law,
-    ports_with_laws,
-    write_laws,
-)
+from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.compose import LawModels, compose_laws
+from aero_bayes.structure.law import Law
+from aero_bayes.structure.placed_law import PlacedLaw, place_law
+from aero_bayes.structure.write_model import write_laws
 
 FORMS = {
     "matrices": """model Rig

@@ -11,8 +11,9 @@ from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopSettings, close_loop
-from aero_bayes.modelica import load_flat
-from aero_bayes.structure import ports_with_laws, shipped_laws
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.structure.candidates import ports_with_laws
+from aero_bayes.structure.law import shipped_laws
 
 AXIS = """model Axis "A position loop"
   parameter Real J(unit = "kg", min = 0) = 0.6;

@@ -8,8 +8,12 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.modelica import load_flat
-from aero_bayes.structure import Law, LawModels, compose_law, place_law, ports_with_laws, write_laws
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.structure.candidates import ports_with_laws
+from aero_bayes.structure.compose import LawModels, compose_law
+from aero_bayes.structure.law import Law
+from aero_bayes.structure.placed_law import place_law
+from aero_bayes.structure.write_model import write_laws
 
 DAMPER = """model Damper
   parameter Real c(unit = "N.s/m") = 200;

@@ -8,20 +8,14 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.modelica import load_flat
+from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.units import dimension_of_unit, unit_text
-from aero_bayes.structure import (
-    DIFFERENCE,
-    Law,
-    LawModels,
-    compose_law,
-    find_candidates,
-    place_law,
-    port_table,
-    ports_with_laws,
-    with_probes,
-    write_laws,
-)
+from aero_bayes.structure.balance import DIFFERENCE, port_table
+from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.compose import LawModels, compose_law, with_probes
+from aero_bayes.structure.law import Law
+from aero_bayes.structure.placed_law import place_law
+from aero_bayes.structure.write_model import write_laws
 
 pytestmark = pytest.mark.fast
 

@@ -15,8 +15,11 @@ from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.loop import LoopSettings, close_loop
-from aero_bayes.modelica import load_flat
-from aero_bayes.structure import Port, compose_laws, find_candidates, ports_with_laws, shipped_laws
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.structure.balance import Port
+from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.compose import compose_laws
+from aero_bayes.structure.law import shipped_laws
 
 CAR = """model Car "A quarter of a car"
   parameter Real m_b(unit = "kg", min = 0) = 250;

@@ -8,8 +8,13 @@ import numpy as np
 from fmpy import simulate_fmu
 from small_rigs import RIGS
 
-from aero_bayes.modelica import export_flat, load_flat
-from aero_bayes.structure import Law, LawModels, compose_law, find_candidates, place_law, ports_with_laws, write_laws
+from aero_bayes.modelica.embedded import export_flat
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.compose import LawModels, compose_law
+from aero_bayes.structure.law import Law
+from aero_bayes.structure.placed_law import place_law
+from aero_bayes.structure.write_model import write_laws
 
 FILTER = """within ;
 model Filter "Source, resistor, capacitor, and a probe at their node"

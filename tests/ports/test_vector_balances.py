@@ -10,17 +10,14 @@ import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
-from aero_bayes.modelica import FlatModel, load_flat
-from aero_bayes.structure import (
-    Law,
-    LawModels,
-    Port,
-    compose_law,
-    place_law,
-    ports_with_laws,
-    reserved_names,
-    write_laws,
-)
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.structure.balance import Port
+from aero_bayes.structure.candidates import ports_with_laws
+from aero_bayes.structure.compose import LawModels, compose_law
+from aero_bayes.structure.law import Law
+from aero_bayes.structure.placed_law import place_law
+from aero_bayes.structure.write_model import reserved_names, write_laws
 
 ARM = """model Arm "Two joints; {how}"
   parameter Real a = 0.3, b = 0.05, c = 0.02, d[2](each unit = "N.m.s/rad") = {{0.1, 0.2}};

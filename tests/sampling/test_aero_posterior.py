@@ -11,10 +11,16 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording, read_recording
-from aero_bayes.estimate import Fit, FitSettings, Status, SwarmSettings, fit
-from aero_bayes.modelica import export_fmu
-from aero_bayes.posterior import Posterior, SampleSettings, sample
-from aero_bayes.simulation import Model
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.identifiability import Status
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.posterior.posterior import Posterior
+from aero_bayes.posterior.sample import sample
+from aero_bayes.posterior.settings import SampleSettings
+from aero_bayes.simulation.model import Model
 from simulated_rigs.aero import Truth, effect, simulate_recording
 from simulated_rigs.designs import paper_step
 from simulated_rigs.kinds.aero import HALF_QUAD, Parameters

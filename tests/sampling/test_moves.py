@@ -12,6 +12,7 @@ from collections.abc import Callable
 import emcee
 import numpy as np
 import pytest
+from emcee.moves import StretchMove
 from scipy import stats
 
 from aero_bayes.posterior.adaptation import (
@@ -26,11 +27,10 @@ from aero_bayes.posterior.moves import (
     DelayedAcceptanceWalkMove,
     DifferentialMove,
     IndependenceMove,
-    StretchMove,
-    Surrogate,
     TriangularMap,
     WarpedStudentT,
 )
+from aero_bayes.posterior.surrogate import Surrogate
 
 ENSEMBLES, STEPS = 40, 60
 CORRELATED = np.array([[1.0, 0.95, 0.3], [0.95, 1.0, 0.2], [0.3, 0.2, 2.0]])

@@ -10,8 +10,8 @@ import pytest
 from facts import facts
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.posterior import posterior_predictive
-from aero_bayes.simulation import Outcome
+from aero_bayes.posterior.sample import posterior_predictive
+from aero_bayes.simulation.interface import Outcome
 
 pytestmark = pytest.mark.fast
 

@@ -15,13 +15,15 @@ from pathlib import Path
 import interrupted_run
 import numpy as np
 import pytest
-from emcee.moves import MHMove
+from emcee.moves import MHMove, StretchMove
 from facts import facts
 from scipy import stats
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.posterior import Adaptation, Chain, SampleSettings, run_chain
-from aero_bayes.posterior.moves import StretchMove, WarpedStudentT
+from aero_bayes.posterior.adaptation import Adaptation
+from aero_bayes.posterior.mcmc import Chain, run_chain
+from aero_bayes.posterior.moves import WarpedStudentT
+from aero_bayes.posterior.settings import SampleSettings
 
 pytestmark = pytest.mark.long
 

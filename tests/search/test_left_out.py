@@ -6,12 +6,17 @@ import closed_form
 import numpy as np
 import pytest
 
-from aero_bayes.estimate import LocalFitSettings, LocalSettings, Normal, Objective, OutputNoise, Parameter
-from aero_bayes.estimate.local_fit import local_fit
-from aero_bayes.loop import Blocks, CandidateModel, FittedModel, Row, Table, newton_errors, refitted_errors
-from aero_bayes.loop.left_out import MORE_BLOCKS
-from aero_bayes.simulation import ParameterTarget
-from aero_bayes.structure import CandidateTerm
+from aero_bayes.estimate import Normal
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.loop.left_out import MORE_BLOCKS, Blocks, newton_errors, refitted_errors
+from aero_bayes.loop.models import CandidateModel, FittedModel
+from aero_bayes.loop.table import Row, Table
+from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.structure.model_family import CandidateTerm
 
 pytestmark = pytest.mark.fast
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_left_out import PRIOR_SD, TIME, free, rows, study
 
-from aero_bayes.loop import Blocks
+from aero_bayes.loop.left_out import Blocks
 from aero_bayes.loop.screen import Screen
 
 pytestmark = pytest.mark.fast

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.estimate import quantum, thin_constant_readings
+from aero_bayes.estimate.noise_estimation import quantum, thin_constant_readings
 
 pytestmark = pytest.mark.fast
 

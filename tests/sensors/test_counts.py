@@ -2,20 +2,14 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
-from scipy.stats import norm
 
 import simulated_rigs.aero as bench
-from aero_bayes.estimate import (
-    FitSettings,
-    NoiseModel,
-    describe_quantisation,
-    fit,
-    interval_log_density,
-    rounding_error,
-)
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Model
+from aero_bayes.estimate import NoiseModel
+from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.noise_estimation import describe_sensors, rounding_error
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.fast
 
@@ -23,19 +17,6 @@ pytestmark = pytest.mark.fast
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
     return Model.load(export_fmu("Aero.Systems.OneDof", tmp_path_factory.mktemp("fmu") / "OneDof.fmu"))
-
-
-def test_interval_density_is_the_probability_of_a_count():
-    step, sd = 0.3, 0.07
-    counts = step * np.arange(-3, 4)
-    density = interval_log_density(counts, np.full(7, 0.11), sd, step)
-    for value, count in zip(density, counts, strict=True):
-        mass = quad(norm(0.11, sd).pdf, count - step / 2, count + step / 2)[0]
-        assert np.exp(value) * step == pytest.approx(mass, rel=1e-6, abs=1e-12)
-    assert np.exp(density).sum() * step == pytest.approx(1.0, abs=1e-9)
-    fine = interval_log_density(np.array([0.2, 5.0]), np.array([0.1, 0.1]), 0.5, 1e-4)
-    assert fine == pytest.approx(norm(0.1, 0.5).logpdf([0.2, 5.0]), abs=1e-6)
-    assert interval_log_density(np.array([np.nan]), np.array([0.0]), 1.0, 0.1)[0] == 0.0
 
 
 def test_rounding_of_a_slow_signal_lasts():
@@ -68,27 +49,17 @@ def counted(model):
 
 def test_counts_are_described(counted):
     fitted, step = counted
-    time, readings, smooth = (
-        fitted.calibration.data.experiments[0].time,
-        fitted.calibration.data.readings[0],
-        fitted.fitted[0],
-    )
-    found = describe_quantisation(time, readings[:, 2], smooth[:, 2])
-    assert found.step == pytest.approx(step, rel=1e-6)
-    assert found.sd == pytest.approx(0.2 * step, rel=0.25)
-    assert found.share == pytest.approx(1 / 12 / (1 / 12 + 0.04), abs=0.15)
-    assert found.gain > 0.0
-    assert describe_quantisation(time, readings[:, 0], smooth[:, 0]) is None
-    assert fitted.sensors["theta"]["encoder"]["step"] == pytest.approx(step, rel=1e-6)
+    found = fitted.sensors["theta"]["encoder"]
+    assert found["step"] == pytest.approx(step, rel=1e-6)
+    assert found["share"] == pytest.approx(1 / 12 / (1 / 12 + 0.04), abs=0.15)
+    assert "i_m" not in fitted.sensors
 
 
-@pytest.mark.parametrize(("size", "exact"), [(0.1, True), (1.5, False)])
-def test_exact_likelihood_is_asked_for_where_counts_are_coarse(size, exact):
+@pytest.mark.parametrize("size", [0.1, 1.5])
+def test_what_rounding_adds_is_told(size):
     time = np.arange(0.0, 40.0, 0.01)
     signal = 30.0 * np.sin(0.7 * time)
     readings = np.round(signal + size * np.random.default_rng(9).standard_normal(time.size))
-    found = describe_quantisation(time, readings, signal)
-    assert found.exact is exact
-    assert found.step == pytest.approx(1.0)
-    assert found.sd == pytest.approx(size, rel=0.05)
-    assert found.share == pytest.approx(1 / 12 / (1 / 12 + size**2), rel=0.1)
+    found = describe_sensors(["y"], [(time, readings[:, None], signal[:, None])])["y"]["encoder"]
+    assert found["step"] == pytest.approx(1.0)
+    assert found["share"] == pytest.approx(1 / 12 / (1 / 12 + size**2), rel=0.1)

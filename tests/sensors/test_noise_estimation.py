@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate import OutputNoise, SampleTimes, estimate_noise, innovations, log_density, whiten
+from aero_bayes.estimate.noise import OutputNoise, SampleTimes
+from aero_bayes.estimate.noise_estimation import estimate_noise, innovations, log_density, whiten
 
 pytestmark = pytest.mark.fast
 

@@ -7,9 +7,8 @@ import pytest
 from scipy.linalg import cho_solve
 from scipy.stats import multivariate_normal
 
-from aero_bayes.estimate import (
-    OutputNoise,
-    SampleTimes,
+from aero_bayes.estimate.noise import OutputNoise, SampleTimes
+from aero_bayes.estimate.noise_estimation import (
     innovations,
     log_density,
     reading_log_density,

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from fmu_builder import build
 
-from aero_bayes.simulation import InputSignal, Model, WorkerPool
+from aero_bayes.simulation.interface import InputSignal
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.workers import WorkerPool
 
 MakeModel = Callable[..., Model]
 
@@ -59,7 +61,7 @@ def pool() -> Iterator[WorkerPool]:
 @pytest.fixture(scope="session")
 def aero(tmp_path_factory: pytest.TempPathFactory) -> Model:
     """The AERO, exported from its Modelica source."""
-    export = pytest.importorskip("aero_bayes.modelica")
+    export = pytest.importorskip("aero_bayes.modelica.compilers")
     pytest.importorskip("casadi")
     pytest.importorskip("rumoca")
     path: Path = tmp_path_factory.mktemp("aero") / "OneDof.fmu"

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aero_bayes.simulation import (
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
     InputTarget,
-    Model,
-    NativeSimulator,
     Outcome,
     ParameterTarget,
     Problem,
     SolverSettings,
     StartTarget,
-    open_simulator,
 )
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
 

@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import (
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
     InputTarget,
-    Model,
-    NativeSimulator,
     Outcome,
     ParameterTarget,
     Problem,
     ProblemTarget,
     SolverSettings,
     StartTarget,
-    WorkerPool,
-    open_simulator,
 )
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.workers import WorkerPool
 
 pytestmark = pytest.mark.fast
 

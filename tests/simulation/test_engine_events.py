@@ -8,18 +8,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import (
-    Experiment,
-    Model,
-    NativeSimulator,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-    StartTarget,
-    open_simulator,
-)
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings, StartTarget
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
 

@@ -15,16 +15,9 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import (
-    MAX_LOST_RUNS,
-    Experiment,
-    NativeSimulator,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-    WorkerPool,
-)
+from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.workers import MAX_LOST_RUNS, WorkerPool
 
 FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP = (
     range(13)
@@ -275,7 +268,9 @@ def test_a_worker_below_the_limit_is_kept(test_fmu):
 ORPHAN = """
 import os, sys
 import numpy as np
-from aero_bayes.simulation import *
+from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 problem = Problem(Model.load(sys.argv[1]), (Experiment(np.linspace(0, 2, 41), ("x",)),), ((ParameterTarget("mode"),),),
                   settings=SolverSettings(time_limit=60.0))
 simulator = NativeSimulator(problem, workers=1)

@@ -9,19 +9,19 @@ import pytest
 from test_model_load import replaced, rewrite
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import (
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import (
     Experiment,
     InputSignal,
-    Model,
-    NativeSimulator,
     Outcome,
     ParameterTarget,
     Problem,
     ProblemTarget,
     SolverSettings,
     StartTarget,
-    open_simulator,
 )
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
 

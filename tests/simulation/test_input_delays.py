@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import (
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
-    Model,
     Outcome,
     Problem,
     ProblemTarget,
     SolverSettings,
-    open_simulator,
 )
+from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.fast
 

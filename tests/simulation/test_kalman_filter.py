@@ -11,13 +11,12 @@ from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import (
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import (
     DiffusionTarget,
     Experiment,
     InputSignal,
-    Model,
-    NativeSimulator,
     Outcome,
     ParameterTarget,
     Problem,
@@ -25,9 +24,10 @@ from aero_bayes.simulation import (
     ReadingNoiseTarget,
     SolverSettings,
     StartTarget,
-    open_simulator,
+    smooth,
 )
-from aero_bayes.simulation.interface import smooth
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
 

@@ -8,22 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import (
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
     InputTarget,
-    Model,
-    NativeSimulator,
     Outcome,
     ParameterTarget,
     Problem,
     SolverSettings,
     StartTarget,
-    WorkerPool,
 )
-from aero_bayes.structure import LawBlocks, OpenModel, attached, couple
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.attach import OpenModel, attached
+from aero_bayes.structure.coupled_fmu import couple
+from aero_bayes.structure.law_blocks import LawBlocks
 
 pytestmark = pytest.mark.fast
 
@@ -244,15 +246,3 @@ def test_a_run_out_of_time_ends_alone(test_fmu, here):
         found = simulator.simulate(np.array([[FINE], [STIFFEN], [FINE]], dtype=float))
     assert list(found.outcomes[[0, 2], 0]) == [Outcome.OK, Outcome.OK]
     assert Outcome(found.outcomes[1, 0]) in EXPECTED[STIFFEN]
-
-
-def test_fmi3_and_its_lanes(tmp_path, rigs, here):
-    source = tmp_path / "Rig.mo"
-    source.write_text(RIG.replace("FRICTION", FRICTIONS["kinks"]))
-    model = Model.load(export_fmu("Rig", tmp_path / "three.fmu", sources=source, fmi=3))
-    found = []
-    for one in (rigs["kinks"][0], model):
-        with NativeSimulator(pose(one, "held"), pool=here) as simulator:
-            found.append(simulator.simulate(draw(9)).outputs)
-    for a, b in zip(*found, strict=True):
-        assert np.array_equal(a, b)

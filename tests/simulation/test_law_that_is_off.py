@@ -7,27 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.simulation import (
-    Experiment,
-    Model,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    SolverSettings,
-    StartTarget,
-    open_simulator,
-)
-from aero_bayes.structure import (
-    FmuBoundary,
-    Law,
-    LawBlocks,
-    LawModels,
-    attached,
-    couple,
-    law_models,
-    place_law,
-    shipped_laws,
-)
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings, StartTarget
+from aero_bayes.simulation.model import Model
+from aero_bayes.structure.attach import attached
+from aero_bayes.structure.compose import LawModels, law_models
+from aero_bayes.structure.coupled_fmu import couple
+from aero_bayes.structure.fmu_ports import FmuBoundary
+from aero_bayes.structure.law import Law, shipped_laws
+from aero_bayes.structure.law_blocks import LawBlocks
+from aero_bayes.structure.placed_law import place_law
 
 pytestmark = pytest.mark.fast
 

@@ -12,8 +12,11 @@ from facts import facts
 from fmpy import read_model_description
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import Experiment, InputSignal, Model, NativeSimulator, Problem, open_simulator
 from aero_bayes.simulation import archive as archive_module
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, InputSignal, Problem
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
 

@@ -13,18 +13,18 @@ from fmpy.fmi2 import FMU2Slave
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import (
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
-    Model,
-    NativeSimulator,
     Outcome,
     ParameterTarget,
     Problem,
     SolverSettings,
 )
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
 

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from aero_bayes.simulation import Experiment, NativeSimulator, ParameterTarget, Problem, SolverSettings, StartTarget
-from aero_bayes.simulation.interface import gauss_newton_products
+from aero_bayes.simulation.interface import (
+    Experiment,
+    ParameterTarget,
+    Problem,
+    SolverSettings,
+    StartTarget,
+    gauss_newton_products,
+)
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
 

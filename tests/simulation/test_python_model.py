@@ -7,15 +7,8 @@ import pytest
 
 import aero_bayes
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import (
-    DelayTarget,
-    Experiment,
-    InputSignal,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    open_simulator,
-)
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import DelayTarget, Experiment, InputSignal, Outcome, ParameterTarget, Problem
 
 pytestmark = pytest.mark.fast
 

@@ -10,16 +10,10 @@ from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import Override, parameters_from_model
-from aero_bayes.simulation import (
-    Experiment,
-    InputSignal,
-    Model,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    WorkerPool,
-    open_simulator,
-)
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.workers import WorkerPool
 
 TIME = np.linspace(0.0, 2.0, 41)
 # x' = b u - k x, x(0) = g, or 1 where g is 0, y = 2 x + 3 u

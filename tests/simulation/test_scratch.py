@@ -15,14 +15,18 @@ import pytest
 
 from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder, sweep
-from aero_bayes.simulation import Experiment, Model, Problem, open_simulator
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, Problem
+from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.fast
 
 RUN = """
 import sys, time
 import numpy as np
-from aero_bayes.simulation import *
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem
+from aero_bayes.simulation.model import Model
 problem = Problem(Model.load(sys.argv[1]), (Experiment(np.linspace(0, 2, 41), ("x",)),), ((ParameterTarget("k"),),))
 keep = [open_simulator(problem, engine, workers=1) for engine in ("native", "fmpy")]
 for simulator in keep:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from aero_bayes.modelica import load_flat
-from aero_bayes.structure import find_candidates, ports_with_laws, shipped_laws
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.law import shipped_laws
 from study import real_trial
 
 pytestmark = pytest.mark.long

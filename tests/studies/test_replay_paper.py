@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from aero_bayes.cli import main
 from aero_bayes.report import RunJson, undeclared
-from aero_bayes.simulation import Outcome
+from aero_bayes.simulation.interface import Outcome
 from paper_replay import paper_recording, replay_paper, write_run
 from paper_replay.paper import JOINT, PAPER, RERUN, SCALED, run_result
 from paper_replay.published import TABLE_1, TABLE_PARAMETERS

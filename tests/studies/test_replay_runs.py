@@ -7,7 +7,9 @@ import pytest
 from aero_closed_form import linear_run
 from scipy.optimize import least_squares
 
-from aero_bayes.simulation import Outcome, WorkerPool, open_simulator
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.workers import WorkerPool
 from paper_replay import paper_recording
 from paper_replay.models import OUTPUTS, export_models, open_models
 from paper_replay.published import (

@@ -13,8 +13,10 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import export_fmu
-from aero_bayes.simulation import Experiment, InputSignal, Model, Problem, SolverSettings, StartTarget, open_simulator
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import Experiment, InputSignal, Problem, SolverSettings, StartTarget
+from aero_bayes.simulation.model import Model
 from simulated_rigs import MODELS, LawPlace, LawTruth, draw_rig_trial, rig_kinds, simulate_rig, write_trial
 from simulated_rigs.distance import RigExperiment, arma_innovations
 from simulated_rigs.kinds import KINDS

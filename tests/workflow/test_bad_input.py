@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from aero_bayes.cli import main
-from aero_bayes.modelica import export_fmu
+from aero_bayes.modelica.compilers import export_fmu
 
 pytestmark = pytest.mark.fast
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from aero_bayes.commands import model_diagrams
-from aero_bayes.modelica import modelica_root
 from aero_bayes.modelica.class_reader import build_tree, look_up, read_library
+from aero_bayes.modelica.library import modelica_root
 from aero_bayes.report import ComponentJson, DiagramJson
 
 pytestmark = pytest.mark.fast

@@ -19,18 +19,11 @@ from click.testing import CliRunner
 from pydantic import BaseModel
 
 from aero_bayes.cli import main
-from aero_bayes.commands import (
-    Job,
-    RunOptions,
-    fit_settings,
-    loop_settings,
-    open_job,
-    sample_settings,
-)
+from aero_bayes.commands import Job, RunOptions, fit_settings, loop_settings, open_job, sample_settings
 from aero_bayes.config import Config, load_config
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import export_fmu
-from aero_bayes.structure import CandidateFilter
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.structure.law_places import CandidateFilter
 
 ALL = ("fit", "posterior", "close-loop")
 #: The commands that do what a section is about; the others may be given the same file and pass it over.

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 import aero_bayes
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import export_fmu
+from aero_bayes.modelica.compilers import export_fmu
 
 CASES = Path(os.environ.get("AERO_BAYES_CASES", Path(__file__).parents[2].parent / "shared" / "cases"))
 cases = pytest.mark.skipif(not CASES.is_dir(), reason=f"no cases at {CASES}")

@@ -13,7 +13,7 @@ from written_effects import write_effects
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
-from aero_bayes.modelica import export_fmu
+from aero_bayes.modelica.compilers import export_fmu
 from simulated_rigs.aero import Parameters, Truth, simulate_recording
 from simulated_rigs.designs import pulse, random_levels
 from simulated_rigs.sensors import white

@@ -58,4 +58,4 @@ def test_the_verdict_names_the_test_recording_that_is_not_predicted_down_to_its_
     assert "steps" not in result["verdict"]["text"]
     far = [(e["recording"], e["output"]) for e in result["loop"]["errors"] if e["verdict"] == "too large"]
     assert far == [("chirp", "i"), ("chirp", "w")]
-    assert "more than noise is left" in (out / "report.html").read_text("utf-8")
+    assert "more than 1.3 times the noise" in (out / "report.html").read_text("utf-8")

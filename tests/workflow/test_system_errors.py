@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from facts import facts
 
-from aero_bayes.modelica import export_fmu
+from aero_bayes.modelica.compilers import export_fmu
 
 CART = Path(__file__).parents[2] / "examples" / "cart"
 FIT = "fit --model Rig.fmu --config rig.toml --data train.csv --out out --workers 1 --quiet"

@@ -15,9 +15,8 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.recording_parameters import values_of_recordings
-from aero_bayes.estimate.unfittable import expression_text
+from aero_bayes.estimate.calibration import Calibration, values_of_recordings
+from aero_bayes.estimate.fittable import expression_text
 from aero_bayes.files import ScratchFolder, whole_file
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.compose import rename_model, set_elements

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -76,32 +76,20 @@ def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> Floa
     return best
 
 
-@dataclass(frozen=True)
-class DelaySearchSettings:
-    """Settings of the search over delays.
-
-    For each delay, ``max_starts`` local searches start from the best points of a scan with the other parameters fixed.
-    """
-
-    max_starts: int = 6
-    settings: LocalSettings = field(default_factory=lambda: LocalSettings(tolerance=1e-2, iterations=20))
+#: For each delay, so many local searches start from the best points of a scan with the other parameters fixed.
+MAX_STARTS = 6
+LOCAL = LocalSettings(tolerance=1e-2, iterations=20)
 
 
-def search_delays(
-    target: Target, point: FloatArray, noise: FloatArray, search_settings: DelaySearchSettings | None = None
-) -> tuple[FloatArray, bool]:
+def search_delays(target: Target, point: FloatArray, noise: FloatArray) -> tuple[FloatArray, bool]:
     """Search the likeliest local optima of each delay in turn, with all parameters free."""
-    search_settings = search_settings or DelaySearchSettings()
     cost_function, (low, high) = target.cost_function(noise), target.box
     intervals = target.calibration.data.intervals
     shape = cost_shape(target.parameters, range(len(target.free)), intervals)
     moved = False
     for k, item in enumerate(target.parameters):
-        starts = _starts(target, point, noise, k, item, intervals, search_settings.max_starts)
-        found = [
-            levenberg_marquardt(cost_function, start, low, high, search_settings.settings, shape=shape)
-            for start in starts
-        ]
+        starts = _starts(target, point, noise, k, item, intervals)
+        found = [levenberg_marquardt(cost_function, start, low, high, LOCAL, shape=shape) for start in starts]
         scores = [laplace_log_evidence(f) for f in found]
         best = int(np.argmax(scores)) if scores else 0
         if best > 0 and scores[best] > scores[0] + MIN_LOG_EVIDENCE_GAIN:
@@ -110,7 +98,7 @@ def search_delays(
 
 
 def _starts(
-    target: Target, point: FloatArray, noise: FloatArray, k: int, item: Parameter, intervals: Sequence[float], most: int
+    target: Target, point: FloatArray, noise: FloatArray, k: int, item: Parameter, intervals: Sequence[float]
 ) -> list[FloatArray]:
     """List the point itself, then the best points of a scan over one delay; empty if there is nothing to scan."""
     if not isinstance(item.target, DelayTarget):
@@ -125,7 +113,7 @@ def _starts(
         return []
     trial = np.tile(point, (offsets.size, 1))
     trial[:, k] = (item.lower + offsets) / width
-    order = np.argsort(target.cost(trial, noise))[:most]
+    order = np.argsort(target.cost(trial, noise))[:MAX_STARTS]
     return [point, *trial[order]]
 
 

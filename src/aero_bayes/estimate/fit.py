@@ -28,14 +28,13 @@ from aero_bayes.estimate.listed_values import ValueCombination, combinations, co
 from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.misread import with_misread_finding
 from aero_bayes.estimate.modes import Mode, find_modes, likelihood_temperature
-from aero_bayes.estimate.noise_estimation import whiten
+from aero_bayes.estimate.noise_estimation import describe_sensors, whiten
 from aero_bayes.estimate.noise_kinds import choose_spreads, is_correlated, refit_with_spread
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.other_tools import ValueTrial
 from aero_bayes.estimate.outliers import without_outliers
 from aero_bayes.estimate.parameters import ChosenParameters, Override, ParameterSet, chosen_parameters
 from aero_bayes.estimate.priors import LogNormal
-from aero_bayes.estimate.quantisation import describe_sensors
 from aero_bayes.estimate.result import Fit
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
@@ -350,7 +349,6 @@ def fit_calibration(
     rng: np.random.Generator | None = None,
     progress: Progress | None = None,
     *,
-    simulator: Simulator | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Fit:
     """Fit a calibration through any simulator."""
@@ -359,8 +357,7 @@ def fit_calibration(
     with ExitStack() as stack:
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
-        if simulator is None:
-            simulator = stack.enter_context(open_simulator(calibration.problem()))
+        simulator = stack.enter_context(open_simulator(calibration.problem()))
         search = GlobalSearch(
             objective_of(calibration, simulator, result_cache=checkpoint), settings.global_search, progress
         )

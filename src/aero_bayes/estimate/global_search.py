@@ -25,7 +25,6 @@ from aero_bayes.estimate.local_fit import (
     Optimum,
     fit_noise,
     fit_progressive_horizon,
-    floor_ratio,
     local_fit,
 )
 from aero_bayes.estimate.noise import NoiseKind, OutputNoise
@@ -139,7 +138,7 @@ class GlobalSearch:
         eq6 = self.settings.cost == "eq6"
         return LocalFitSettings(
             self.settings.local, self.kinds, self.objective.calibration.data.floors,
-            self.settings.max_correlation_time, hold_noise=eq6, prior=self.settings.cost == "posterior",
+            hold_noise=eq6, prior=self.settings.cost == "posterior",
         )  # fmt: skip
 
     @property
@@ -231,7 +230,7 @@ class GlobalSearch:
 
         Noise that is correlated for too long, that absorbs signal, or that leaves correlated innovations is model
         error."""
-        if not self.settings.check_noise or self.settings.cost != "posterior" or self.objective.filters:
+        if self.settings.cost != "posterior" or self.objective.filters:
             return here
         for _ in range(3):
             noise = estimate_output_noise(self.objective, here, self.white_outputs)
@@ -281,7 +280,7 @@ class GlobalSearch:
     def _explore(
         self, start: FloatArray, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
         known: pso.SwarmResult | None,
-    ) -> tuple[FloatArray, pso.SwarmResult | None]:  # fmt: skip
+    ) -> tuple[FloatArray, pso.SwarmResult]:  # fmt: skip
         """Search the whole box on a cheaper problem: a swarm, then local fits from its best particles and the start.
 
         This is a multi-start search; one more start comes from fitting progressively longer horizons."""
@@ -294,11 +293,6 @@ class GlobalSearch:
             target = Target(reduced, simulator, values, free, prior=self.settings.cost == "posterior")
             reduced_objective = self.objective.with_calibration(reduced, simulator)
             noise = self.initial_noise()
-            from_start = self._fit_from_start(reduced_objective, start, free)
-            if from_start is not None:
-                ratio = floor_ratio(reduced_objective, from_start.evaluation.residual)
-                if ratio <= self.settings.good_enough:
-                    return from_start.coordinates, None
             rows = reduced_objective.noise_rows(noise)
             low, high = target.box
 
@@ -316,7 +310,7 @@ class GlobalSearch:
                 reduced_objective.cached("swarm", key, run_swarm, lambda: not self.progress.asked_to_end),
                 "",
             )
-            starts = [] if from_start is not None else [start]
+            starts = [start]
             if np.isfinite(swarm.cost):
                 for x in swarm.candidates[: self.settings.starts]:
                     at = start.copy()
@@ -329,25 +323,16 @@ class GlobalSearch:
                 )
                 starts.append(point)
                 self.iterations += steps
-            best = self._best_local_fit(reduced_objective, starts, free, noise, from_start)
+            best = self._best_local_fit(reduced_objective, starts, free, noise)
         return best.coordinates, swarm
 
-    def _fit_from_start(self, objective: Objective, start: FloatArray, free: Sequence[int]) -> Optimum | None:
-        """Fit least squares from the starting values; None if the swarm is not to be skipped anyway."""
-        if self.settings.good_enough <= 0.0 or self.settings.cost == "eq6":
-            return None
-        with suppress(CannotFinishError):
-            return self._local_fit(start, free, None, self.least_squares_settings.with_limits(25, 0.1), objective)
-        return None
-
     def _best_local_fit(
-        self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise],
-        from_start: Optimum | None,
-    ) -> Optimum:  # fmt: skip
-        """Choose the best of several local fits with white noise, ``from_start`` among them."""
+        self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise]
+    ) -> Optimum:
+        """Choose the best of several local fits with white noise."""
         known = noise if self.settings.cost == "eq6" else None
         settings = self.least_squares_settings.with_limits(25, 0.1)
-        found = [from_start] if from_start is not None else []
+        found = []
         for at in starts:
             with suppress(CannotFinishError):
                 found.append(self._local_fit(at, free, known, settings, objective))

@@ -82,19 +82,6 @@ def first_moves_in(calibration: Calibration, fitted: int) -> tuple[list[str], li
     return sorted(set[str]().union(*moving[fitted:]) - known), where
 
 
-def _with_linear_inputs(calibration: Calibration) -> Calibration | None:
-    """Return the calibration with linear interpolation of its moving inputs; None if there are none."""
-    moving = _moving_anywhere(calibration)
-    return with_interpolation(calibration, dict.fromkeys(moving, "linear")) if moving else None
-
-
-def with_other_interpolation(calibration: Calibration) -> Calibration | None:
-    """Return the calibration with the other interpolation of its moving inputs; None if there are none."""
-    if "linear" not in calibration.data.interpolation.values():
-        return _with_linear_inputs(calibration)
-    return with_interpolation(calibration, dict.fromkeys(calibration.data.interpolation, "hold"))
-
-
 def choose_interpolation(
     search: GlobalSearch, result: GlobalSearchResult, open_simulator: OpenSimulator, rng: np.random.Generator
 ) -> tuple[Calibration, Optimum] | None:
@@ -103,13 +90,14 @@ def choose_interpolation(
     With inputs that hold, a fit can have a wrong optimum, such as a resonance above the Nyquist frequency that appears
     at the samples as an alias below it."""
     before, here = search.objective.calibration, result.optimum
-    if (linear := _with_linear_inputs(before)) is None:
+    moving = _moving_anywhere(before)
+    if not moving:
         return None
+    linear = with_interpolation(before, dict.fromkeys(moving, "linear"))
     # It may be at a wrong optimum: the other interpolation then starts anew.
     far = floor_ratio(search.objective, here.evaluation.residual) > GOOD_FIT_RATIO
     found = _better_fit(search, here, linear, open_simulator, (rng, result.swarm) if far else None)
     best, here = (before, here) if found is None else (linear, found)
-    moving = _moving_anywhere(before)
     for name in moving if len(moving) > 1 else ():
         other = with_interpolation(best, {name: "hold" if best.data.interpolation[name] == "linear" else "linear"})
         found = _better_fit(search, here, other, open_simulator)

@@ -287,9 +287,6 @@ class GlobalSearchSettings:
     local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
     samples: int = 600
     starts: int = 3
-    max_correlation_time: float | None = None
-    check_noise: bool = True
-    good_enough: float = 0.0
 
 
 Engine = Literal["native", "fmpy"]

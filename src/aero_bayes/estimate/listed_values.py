@@ -13,8 +13,8 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
+from aero_bayes.estimate.fittable import choices_of, listed_choices, no_parameter_text, own_value_reason
 from aero_bayes.estimate.parameters import ChosenParameters, Override, ParameterSet
-from aero_bayes.estimate.unfittable import choices_of, listed_choices, no_parameter_text, own_value_reason
 from aero_bayes.files import ScratchFolder
 from aero_bayes.modelica.flat import FlatModel, FlatVariable
 from aero_bayes.modelica.rumoca_front import load_flat

@@ -51,8 +51,6 @@ class LocalFitSettings:
         Kind of noise by output; ``auto`` where an output is not named.
     floors : mapping of str to float
         Least standard deviation of the white noise by output (a sensor's quantum over the square root of twelve).
-    max_correlation_time : float, optional
-        Of the noise, in s.
     hold_noise : bool
         Do not estimate the noise.
     prior : bool
@@ -66,7 +64,6 @@ class LocalFitSettings:
     )
     kinds: Mapping[str, NoiseKind] = field(default_factory=dict)
     floors: Mapping[str, float] = field(default_factory=dict)
-    max_correlation_time: float | None = None
     hold_noise: bool = False
     prior: bool = True
 
@@ -153,7 +150,7 @@ def fit_noise(
             continue
         noise[output] = update_output_noise(
             [residual[k] for k in own], [objective.series[k].sampling for k in own], floor=floor,
-            longest=settings.max_correlation_time, start=start.get(output) if start is not None else None,
+            start=start.get(output) if start is not None else None,
         )  # fmt: skip
     return noise
 

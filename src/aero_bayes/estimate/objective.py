@@ -17,7 +17,6 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes
 from aero_bayes.estimate.noise_estimation import LOG_2PI, whiten
 from aero_bayes.simulation.interface import (
-    Filter,
     GaussNewton,
     Outcome,
     ReadingNoiseTarget,
@@ -26,6 +25,7 @@ from aero_bayes.simulation.interface import (
     Trajectories,
     smooth,
 )
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 #: Noise of an output that does not count, over its range.
 IGNORED_NOISE_FACTOR = 1e6
@@ -316,7 +316,7 @@ class FilterObjective(Objective):
 
     def _compare(self, values: FloatArray, active: Sequence[int] | None) -> Evaluation | None:
         columns = list(active) if active is not None else []
-        found = cast(Filter, self.simulator).filter(values[np.newaxis, :], active=columns)
+        found = cast(NativeSimulator, self.simulator).filter(values[np.newaxis, :], active=columns)
         self._count(found.outcomes)
         if np.any(found.outcomes[0] != Outcome.OK):
             return None
@@ -358,12 +358,12 @@ class FilterObjective(Objective):
         }
 
     def predictions(self, values: FloatArray) -> tuple[FloatArray, ...]:
-        found = cast(Filter, self.simulator).filter(values[np.newaxis, :])
+        found = cast(NativeSimulator, self.simulator).filter(values[np.newaxis, :])
         self._count(found.outcomes)
         return tuple(y[0] for y in found.predicted)
 
     def smoothed_states(self, values: FloatArray) -> tuple[SmoothedStates, ...]:
-        found = cast(Filter, self.simulator).filtered_states(values)
+        found = cast(NativeSimulator, self.simulator).filtered_states(values)
         self._count(np.zeros(len(found), dtype=np.uint8))
         return tuple(smooth(states, y) for states, y in zip(found, self.calibration.data.measured, strict=True))
 

@@ -15,11 +15,10 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import join_names
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.calibration import Calibration, for_recordings
 from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
-from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import ParameterTarget
 

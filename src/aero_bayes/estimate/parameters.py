@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from aero_bayes.arguments import names_of
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.default_bounds import default_bounds, first_given, model_bound
+from aero_bayes.estimate.fittable import default_bounds, first_given, model_bound, no_parameter_text
 from aero_bayes.estimate.priors import LogUniform, Prior, Uniform, search_sd
-from aero_bayes.estimate.unfittable import no_parameter_text
 from aero_bayes.simulation.interface import ParameterTarget, ProblemTarget
 from aero_bayes.simulation.model import Model
 

@@ -7,9 +7,10 @@ change to search coordinates belongs to :mod:`aero_bayes.estimate.parameters`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, Protocol
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,36 +23,31 @@ from aero_bayes.errors import InputError
 _LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
-class Prior(Protocol):
+class Prior(ABC):
     """What a parameter's prior must answer; ``lower`` and ``upper`` bound its support."""
 
-    def __hash__(self) -> int: ...
+    lower: float
+    upper: float
 
-    @property
-    def lower(self) -> float: ...
-
-    @property
-    def upper(self) -> float: ...
-
+    @abstractmethod
     def log_pdf(self, x: ArrayLike) -> FloatArray:
         """Compute the log-density at ``x`` (any shape), minus infinity outside the bounds."""
-        ...
 
+    @abstractmethod
     def derivatives(self, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Compute the first and second derivative of the log-density inside the bounds."""
-        ...
 
+    @abstractmethod
     def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
         """Draw independently, shape (size,)."""
-        ...
 
-    def bounded(self, lower: float, upper: float) -> Prior:
-        """Return the same density truncated to the intersection of its bounds with these."""
-        ...
-
+    @abstractmethod
     def describe(self, unit: str) -> str:
         """Return what a reader of a report sees."""
-        ...
+
+    def bounded(self, lower: float, upper: float) -> Self:
+        """Return the same density truncated to the intersection of its bounds with these."""
+        return replace(self, lower=max(lower, self.lower), upper=min(upper, self.upper))  # type: ignore[type-var]
 
 
 def _check(lower: float, upper: float, what: str) -> None:
@@ -84,7 +80,7 @@ def _truncated_normal(rng: np.random.Generator, a: float, b: float, size: int) -
 
 
 @dataclass(frozen=True)
-class Uniform:
+class Uniform(Prior):
     """Equal density everywhere between the bounds.
 
     Parameters
@@ -116,15 +112,12 @@ class Uniform:
     def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
         return rng.uniform(self.lower, self.upper, size)
 
-    def bounded(self, lower: float, upper: float) -> Uniform:
-        return Uniform(max(lower, self.lower), min(upper, self.upper))
-
     def describe(self, unit: str) -> str:
         return with_unit(f"uniform, {self.lower:.4g} to {self.upper:.4g}", unit)
 
 
 @dataclass(frozen=True)
-class LogUniform:
+class LogUniform(Prior):
     """Equal density on a logarithmic axis between two positive bounds.
 
     Parameters
@@ -160,15 +153,12 @@ class LogUniform:
     def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
         return np.exp(rng.uniform(math.log(self.lower), math.log(self.upper), size))
 
-    def bounded(self, lower: float, upper: float) -> LogUniform:
-        return LogUniform(max(lower, self.lower), min(upper, self.upper))
-
     def describe(self, unit: str) -> str:
         return with_unit(f"log-uniform, {self.lower:.4g} to {self.upper:.4g}", unit)
 
 
 @dataclass(frozen=True)
-class Normal:
+class Normal(Prior):
     """Normal density, truncated to the bounds and normalised there.
 
     Parameters
@@ -212,15 +202,12 @@ class Normal:
     def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
         return self.mean + self.sd * _truncated_normal(rng, *self._limits, size)
 
-    def bounded(self, lower: float, upper: float) -> Normal:
-        return Normal(self.mean, self.sd, max(lower, self.lower), min(upper, self.upper))
-
     def describe(self, unit: str) -> str:
         return with_unit(f"normal, {self.mean:.4g} ± {self.sd:.2g}", unit)
 
 
 @dataclass(frozen=True)
-class LogNormal:
+class LogNormal(Prior):
     """Log-normal density about a median, truncated to the bounds and normalised there.
 
     Parameters
@@ -280,9 +267,6 @@ class LogNormal:
 
     def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
         return np.asarray(self.median * np.exp(self.sigma * _truncated_normal(rng, *self._limits, size)))
-
-    def bounded(self, lower: float, upper: float) -> LogNormal:
-        return LogNormal(self.median, self.sigma, max(lower, self.lower), min(upper, self.upper))
 
     def describe(self, unit: str) -> str:
         middle = with_unit(f"log-normal, {self.median:.4g}", unit)

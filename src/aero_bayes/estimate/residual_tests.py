@@ -23,7 +23,7 @@ from aero_bayes.estimate.reading_spread import SpreadModel
 from aero_bayes.estimate.whiteness import (
     FALSE_ALARM_RATE,
     autocorrelation,
-    correlation_statistic,
+    correlation_p_value,
     is_rotor_speed,
     ripple_means,
 )
@@ -35,27 +35,21 @@ ResidualVerdict = Literal["adequate", "structured"]
 #: Residual, as a share of what an output moves, up to which it is rounding, and up to which it may be the solver's
 #: error: no sensor is that good, and simulated data without noise leave less.
 ROUNDING_SHARE, SOLVER_SHARE = 1e-6, 1e-4
-#: Largest lag of the autocorrelation of a report, in samples.
-CORRELATION_LAGS = 200
 #: Ratio of a residual to the noise floor above which it is structured, regardless of the tests.
 MAX_FLOOR_RATIO = 2.0
 
 
 @dataclass(frozen=True)
 class StructureTest:
-    """A test of a residual: a chi-square statistic, its degrees of freedom, and the p-value."""
+    """A test of a residual: the probability that independent noise gives so large a chi-square statistic."""
 
     name: str
-    statistic: float
-    freedom: int
     p_value: float
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualReport:
-    """The residual of one output of one recording.
-
-    ``autocorrelation`` is that of the residual at ``lags`` (s); ``correlations`` are with inputs and fitted states."""
+    """The residual of one output of one recording; ``correlations`` are with inputs and fitted states."""
 
     recording: str
     output: str
@@ -63,8 +57,6 @@ class ResidualReport:
     noise_floor: float | None
     noise: float
     tests: tuple[StructureTest, ...]
-    lags: FloatArray
-    autocorrelation: FloatArray
     correlations: Mapping[str, float]
     worst_time: tuple[float, float]
     worst_share: float
@@ -113,8 +105,7 @@ def reports_by_recording(reports: Sequence[ResidualReport]) -> dict[str, dict[st
 
 def portmanteau_test(innovations: FloatArray, lags: int = 20) -> StructureTest:
     """Test for autocorrelation up to ``lags``; the test holds its size when the variance changes over time."""
-    statistic, freedom = correlation_statistic(innovations, innovations, lags)
-    return StructureTest("autocorrelation", statistic, freedom, float(chdtrc(freedom, statistic)))
+    return StructureTest("autocorrelation", correlation_p_value(innovations, innovations, lags))
 
 
 def smooth_dependence_test(
@@ -123,7 +114,7 @@ def smooth_dependence_test(
     """Test for a smooth dependence of a residual on ``over`` (n,), such as a state or the time."""
     low, high = float(over.min()), float(over.max())
     if not high > low:
-        return StructureTest(name, 0.0, 0, 1.0)
+        return StructureTest(name, 1.0)
     # Half of the weight of the knots is by rank, so that most of them are where the data are.
     knots = 0.5 * (np.linspace(low, high, 8) + np.quantile(over, np.linspace(0.0, 1.0, 8)))
     knots = knots[np.concatenate(([True], np.diff(knots) > 1e-6 * (high - low)))]
@@ -151,12 +142,11 @@ def _chi_square(name: str, rows: FloatArray, innovations: FloatArray, slopes: Fl
     norms = np.linalg.norm(rows, axis=1)
     rows = rows[norms > 1e-6 * max(float(norms.max(initial=0.0)), 1e-300)]
     if rows.size == 0:
-        return StructureTest(name, 0.0, 0, 1.0)
+        return StructureTest(name, 1.0)
     values, vectors = np.linalg.eigh(rows @ rows.T)
     keep = values > 1e-6 * values[-1]
     scores = (vectors[:, keep].T @ (rows @ innovations)) / np.sqrt(values[keep])
-    statistic, freedom = float(scores @ scores), int(keep.sum())
-    return StructureTest(name, statistic, freedom, float(chdtrc(freedom, statistic)))
+    return StructureTest(name, float(chdtrc(int(keep.sum()), float(scores @ scores))))
 
 
 def check_residuals(
@@ -197,13 +187,11 @@ def check_residuals(
         longest = max(s.sampling.duration for s in series if s.output == own.output)
         lasting = is_model_error(noise, longest)
         structured = not exact and (worst < FALSE_ALARM_RATE or beyond or lasting)
-        acf = autocorrelation(residual, CORRELATION_LAGS)
-        lags = own.sampling.interval * np.arange(acf.size, dtype=np.float64)
         window, share = _worst_window(own.sampling.time, innovations)
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
             ResidualReport(
-                calibration.data.names[own.experiment], own.output, rms, floor, size, tuple(tests), lags, acf,
+                calibration.data.names[own.experiment], own.output, rms, floor, size, tuple(tests),
                 correlations, window, share, "structured" if structured else "adequate", exact,
             )
         )  # fmt: skip

@@ -229,7 +229,7 @@ class Fit(OtherTools):
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """What may be behind a residual that is not noise: data, solver, search, noise, model, in this order."""
-        from aero_bayes.estimate.diagnose import diagnose  # its checks use the class of a fit
+        from aero_bayes.estimate.diagnose import diagnose
 
         return diagnose(self)
 

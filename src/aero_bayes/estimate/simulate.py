@@ -18,7 +18,6 @@ from aero_bayes.estimate.interpolation import first_reading, interpolation_for, 
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
-    Filter,
     Filtered,
     Outcome,
     ParameterTarget,
@@ -27,6 +26,7 @@ from aero_bayes.simulation.interface import (
     StartTarget,
     Trajectories,
 )
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 
 def simulate(
@@ -97,7 +97,7 @@ def run_filter(
     The parameters are those of :func:`run_problem`."""
     problem, matrix = _problem(calibration, recording, values, {}, {})
     with open_simulator(problem, "fmpy" if engine == "fmpy" else "native", workers) as simulator:
-        return cast(Filter, simulator).filter(matrix)
+        return cast(NativeSimulator, simulator).filter(matrix)
 
 
 def _problem(

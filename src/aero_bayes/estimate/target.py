@@ -84,17 +84,6 @@ class NoiseLayout:
 
 
 @dataclass(frozen=True, eq=False)
-class QuadraticModels:
-    """Cost, gradient and Gauss-Newton Hessian at a batch of points: shapes (k,), (k, p), (k, p, p).
-
-    The cost is not finite where the evaluation failed."""
-
-    cost: FloatArray
-    gradient: FloatArray
-    hessian: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class CurvatureAdjustment:
     """Curvature adjustment of a likelihood that takes correlated readings for independent.
 
@@ -154,36 +143,26 @@ class Target:
             total = total + self.parameters.log_prior(coordinates)
         return np.where(np.isfinite(total), -total, np.inf)
 
-    def quadratic_models(
-        self, coordinates: FloatArray, noise: FloatArray, *, with_prior: bool = True
-    ) -> QuadraticModels:
-        """Compute the negative log-posterior at given noise with gradient and Hessian in search coordinates."""
-        at = coordinates if self.spread is None else self.spread(coordinates)
-        result = self.objective.gauss_newton(self.values(at), noise, self.free)
-        slope = self.parameters.jacobian(self.parameters.from_search(at))
-        gradient, hessian = result.gradient * slope, result.hessian * slope[:, :, None] * slope[:, None, :]
-        if self.spread is not None:
-            gradient, hessian = gradient @ self.spread.map, self.spread.map.T @ hessian @ self.spread.map
-        cost = -np.asarray(result.log_likelihood, dtype=np.float64)
-        if with_prior and self.prior:
-            first, second = self.parameters.prior_derivatives(coordinates)
-            cost = cost - self.parameters.log_prior(coordinates)
-            gradient = gradient - first
-            hessian = hessian.copy()
-            hessian[:, range(len(self.free)), range(len(self.free))] += np.maximum(-second, 0.0)
-            hessian += self.parameters.coupling
-        failed = ~(np.isfinite(cost) & np.isfinite(gradient).all(axis=1) & np.isfinite(hessian).all(axis=(1, 2)))
-        cost[failed], gradient[failed], hessian[failed] = np.inf, 0.0, 0.0
-        return QuadraticModels(cost, gradient, hessian)
-
     def cost_function(self, noise: FloatArray) -> FixedCost:
-        """Return the cost function at given noise; each evaluation is one simulation, reduced in the engine."""
+        """Return the negative log-posterior at given noise, with gradient and Gauss-Newton Hessian.
+
+        Each evaluation is one simulation, reduced in the engine."""
 
         def quadratic(point: FloatArray) -> QuadraticModel | None:
-            found = self.quadratic_models(point[None], noise)
-            if not np.isfinite(found.cost[0]):
-                return None
-            return QuadraticModel(float(found.cost[0]), found.gradient[0], found.hessian[0])
+            at = point[None] if self.spread is None else self.spread(point[None])
+            found = self.objective.gauss_newton(self.values(at), noise, self.free)
+            slope = self.parameters.jacobian(self.parameters.from_search(at))[0]
+            cost, gradient = -float(found.log_likelihood[0]), found.gradient[0] * slope
+            hessian = found.hessian[0] * np.outer(slope, slope)
+            if self.spread is not None:
+                gradient, hessian = gradient @ self.spread.map, self.spread.map.T @ hessian @ self.spread.map
+            if self.prior:
+                first, second = self.parameters.prior_derivatives(point)
+                cost -= float(self.parameters.log_prior(point[None])[0])
+                gradient = gradient - first
+                hessian = hessian + np.diag(np.maximum(-second, 0.0)) + self.parameters.coupling
+            good = np.isfinite(cost) and np.isfinite(gradient).all() and np.isfinite(hessian).all()
+            return QuadraticModel(cost, gradient, hessian) if good else None
 
         return FixedCost(quadratic)
 

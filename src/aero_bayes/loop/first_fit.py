@@ -16,7 +16,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import noise_floors
 from aero_bayes.data.split import Recordings
 from aero_bayes.display import SettingsDisplay
-from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.calibration import Calibration, for_recordings
 from aero_bayes.estimate.finished_fit import finished_fit
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
@@ -26,7 +26,6 @@ from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, Optimum
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective, Series, Whitened, objective_of
 from aero_bayes.estimate.parameters import ChosenParameters, Parameter, ParameterSet, chosen_parameters
-from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.unseen import Unseen
@@ -36,7 +35,7 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.model_family import ModelFamily
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 
 @dataclass(frozen=True, repr=False)
@@ -147,7 +146,7 @@ class LoopContext:
 
     ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1)."""
 
-    family: ModelFamily
+    family: ModelicaFamily
     recordings: Recordings
     settings: LoopSettings
     pool: WorkerPool

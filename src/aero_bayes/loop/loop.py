@@ -15,10 +15,9 @@ from aero_bayes.data.recording import Recording
 from aero_bayes.data.split import Recordings
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.calibration import Calibration, steps_taken, with_step_budget
+from aero_bayes.estimate.calibration import Calibration, steps_taken, templates, with_step_budget
 from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, chosen_parameters, parameters_from_model
-from aero_bayes.estimate.recording_parameters import templates
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision, decide
@@ -37,7 +36,6 @@ from aero_bayes.simulation.python_model import PythonModel
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
 from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
-from aero_bayes.structure.model_family import ModelFamily
 from aero_bayes.structure.modelica_family import ModelicaFamily
 
 #: Decisions after which the last one stands.
@@ -210,7 +208,7 @@ def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parame
     return {f"{VALUE}{p.name}": p for p in found[:MOST_VALUES] if wanted(p)}
 
 
-def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: LoopSettings) -> ModelFamily:
+def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: LoopSettings) -> ModelicaFamily:
     """The model and its relatives."""
     if isinstance(model, PythonModel):
         raise InputError(f"model {model.name} is a Python function: the loop extends Modelica, or an FMU")

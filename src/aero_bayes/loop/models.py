@@ -10,16 +10,16 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.calibration import Calibration, for_recordings
 from aero_bayes.estimate.delays import delay_columns
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, prior_curvature
-from aero_bayes.estimate.recording_parameters import for_recordings
 from aero_bayes.estimate.residual_tests import check_residuals
 from aero_bayes.loop.table import Terms
 from aero_bayes.simulation.interface import ParameterTarget
-from aero_bayes.structure.model_family import CandidateTerm, ModelFamily, OpenSimulator
+from aero_bayes.structure.model_family import CandidateTerm, OpenSimulator
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 #: What the id of a value that is held fixed and may be wrong begins with: ``value@J_p``.
 VALUE = "value@"
@@ -161,7 +161,7 @@ class LinearResponse:
 class ModelSource:
     """Where models of structures come from; ``held`` are values that are held fixed and may be wrong, by their ids."""
 
-    family: ModelFamily
+    family: ModelicaFamily
     plain: Calibration
     free_base_columns: tuple[int, ...]
     open_objective: Callable[[Calibration], Objective]

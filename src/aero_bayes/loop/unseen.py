@@ -13,7 +13,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.split import Recordings
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.calibration import Calibration, calibrate, for_recordings, templates
 from aero_bayes.estimate.initial_states import CalibrationSettings, with_free_starts
 from aero_bayes.estimate.interpolation import (
     first_moves_in,
@@ -26,11 +26,10 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.outliers import outlier_rows
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.recording_parameters import for_recordings, templates
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.whiteness import residual_correlation_time
 from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
-from aero_bayes.structure.model_family import ModelFamily
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ class Unseen:
 
     recordings: Recordings
     settings: CalibrationSettings
-    family: ModelFamily
+    family: ModelicaFamily
     open_simulator: Callable[[Problem], Simulator]
 
     @property

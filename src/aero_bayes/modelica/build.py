@@ -105,8 +105,6 @@ def one_file(libraries: Mapping[str, bytes]) -> bytes:
 
 _FLAGS = ("-std=gnu11", "-fvisibility=hidden", "-fno-math-errno", "-fno-trapping-math")
 _LINK = ("-shared", "-Wl,--build-id=none", "-s")
-#: Headers of FMI that the runtime includes, by version.
-_FMI_HEADERS = {2: "fmi2*.h", 3: "fmi3*.h"}
 
 _NATIVE = Path(__file__).parent / "native"
 #: Files of the engine that the runtime has too: its co-simulation takes the same steps.
@@ -139,14 +137,14 @@ def fmi_headers() -> Path:
     return Path(spec.origin).parent / "c-code"
 
 
-def _compile_library(source: str, identifier: str, *, fmi: int = 2) -> bytes:
+def _compile_library(source: str, identifier: str) -> bytes:
     """Compile a generated model and link it to the runtime.
 
     What was compiled before from the same source is read from the user's cache."""
     command = c_compiler()
-    runtime = _runtime(command, fmi)
+    runtime = _runtime(command)
     flags = [*_FLAGS, "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
-    shown = f"{{ global: fmi{fmi}*; ab_lanes*; ab_eventless; local: *; }};\n"
+    shown = "{ global: fmi2*; ab_lanes*; ab_eventless; local: *; };\n"
 
     def compile_it() -> bytes:
         with ScratchFolder() as folder:
@@ -160,22 +158,22 @@ def _compile_library(source: str, identifier: str, *, fmi: int = 2) -> bytes:
     return make_once(f"{identifier}.so", (_stamp(command, flags), runtime, source.encode()), compile_it)
 
 
-def compile_binaries(source: str, identifier: str, platforms: Sequence[Platform], *, fmi: int = 2) -> dict[str, bytes]:
+def compile_binaries(source: str, identifier: str, platforms: Sequence[Platform]) -> dict[str, bytes]:
     """Binaries of a generated model, by their place in the archive: this machine's by its compiler, others by Zig."""
     members = {}
     for one in platforms:
         if one is this_machine():
-            library = _compile_library(source, identifier, fmi=fmi)
+            library = _compile_library(source, identifier)
         else:
-            library = one_file({target: _cross_compile(source, identifier, one, target, fmi) for target in one.targets})
-        members[f"binaries/{one.folders[fmi]}/{identifier}{one.suffix}"] = library
+            library = one_file({target: _cross_compile(source, identifier, one, target) for target in one.targets})
+        members[f"binaries/{one.folders[2]}/{identifier}{one.suffix}"] = library
     return members
 
 
-def _cross_compile(source: str, identifier: str, platform: Platform, target: str, fmi: int) -> bytes:
+def _cross_compile(source: str, identifier: str, platform: Platform, target: str) -> bytes:
     """Return the library for another machine."""
-    command, sources = zig_compiler(target), source_files(source, identifier, fmi)
-    flags = [*_FLAGS, "-O2", *platform.flags, "-I.", "-o", "made", f"{identifier}.c", f"fmi{fmi}.c", "-lm"]
+    command, sources = zig_compiler(target), source_files(source, identifier)
+    flags = [*_FLAGS, "-O2", *platform.flags, "-I.", "-o", "made", f"{identifier}.c", "fmi2.c", "-lm"]
 
     def compile_it() -> bytes:
         with ScratchFolder() as folder:
@@ -188,18 +186,17 @@ def _cross_compile(source: str, identifier: str, platform: Platform, target: str
     return make_once(f"{identifier}{platform.suffix}", (stamp, *sources.values()), compile_it)
 
 
-def source_files(source: str, identifier: str, fmi: int) -> dict[str, bytes]:
+def source_files(source: str, identifier: str) -> dict[str, bytes]:
     """Return all C source of an FMU by file: the model, the runtime, and the headers of FMI."""
-    other = f"fmi{5 - fmi}.c"
-    runtime = {path.name: path.read_bytes() for path in (*sorted(_NATIVE.iterdir()), *_SHARED) if path.name != other}
-    headers = {path.name: path.read_bytes() for path in sorted(fmi_headers().glob(_FMI_HEADERS[fmi]))}
+    runtime = {path.name: path.read_bytes() for path in (*sorted(_NATIVE.iterdir()), *_SHARED)}
+    headers = {path.name: path.read_bytes() for path in sorted(fmi_headers().glob("fmi2*.h"))}
     return {**runtime, **headers, f"{identifier}.c": source.encode()}
 
 
-def _runtime(command: Sequence[str], fmi: int) -> bytes:
+def _runtime(command: Sequence[str]) -> bytes:
     """Return the compiled runtime of generated models."""
     # Half the compiling of -O2, and no slower in the engine's runs: the equations are the model's own file.
-    flags = [f"-I{fmi_headers()}", "-O1", "-finline-small-functions", "-c", f"fmi{fmi}.c"]
+    flags = [f"-I{fmi_headers()}", "-O1", "-finline-small-functions", "-c", "fmi2.c"]
     return compile_kept([*sorted(_NATIVE.iterdir()), *_SHARED], flags, "runtime.o", command)
 
 

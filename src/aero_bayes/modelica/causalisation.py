@@ -3,6 +3,7 @@
 Equations and unknowns are matched, sorted into blocks (Tarjan), and each block is solved symbolically where it is
 linear; else what is left of it is solved by Newton's method when the model runs. Where equations say something about
 states only, one of them is expressed by the others and its derivative follows by differentiation (index reduction).
+
 """
 
 from __future__ import annotations
@@ -14,8 +15,82 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.discrete import DiscretePart, solve_discrete
 from aero_bayes.modelica.equation_system import EquationSystem
 from aero_bayes.modelica.expression import Builder, Node, topological_order
-from aero_bayes.modelica.initial_values import initial_values
-from aero_bayes.modelica.linear_equations import AlgebraicLoop, components, eliminate, linear_solve, match
+from aero_bayes.modelica.linear_equations import AlgebraicLoop, components, eliminate, match, solve_where_linear
+
+
+def initial_values(
+    system: EquationSystem, states: Sequence[str], solved: dict[Node, Node], loops: Sequence[AlgebraicLoop]
+) -> tuple[tuple[Node, ...], AlgebraicLoop | None]:
+    """Initial value of each state: its start attribute, or what initial equations and other fixed values give.
+
+    Where these are not linear, or hold in an algebraic loop, the start attributes are guesses for the loop returned."""
+    b = system.builder
+    by_name = {v.name: v for v in system.variables}
+    starts = {b.symbol(n): by_name[n].attributes.get("start", b.zero) for n in states}
+    memo = dict(solved)
+    said = [(r, b.symbols(e)) for e in system.initial_residuals if (r := b.substitute(e, memo)) is not b.zero]
+    stated = [r for r, _ in said]
+    fixed = [
+        b.sub(b.substitute(b.symbol(v.name), memo), v.attributes.get("start", b.zero))
+        for v in system.variables
+        if v.fixed and v.name not in states
+    ]
+    in_loops = {u for loop in loops for u in loop.unknowns}
+    behind = frozenset[Node]().union(*(b.symbols(r) for loop in loops for r in loop.residuals))
+    open_states = [b.symbol(n) for n in reversed(states) if not by_name[n].fixed]
+    rows = [*stated, *fixed]
+    reach = [b.symbols(r) | behind if b.symbols(r) & in_loops else b.symbols(r) for r in rows]
+    # An equation is about the states that it names, the last ones first, before those that it depends on.
+    nearest = [sorted(open_states, key=lambda s: s not in own) for _, own in said] + [open_states] * len(fixed)
+    owner = _owners(nearest, reach)
+    if not set(range(len(stated))) <= set(owner.values()):
+        raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
+    states_of, row_of = list(owner), list(owner.values())
+    at = {s: i for i, s in enumerate(states_of)}
+    found: dict[Node, Node] = {}
+    used: list[Node] = []
+    residuals: list[Node] = []
+    for block in components([sorted(at[s] for s in reach[k] if s in at) for k in row_of]):
+        symbols = [states_of[i] for i in sorted(block)]
+        here = [b.substitute(rows[row_of[i]], dict(found)) for i in sorted(block)]
+        solution = None
+        if not any(b.symbols(r) & (in_loops | set(used)) for r in here):
+            solution = solve_where_linear(system, here, symbols)
+        if solution is None:
+            used += symbols
+            residuals += here
+        else:
+            found.update(zip(symbols, solution, strict=True))
+    starts |= found
+    unsolved = None
+    if residuals:
+        more = [loop for loop in loops if any(b.symbols(r) & in_loops for r in residuals)]
+        unsolved = AlgebraicLoop(
+            (*used, *(u for loop in more for u in loop.unknowns)),
+            (*residuals, *(r for loop in more for r in loop.residuals)),
+        )
+    return tuple(starts[b.symbol(n)] for n in states), unsolved
+
+
+def _owners(nearest: Sequence[Sequence[Node]], reach: Sequence[frozenset[Node]]) -> dict[Node, int]:
+    """Return, for states, the equation that determines each.
+
+    Each equation has at most one, and as many have one as can."""
+    owner: dict[Node, int] = {}
+
+    def place(k: int, seen: set[Node]) -> bool:
+        for state in nearest[k]:
+            if state in reach[k] and state not in seen:
+                seen.add(state)
+                if state not in owner or place(owner[state], seen):
+                    owner[state] = k
+                    return True
+        return False
+
+    for k in range(len(nearest)):
+        place(k, set())
+    return owner
+
 
 _SELECT = ("never", "avoid", "default", "prefer", "always")
 
@@ -238,8 +313,10 @@ def _solve(
     for block in components(needs):
         block = sorted(block)
         symbols = [unknowns[matched[e]] for e in block]
-        found = _linear(system, [equations[e] for e in block], symbols, memo)
-        if found is None:
+        values = solve_where_linear(system, [equations[e] for e in block], symbols, memo)
+        if values is not None:
+            found = dict(zip(symbols, values, strict=True))
+        else:
             here = [b.substitute(equations[e], dict(memo)) for e in block]
             rest = eliminate(b, here, symbols, constants)
             found = {u: u for u in rest.unknowns}
@@ -249,25 +326,6 @@ def _solve(
         solved |= found
         memo |= found
     return solved, tuple(loops)
-
-
-def _linear(
-    system: EquationSystem, equations: Sequence[Node], symbols: Sequence[Node], memo: dict[Node, Node]
-) -> dict[Node, Node] | None:
-    """Return the solution of a block that is linear in its symbols, or None."""
-    b = system.builder
-    zeros = {s: b.zero for s in symbols}
-    matrix = [[b.derivative(e, s) for s in symbols] for e in equations]
-    if any(b.symbols(a) & set(symbols) for row in matrix for a in row):
-        return None
-    try:
-        constants = [b.substitute(e, dict(zeros)) for e in equations]
-    except (ArithmeticError, ValueError):
-        return None
-    matrix = [[b.substitute(a, memo) for a in row] for row in matrix]
-    right = [b.neg(b.substitute(c, memo)) for c in constants]
-    solution = linear_solve(system, matrix, right, symbols)
-    return None if solution is None else dict(zip(symbols, solution, strict=True))
 
 
 def _ordered(b: Builder, node: Node) -> list[Node]:

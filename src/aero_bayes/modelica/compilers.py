@@ -119,7 +119,6 @@ def export_fmu(
     compiler: Compiler = "auto",
     sources: Paths = (),
     libraries: Paths = (),
-    fmi: int = 2,
     platforms: str | Sequence[str] = (),
     stop: float | None = None,
 ) -> Path:
@@ -139,8 +138,6 @@ def export_fmu(
     libraries : path or sequence of paths
         Folders that hold packages which the sources use, such as the Modelica Standard Library. Those that MODELICAPATH
         names and OpenModelica's own are looked through too. OpenModelica finds libraries in its own way as well.
-    fmi : int
-        2 or 3: version of the standard. The embedded exporter alone writes FMI 3.0.
     platforms : str or sequence of str
         ``all``, or some of ``linux64``, ``win64``, ``aarch64-linux`` and ``darwin64``; this machine by default. Others
         are compiled by the wheel ziglang (``aero-bayes[platforms]``). The C source is always inside.
@@ -168,22 +165,17 @@ def export_fmu(
     def attempt(one: Compiler) -> Path:
         if one == "omc":
             return export_openmodelica(model, out, sources, libraries)
-        return export_embedded(model, out, sources, libraries, fmi=fmi, platforms=wanted, stop=stop)
+        return export_embedded(model, out, sources, libraries, platforms=wanted, stop=stop)
 
-    return first_compiler(_usable_compiler(compiler, fmi, here_only=wanted == (this_machine(),)), attempt)
+    return first_compiler(_usable_compiler(compiler, here_only=wanted == (this_machine(),)), attempt)
 
 
-def _usable_compiler(compiler: Compiler, fmi: int, *, here_only: bool) -> Compiler:
+def _usable_compiler(compiler: Compiler, *, here_only: bool) -> Compiler:
     """Return the compiler, or the only one that can do what is asked."""
     if compiler not in ("auto", "omc", "embedded"):
         raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
-    if fmi not in (2, 3):
-        raise InputError(f"FMI {fmi}: expected 2 or 3")
-    if fmi == 2 and here_only:
+    if here_only:
         return compiler
     if compiler == "omc":
-        raise InputError(
-            "FMI 3.0 and binaries for other machines are written by the embedded exporter only; expected "
-            "--compiler embedded"
-        )
+        raise InputError("--platforms: OpenModelica writes for this machine only; expected --compiler embedded")
     return "embedded"

@@ -14,7 +14,6 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.build import Platform, compile_binaries, source_files, this_machine, write_archive
 from aero_bayes.modelica.causalisation import ExplicitModel, causalise
 from aero_bayes.modelica.codegen import generate
-from aero_bayes.modelica.description_fmi3 import build_description, convert_to_fmi3
 from aero_bayes.modelica.equation_system import ScalarVariable, translate
 from aero_bayes.modelica.expression import Node, evaluate_nodes
 from aero_bayes.modelica.flat import FlatModel
@@ -298,55 +297,50 @@ def export_embedded(
     sources: Sequence[Path] = (),
     libraries: Sequence[Path] = (),
     *,
-    fmi: int = 2,
     platforms: Sequence[Platform] = (),
     stop: float | None = None,
 ) -> Path:
     """Write the FMU of ``model`` to ``out``; see :func:`aero_bayes.modelica.export_fmu` and :func:`export_flat`."""
     flat, members = load_flat(model, sources, libraries), declared_members(model, sources)
-    return export_flat(flat, out, fmi=fmi, members=members, platforms=platforms, stop=stop)
+    return export_flat(flat, out, members=members, platforms=platforms, stop=stop)
 
 
 def export_flat(
     flat: FlatModel,
     out: Path | str,
     *,
-    fmi: int = 2,
     members: Mapping[str, bytes] | None = None,
     platforms: Sequence[Platform] = (),
     stop: float | None = None,
 ) -> Path:
     """Write the FMU of a flat model to ``out``."""
     out, name = Path(out), identifier(flat.name)
-    source, description = _with_guid(*_source_and_description(flat, fmi=fmi, stop=stop))
-    files = source_files(source, name, fmi)
-    if fmi == 3:
-        files["buildDescription.xml"] = build_description(name)
+    source, description = _with_guid(*_source_and_description(flat, stop=stop))
     write_archive(
         out,
         {
             "modelDescription.xml": description,
-            **compile_binaries(source, name, platforms or (this_machine(),), fmi=fmi),
-            **{f"sources/{file}": text for file, text in files.items()},
+            **compile_binaries(source, name, platforms or (this_machine(),)),
+            **{f"sources/{file}": text for file, text in source_files(source, name).items()},
             **(members or {}),
         },
     )
     return out
 
 
-def _source_and_description(flat: FlatModel, *, fmi: int, stop: float | None) -> tuple[str, bytes]:
+def _source_and_description(flat: FlatModel, *, stop: float | None) -> tuple[str, bytes]:
     """Write the C source and the model description, with no identifier yet."""
     with _placed(flat):
         switching = find_surfaces(causalise(translate(flat)))
         solved = switching.model
-        layout = lay_out(solved, sharing=fmi == 2)
+        layout = lay_out(solved)
         if not layout.states and not layout.outputs:
             raise InputError(f"{flat.name}: the model has neither states nor outputs")
         source = generate(switching, layout, _NO_GUID)
         description = write_fmi2_description(
             solved, layout, model_name=flat.name, identifier=identifier(flat.name), guid=_NO_GUID, stop=stop,
         )  # fmt: skip
-    return source, convert_to_fmi3(description, solved.indicators) if fmi == 3 else description
+    return source, description
 
 
 def _with_guid(source: str, description: bytes) -> tuple[str, bytes]:

@@ -72,11 +72,10 @@ class WhenAction:
 
 @dataclass(frozen=True)
 class Assertion:
-    """A condition that should hold, and the message where it does not; ``warning`` is its level."""
+    """A condition that should hold, and the message where it does not."""
 
     condition: Expression
     message: str
-    warning: bool = False
     place: SourceLocation | None = None
 
 

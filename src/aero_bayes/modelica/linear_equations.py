@@ -64,6 +64,23 @@ def linear_solve(
     return solution
 
 
+def solve_where_linear(
+    system: EquationSystem, equations: Sequence[Node], symbols: Sequence[Node], memo: dict[Node, Node] | None = None
+) -> list[Node] | None:
+    """Return the values of symbols, where equations are linear in them; ``memo`` is put in for known symbols."""
+    b = system.builder
+    known: dict[Node, Node] = {} if memo is None else memo
+    matrix = [[b.derivative(e, s) for s in symbols] for e in equations]
+    if any(b.symbols(a) & set(symbols) for row in matrix for a in row):
+        return None
+    try:
+        constants = [b.substitute(e, {s: b.zero for s in symbols}) for e in equations]
+    except (ArithmeticError, ValueError):
+        return None
+    matrix = [[b.substitute(a, known) for a in row] for row in matrix]
+    return linear_solve(system, matrix, [b.neg(b.substitute(c, known)) for c in constants], symbols)
+
+
 def switches(node: Node) -> bool:
     """Return whether an expression has branches."""
     return any(n.op in ("select", "sign", "min", "max") or n.op in BOOLEAN for n in topological_order([node], {}))

@@ -177,13 +177,7 @@ class _FlatModelReader(TreeReader):
 
     def assertion(self, a: Json) -> Assertion:
         self.here = self.place(a["span"])
-        level = self.expression(a["level"]) if a.get("level") is not None else Number(2.0)
-        return Assertion(
-            self.expression(a["condition"]),
-            message_of(a["message"]),
-            level == Number(1.0),
-            self.here,
-        )
+        return Assertion(self.expression(a["condition"]), message_of(a["message"]), self.here)
 
     def algorithm(self, a: Json) -> Algorithm:
         self.here = self.place(a.get("span"))

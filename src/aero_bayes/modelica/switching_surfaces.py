@@ -50,11 +50,8 @@ class VariableLayout:
         return self.first_dependent + len(self.dependent)
 
 
-def lay_out(model: ExplicitModel, *, sharing: bool = True) -> VariableLayout:
-    """Sort the variables that the FMU shows.
-
-    Outputs that equal a state share its value reference; without ``sharing`` one of them does, and the others are
-    outputs of their own."""
+def lay_out(model: ExplicitModel) -> VariableLayout:
+    """Sort the variables that the FMU shows. Outputs that equal a state share its value reference."""
     b = model.system.builder
     by_name = {v.name: v for v in model.system.variables}
     top = [v for v in model.system.variables if v.shown]
@@ -67,12 +64,7 @@ def lay_out(model: ExplicitModel, *, sharing: bool = True) -> VariableLayout:
         mine = [o for o in top if position.get(o.name) == i]
         if mine:
             first = next((o for o in mine if o.name == path), mine[0])
-            if not sharing:
-                for other in mine:
-                    if other is not first:
-                        del position[other.name]
-                mine = [first]
-            aliases.update({v.name: i for v in (inner, *mine) if sharing and v.name != first.name})
+            aliases.update({v.name: i for v in (inner, *mine) if v.name != first.name})
             inner = replace(
                 first,
                 description=first.description or inner.description,

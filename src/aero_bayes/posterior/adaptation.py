@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import chdtri, ndtr
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.posterior.moves.surrogate import Surrogate
-from aero_bayes.posterior.moves.warped_student_t import KNOT_SCORES, Warp, WarpedStudentT
+from aero_bayes.posterior.moves import KNOT_SCORES, Warp, WarpedStudentT
+from aero_bayes.posterior.surrogate import Surrogate
 
 Density = Callable[[FloatArray], FloatArray]
 
@@ -63,7 +63,6 @@ class Adaptation:
     surrogate_density: SurrogateDensity | None = None
     steps: int = 20
     acceptance: float = 0.0
-    longest_stay: float = np.inf
     good_rounds: int = 0
     frozen: bool = False
 
@@ -153,9 +152,7 @@ def adapt(
     ratio = proposal.log_density(points) - surrogate_density.log_density(points, prior)
     steps = int(np.clip(steps_to_leave(ratio), 12, 60))
     good_rounds = adaptation.good_rounds + 1 if acceptance >= MIN_ACCEPTANCE and longest_stay <= MAX_STAY else 0
-    return Adaptation(
-        proposal, surrogate_density, steps, acceptance if acceptance > plain else 0.0, longest_stay, good_rounds
-    )
+    return Adaptation(proposal, surrogate_density, steps, acceptance if acceptance > plain else 0.0, good_rounds)
 
 
 def independence_acceptance(log_ratio: FloatArray) -> float:

@@ -16,7 +16,7 @@ from typing import Protocol
 
 import emcee
 import numpy as np
-from emcee.moves import Move, RedBlueMove
+from emcee.moves import Move, RedBlueMove, StretchMove
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
@@ -24,12 +24,11 @@ from aero_bayes.checkpoint import Arrays, Checkpoint, digest, pack, pack_random,
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.posterior.adaptation import Adaptation, Density, adapt, log_prior_of, scan_axes
 from aero_bayes.posterior.inferencedata import Convergence, check_convergence
-from aero_bayes.posterior.moves.warped_student_t import (
+from aero_bayes.posterior.moves import (
     DelayedAcceptanceMove,
     DelayedAcceptanceWalkMove,
     DifferentialMove,
     IndependenceMove,
-    StretchMove,
     WarpedStudentT,
 )
 from aero_bayes.posterior.settings import SampleSettings

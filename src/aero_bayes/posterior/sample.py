@@ -37,12 +37,13 @@ from aero_bayes.posterior.modes import (
     mode_shares,
     worst,
 )
-from aero_bayes.posterior.moves.warped_student_t import WarpedStudentT
+from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.interface import Filter, Outcome, Simulator
+from aero_bayes.simulation.interface import Outcome, Simulator
+from aero_bayes.simulation.native_simulator import NativeSimulator
 
 
 def posterior_predictive(
@@ -84,7 +85,7 @@ def _filtered(
     joint: JointTarget, coordinates: FloatArray, factors: FloatArray, rng: np.random.Generator, stored: int, blocks: int
 ) -> tuple[Predictive, ...]:
     """Predict each reading from all before it, by the filter of each draw (with process noise)."""
-    found = cast(Filter, joint.target.simulator).filter(joint.target.values(coordinates))
+    found = cast(NativeSimulator, joint.target.simulator).filter(joint.target.values(coordinates))
     good = np.all(found.outcomes == Outcome.OK, axis=1)
     if not good.any():
         raise CannotFinishError("no draw of the posterior could be filtered over the recordings")

@@ -250,11 +250,6 @@ class EncoderJson(JsonTable):
 
     step: float
     share: float
-    error_sd: JsonNumber = None
-    error_lasts_s: JsonNumber = None
-    sd_before_rounding: JsonNumber = None
-    gain: JsonNumber = None
-    exact: bool = False
 
 
 class SensorJson(JsonTable):

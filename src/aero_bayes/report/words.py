@@ -87,7 +87,7 @@ def size(value: float | None, unit: str) -> str:
 
 def limit(found: LimitJson) -> str:
     """Say from which size on a law would have been named."""
-    least = f"{found.parameter} = {size(found.smallest, found.unit)}"
+    least = f"`{found.parameter}` = {size(found.smallest, found.unit)}"
     return f"`{found.law}` at `{found.port}` would have been found from {least} on."
 
 

@@ -27,7 +27,6 @@ from aero_bayes.simulation.problem_checks import (
 from aero_bayes.simulation.python_model import PythonModel, PythonSimulator
 from aero_bayes.simulation.workers import WorkerPool
 
-ENGINE = "co-simulation by FMPy"
 MAX_SUBSTEPS = 64
 _STEP_ERROR_GOAL = 1e-5  # of an output's range, between a step and its halves
 _RELATIVE_STEP = 1e-3  # of the differences: the FMU's solver is no smoother than that
@@ -35,8 +34,6 @@ _RELATIVE_STEP = 1e-3  # of the differences: the FMU's solver is no smoother tha
 
 class CosimulationSimulator(ReducedTrajectories, ClosedAtExit):
     """Runs a problem whose model has co-simulation only."""
-
-    engine = ENGINE
 
     def __init__(self, problem: Problem, workers: int | None = None) -> None:
         _check(problem)
@@ -161,11 +158,6 @@ def _check(problem: Problem) -> None:
 
 
 Engine = Literal["native", "fmpy"]
-
-
-def engine_of(simulator: Simulator) -> str:
-    """Return what runs the problem, in words for a report, which may not be what was asked for."""
-    return str(getattr(simulator, "engine", type(simulator).__name__))
 
 
 def open_simulator(

@@ -32,8 +32,6 @@ class _TimedOutError(Exception):
 class FmpySimulator(SingleRuns):
     """Runs a problem with FMPy."""
 
-    engine = "model exchange by FMPy"
-
     def __init__(self, problem: Problem) -> None:
         check_problem(problem)
         self.problem = problem

@@ -326,18 +326,6 @@ class Simulator(Protocol):
     ) -> None: ...
 
 
-class Filter(Simulator, Protocol):
-    """A simulator of problems with process noise, whose likelihood is that of an extended Kalman filter."""
-
-    def filter(self, values: FloatArray, *, active: Sequence[int] = ()) -> Filtered:
-        """Predictions of the readings, with their slopes by the ``active`` columns."""
-        ...
-
-    def filtered_states(self, values: FloatArray) -> tuple[FilteredStates, ...]:
-        """Return the states in each recording at one parameter vector (p,); CannotFinishError where a run fails."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class SmoothedStates:
     """Mean and standard deviation (n, s) of the s states at each sample, given all readings of the recording."""

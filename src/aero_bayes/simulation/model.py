@@ -21,8 +21,7 @@ from aero_bayes.files import ScratchFolder
 from aero_bayes.modelica.build import Platform, this_machine, write_archive
 from aero_bayes.modelica.library import declaration_of
 from aero_bayes.simulation import archive
-from aero_bayes.simulation.fmi2_description import parse_description, read_fmi2_description
-from aero_bayes.simulation.fmi3_description import read_fmi3_description
+from aero_bayes.simulation.fmi_description import parse_description, read_fmi2_description, read_fmi3_description
 from aero_bayes.simulation.interface import (
     Experiment,
     InputSignal,

@@ -207,8 +207,6 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
 class NativeSimulator(ClosedAtExit):
     """Runs a problem with the compiled engine."""
 
-    engine = "native"
-
     def __init__(self, problem: Problem, workers: int | None = None, pool: WorkerPool | None = None) -> None:
         if problem.model.interface != "model exchange":
             raise InputError(f"{problem.model.path}: has no Model Exchange, which the native engine needs")
@@ -291,7 +289,7 @@ class NativeSimulator(ClosedAtExit):
         )
 
     def filter(self, values: FloatArray, *, active: Sequence[int] = ()) -> Filtered:
-        """Predictions of the readings by an extended Kalman filter. See :class:`Filter`."""
+        """Predictions of the readings by an extended Kalman filter, with their slopes by the ``active`` columns."""
         values, columns = self._check_filter(values), check_active(self.problem, active)
         found = self._open_batches().trajectories(values, columns, FILTER)
         assert found.sensitivities is not None
@@ -306,7 +304,7 @@ class NativeSimulator(ClosedAtExit):
         )
 
     def filtered_states(self, values: FloatArray) -> tuple[FilteredStates, ...]:
-        """Return the filter's states at one parameter vector. See :class:`Filter`."""
+        """Return the states in each recording at one parameter vector (p,); CannotFinishError where a run fails."""
         values = self._check_filter(np.asarray(values)[np.newaxis])
         found = self._open_batches().trajectories(values, None, FILTER_STATES)
         for outcome in found.outcomes[0]:

@@ -89,8 +89,6 @@ class PythonModel(Model):
 class PythonSimulator(SingleRuns):
     """Runs a problem whose model is a Python function."""
 
-    engine = "Python"
-
     def __init__(self, problem: Problem) -> None:
         check_problem(problem)
         self.problem = problem

@@ -64,8 +64,6 @@ def load_engine(path: str) -> ctypes.CDLL:
     engine.ab_limit.restype = None
     engine.ab_limit.argtypes = [ctypes.c_int64]
     engine.ab_batch.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64]
-    engine.ab_counts.restype = ctypes.c_int
-    engine.ab_counts.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p]
     return engine
 
 

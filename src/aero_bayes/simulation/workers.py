@@ -161,10 +161,3 @@ class WorkerPool(ClosedAtExit):
             if ended == worker_main.NOT_LOADED:
                 raise LoadError(self._engine.ab_load_error(problem).decode(errors="replace"))
             outcomes[self.tasks[0]] = Outcome.MODEL_ERROR  # no other process is there to instantiate it in
-
-    def counts(self, path: Path, experiment: int = 0) -> tuple[int, int, int]:
-        """Accepted steps, rejected steps and derivative evaluations of the last run (only with ``workers=0``)."""
-        out = (ctypes.c_int64 * 3)()
-        if self._engine is None or self._engine.ab_counts(self._problems[os.fsencode(path)], experiment, out):
-            raise CannotFinishError("no run to count")
-        return out[0], out[1], out[2]

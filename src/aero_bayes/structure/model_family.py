@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
 from aero_bayes.simulation.interface import DiffusionTarget, ParameterTarget, Problem, Simulator, StartTarget
 from aero_bayes.simulation.model import Model
@@ -66,56 +64,6 @@ class CurveBasis:
     plain: FloatArray
     rows: FloatArray
     unit: str
-
-
-class ModelFamily(Protocol):
-    """What the search and the loop need of a model family. An id names a candidate term."""
-
-    @property
-    def base(self) -> str: ...
-
-    @property
-    def title(self) -> str: ...
-
-    def base_model(self) -> Model:
-        """Return the model without any law added."""
-        ...
-
-    def overrides(self, model: Model) -> Mapping[str, Override]:
-        """Return priors and bounds that are known beside those that the model declares, by parameter."""
-        ...
-
-    def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
-        """Place the candidates, with nominal values from a fit of the base model. Returns their ids."""
-        ...
-
-    def refinements(self) -> Mapping[str, str]:
-        """Return, for each candidate that refines another one, that one."""
-        ...
-
-    def curves(self) -> Mapping[str, str]:
-        """Return learned curves, and the variable over which each is learned."""
-        ...
-
-    def basis(self, id_: str) -> CurveBasis:
-        """Return the basis functions of a learned curve."""
-        ...
-
-    def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
-        """Return the model with some candidates built in, switched off."""
-        ...
-
-    def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> ExtendedModel:
-        """Write the model with chosen candidates to ``folder``. ``values`` go by names of the model with candidates."""
-        ...
-
-    def transfer(self, calibration: Calibration, model: Model) -> Calibration:
-        """Transfer a calibration of the base model to another model, whose states may have other names."""
-        ...
-
-    def describe(self, id_: str) -> str:
-        """Return a sentence about a candidate."""
-        ...
 
 
 def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, str]) -> Calibration:

@@ -21,8 +21,7 @@ typedef struct {
 } LaneTable;
 
 /* ``const LaneTable *ab_lanes(int instruction_set)``: NULL where the library has none of it.
- * ``int ab_lanes_constants(void *instance, double *k)``: the constants of one instance, after initialisation;
- * ``ab_lanes_constants_fmi3`` in an FMU of FMI 3.0. */
+ * ``int ab_lanes_constants(void *instance, double *k)``: the constants of one instance, after initialisation. */
 typedef const LaneTable *ab_lanes_function(int instruction_set);
 typedef int ab_lanes_constants_function(void *instance, double *k);
 

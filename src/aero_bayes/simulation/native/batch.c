@@ -225,17 +225,5 @@ EXPORT const char *ab_load_error(const Problem *p) { return p->load_error; }
 /* The next task of a job, for runs that are not the engine's. */
 EXPORT int64_t ab_take(Job *job) { return __atomic_fetch_add(&job->next, 1, __ATOMIC_RELAXED); }
 
-/* Counts of the last run of an experiment: accepted and rejected steps, evaluations of the derivatives. */
-EXPORT int ab_counts(const Problem *p, int64_t experiment, int64_t *counts)
-{
-    const Run *r = p->lanes && p->lanes->lane[0].buffers[experiment] ? p->lanes->lane[0].buffers[experiment] : NULL;
-    if (!r && p->runs) r = p->runs[experiment];
-    if (!r) return 1;
-    counts[0] = r->taken;
-    counts[1] = r->rejected;
-    counts[2] = r->evaluations;
-    return 0;
-}
-
 /* Python looks for this name in an extension module; the library is used through ctypes instead. */
 EXPORT void *PyInit__engine(void) { return NULL; }

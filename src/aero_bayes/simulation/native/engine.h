@@ -215,7 +215,7 @@ typedef struct Run {
     fmi_reference *seed_reference, *start_reference;
     double *z0, *z1, *z2, *z_try, next_event;
     int time_dependent, events_seen, nominals_changed;
-    int64_t taken, rejected, evaluations;
+    int64_t taken, rejected;
     int64_t deadline, earliest; /* in this thread's computing time, and by the clock: no sooner */
     /* inputs */
     double *delay, *u_before; /* of each signal; its value before a jump */

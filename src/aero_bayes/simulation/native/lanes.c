@@ -25,9 +25,8 @@ static const LaneTable *table_of(Problem *p, ab_lanes_constants_function **const
     ab_lanes_function *tables;
     const char *asked = getenv("AERO_BAYES_LANES");
     if (asked && !strcmp(asked, "0")) return NULL;
-    const char *name = p->version == 3 ? "ab_lanes_constants_fmi3" : "ab_lanes_constants";
-    if (!p->n || p->nz || p->step_callback || p->diffusion || fmu_load(p)) return NULL;
-    if (fmu_symbol(p->fmu, "ab_lanes", &tables) || fmu_symbol(p->fmu, name, constants)) return NULL;
+    if (p->version == 3 || !p->n || p->nz || p->step_callback || p->diffusion || fmu_load(p)) return NULL;
+    if (fmu_symbol(p->fmu, "ab_lanes", &tables) || fmu_symbol(p->fmu, "ab_lanes_constants", constants)) return NULL;
     const LaneTable *model = tables(instructions());
     if (!model || model->version != AB_LANES_VERSION || model->lanes != WIDE || model->nx != p->n) return NULL;
     for (int64_t e = 0; e < p->n_experiments; e++)
@@ -178,10 +177,10 @@ int lane_begin(Lanes *s, int at, Run *r, int mode, const double *noise)
     int outcome;
     start_time_limit(r);
     sink_begin(r, mode, noise);
-    r->taken = r->rejected = r->evaluations = 0;
+    r->taken = r->rejected = 0;
     r->status = FMI_OK;
     if ((outcome = initialise(r))) return outcome;
-    if ((outcome = outcome_of(r->fmu, s->constants(s->problem->version == 3 ? *(void **)r->fmu->instance : r->fmu->instance,
+    if ((outcome = outcome_of(r->fmu, s->constants(r->fmu->instance,
                                                    s->constant))))
         return outcome;
     put_column(s->k, at, s->constant, s->model->constants);
@@ -357,7 +356,6 @@ void lanes_advance(Lanes *s)
         s->accepted[l] = 0;
         if (!lane->run || lane->ended) continue;
         Run *r = lane->run;
-        r->evaluations += STAGES + s->moves;
         if (s->error[l] <= 1.0) {
             s->accepted[l] = -1;
             dense |= has_samples(s, lane);

@@ -8,7 +8,7 @@ int run_once(Run *r)
 {
     int outcome, status;
     const int n = r->n;
-    r->taken = r->rejected = r->evaluations = 0;
+    r->taken = r->rejected = 0;
     r->events_seen = 0;
     r->at_step = 0;
     if (r->record) r->n_steps = 0;

@@ -1,4 +1,4 @@
-"""The affine-invariant stretch move."""
+"""Moves of an ensemble, each of which leaves the target unchanged, and the density from which they propose."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from emcee.moves import MHMove, RedBlueMove
-from emcee.moves import StretchMove as _StretchMove
 from numpy.typing import NDArray
 from scipy.special import gammaln, ndtr
 
@@ -315,10 +314,3 @@ class IndependenceMove(MHMove):  # type: ignore[misc]
     def _propose(self, coords: FloatArray, random: np.random.RandomState) -> tuple[FloatArray, FloatArray]:
         new = self.proposal.sample(random, len(coords))
         return new, self.proposal.log_density(coords) - self.proposal.log_density(new)
-
-
-class StretchMove(_StretchMove):  # type: ignore[misc]
-    """Move a walker along the line to one of the other half of its ensemble.
-
-    It needs no knowledge of the target, and is slow in many dimensions.
-    Goodman and Weare (2010), Comm. App. Math. Comp. Sci. 5, 65."""

@@ -1,7 +1,8 @@
-"""Why a name of a model cannot be fitted: it is computed from other parameters, or is no real number."""
+"""What a model lets be fitted: why a name cannot be, the values of a choice, and bounds where the user gives none."""
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 
 from aero_bayes.display import join_names
@@ -11,6 +12,38 @@ from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number, names_in, short_text
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
+
+#: Default bounds of a parameter: its start over and times this factor.
+DEFAULT_BOUND_FACTOR = 1e3
+#: A model's lower bound below this share of the start only says that the parameter is positive.
+MIN_BOUND_RATIO = 1e-12
+
+
+def model_bound(bound: float | None, start: float) -> float | None:
+    """Return a bound that the model gives; a tiny one (``Modelica.Constants.small``) counts as zero."""
+    return 0.0 if bound is not None and abs(bound) < MIN_BOUND_RATIO * abs(start) else bound
+
+
+def default_bounds(
+    start: float, lower: float | None, upper: float | None, nominal: float | None
+) -> tuple[float, float]:
+    """Return bounds as given; where there is none, far from the start, without a change of sign."""
+    low = lower if lower is not None and math.isfinite(lower) else None
+    high = upper if upper is not None and math.isfinite(upper) else None
+    if start > 0.0 and (low is None or low == 0.0):
+        low = start / DEFAULT_BOUND_FACTOR
+    if start < 0.0 and (high is None or high == 0.0):
+        high = start / DEFAULT_BOUND_FACTOR
+    size = abs(start) or abs(nominal or 0.0) or 1.0
+    return (
+        low if low is not None else start - DEFAULT_BOUND_FACTOR * size,
+        high if high is not None else start + (DEFAULT_BOUND_FACTOR - 1.0) * size,
+    )
+
+
+def first_given(*values: float | None) -> float | None:
+    return next((value for value in values if value is not None), None)
+
 
 _SIGNS = ("+", "-", "*", "/", "^")
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.posterior.moves.warped_student_t import WarpedStudentT
+from aero_bayes.posterior.moves import WarpedStudentT
 
 #: Length scales, amplitudes (nats squared) and relative roughnesses among which the marginal likelihood chooses.
 _LENGTHS, _WARPED_LENGTHS, _AMPLITUDES = (2.0, 5.0, 12.0, 30.0), (1.0, 3.0), 10.0 ** np.arange(0, 6)
