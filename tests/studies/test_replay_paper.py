@@ -8,10 +8,8 @@ import math
 import numpy as np
 import pytest
 from aero_closed_form import linear_run
-from click.testing import CliRunner
 
-from aero_bayes.cli import main
-from aero_bayes.report import RunJson, undeclared
+from aero_bayes.report import RunJson
 from aero_bayes.simulation.interface import Outcome
 from paper_replay import paper_recording, replay_paper, write_run
 from paper_replay.paper import JOINT, PAPER, RERUN, SCALED, run_result
@@ -88,16 +86,12 @@ def test_goes_into_result_json(replay):
     assert set(entry["failures"]) == {outcome.key for outcome in Outcome}
 
 
-def test_page_shows_every_row_and_can_be_drawn_again(replay, tmp_path):
-    page = write_run(replay, tmp_path)
-    text = page.read_text("utf-8")
-    result = RunJson.model_validate_json((tmp_path / "result.json").read_text("utf-8"))
-    assert {key.partition(".")[0] for key in undeclared(result)} == {"replay"}  # kept for programs, not shown
-    assert [row.label for row in result.study.rows] == [row.label for row in replay.rows]
-    assert text.count("<small>") >= len(replay.rows)
-    assert all(f"replay/{one.label}" in text for one in TABLE_1)
-    assert CliRunner().invoke(main, ["report", str(tmp_path)]).exit_code == 0
-    assert page.read_text("utf-8") == text
+def test_table_and_figure_show_every_row_and_model(replay, tmp_path):
+    text = write_run(replay, tmp_path).read_text("utf-8")
+    assert all(f"| {row.label} |" in text for row in replay.rows)
+    RunJson.model_validate_json((tmp_path / "result.json").read_text("utf-8"))
+    drawing = (tmp_path / "figure_6.svg").read_text("utf-8")
+    assert all(one.label in drawing for one in TABLE_1)
 
 
 def test_same_seed_same_numbers(replay, tmp_path):

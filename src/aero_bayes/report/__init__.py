@@ -39,9 +39,6 @@ from aero_bayes.report.schema_loop import (
     EffectJson,
     LoopJson,
     StepJson,
-    StudyColumnJson,
-    StudyJson,
-    StudyRowJson,
 )
 from aero_bayes.report.schema_run import (
     SCHEMA,
@@ -89,9 +86,6 @@ __all__ = [
     "ShapeJson",
     "Source",
     "StepJson",
-    "StudyColumnJson",
-    "StudyJson",
-    "StudyRowJson",
     "VerdictJson",
     "band_envelope",
     "bands_figure",

@@ -43,8 +43,6 @@ def title(result: RunJson, otherwise: str) -> str:
     """Return the finding in a line: the title of the page."""
     loop, model = result.loop, (result.loop.base if result.loop else "") or result.model.name or otherwise
     model = model.rpartition(".")[2]
-    if result.study:
-        return f"{result.study.title}: {model}"
     if result.design:
         return f"{model}: the next experiment"
     if loop is not None:
@@ -110,8 +108,9 @@ def short_verdict(result: RunJson) -> str:
     loop = result.loop
     if loop is None or not (loop.effects and loop.errors) or (result.mcmc is not None and not result.mcmc.converged):
         return (result.verdict or verdict(result)).text
-    left = [*left_over(loop.errors), *result.identifiability.flat]
-    return " ".join([*(left or ["With it only noise is left in each recording, fitted or not."]), *loop.notes])
+    where = "each recording, fitted or not" if judged(loop, "test") else "what was fitted; the rest is too short to judge"
+    left = [*left_over(loop.errors), *result.identifiability.flat] or [f"With it only noise is left in {where}."]
+    return " ".join([*left, *loop.notes])
 
 
 def _loop_verdict(result: RunJson, loop: LoopJson) -> VerdictJson:
