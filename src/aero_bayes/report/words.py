@@ -108,7 +108,8 @@ def short_verdict(result: RunJson) -> str:
     loop = result.loop
     if loop is None or not (loop.effects and loop.errors) or (result.mcmc is not None and not result.mcmc.converged):
         return (result.verdict or verdict(result)).text
-    where = "each recording, fitted or not" if judged(loop, "test") else "what was fitted; the rest is too short to judge"
+    unseen = bool(judged(loop, "test"))
+    where = "each recording, fitted or not" if unseen else "what was fitted; the rest is too short to judge"
     left = [*left_over(loop.errors), *result.identifiability.flat] or [f"With it only noise is left in {where}."]
     return " ".join([*left, *loop.notes])
 
