@@ -18,8 +18,8 @@ LEADS = {
     "Below each output: measured minus model, with a running mean. Dashed: twice the noise; noise alone leaves 95 % of "
     "the samples between the dashed lines.",
     "parameters": "With 90 % probability the value lies in the interval, if the model is right.",
-    "errors": "Noise: standard deviation of the sensor noise, estimated from each recording without a model. Ratio: "
-    "error over noise; about 1 if only noise is left, too large above 1.3.",
+    "errors": "Noise: standard deviation of the sensor noise, estimated from each recording without a model, or the "
+    "error of the fit where it says so. Ratio: error over noise; about 1 if only noise is left, too large above 1.3.",
     "residuals": "p (white): how probable so much correlation is in white noise; near 0 if there is structure.",
     "noise": "White noise is independent from sample to sample, correlated noise fades over the correlation time.",
     "process_noise": "Diffusion: how far chance moves the state in the square root of a second. With it a residual is "
