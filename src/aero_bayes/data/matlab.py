@@ -52,12 +52,8 @@ def is_one(path: Path) -> bool:
     """Return whether a file's content is MATLAB's; its name matters for version 4 only, which has no mark."""
     with path.open("rb") as file:
         head = file.read(7)
-    return (
-        head == b"MATLAB "
-        or _is_hdf5(path)
-        or (path.suffix.lower() == ".mat" and not head.isascii())
-        or (path.suffix.lower() == ".mat" and b"\0" in head)
-    )
+    binary = not head.isascii() or b"\0" in head
+    return head == b"MATLAB " or _is_hdf5(path) or (path.suffix.lower() == ".mat" and binary)
 
 
 def _is_hdf5(path: Path) -> bool:

@@ -84,18 +84,14 @@ def read_table(file: TableFile, request: Request) -> Columns:
     rows = _in_rows(file, request)
     if rows is not None:
         return _read_rows(file, request, rows)
-    named: dict[str, str] = {}
-    for name in (*request.wanted, *request.optional):
-        column = column_called(request.sources[name], file.names)
-        if column is not None and file.names.count(column) > 1:
-            raise InputError(f"{file.where}: column {column} appears {file.names.count(column)} times, expected once")
-        if column is not None:
-            named[name] = column
+    asked = {n: request.sources[n] for n in (*request.wanted, *request.optional)}
+    named = {n: c for n, source in asked.items() if (c := column_called(source, file.names)) is not None}
+    if twice := next((c for c in named.values() if file.names.count(c) > 1), None):
+        raise InputError(f"{file.where}: column {twice} appears {file.names.count(twice)} times, expected once")
     clocks = {} if "time" in named else clocks_of(file.where, file.names, named)
     for name in request.wanted:
         if name not in named and not (name == "time" and clocks):
-            raise InputError(f"{file.where}: no column {request.sources[name]}"
-                             f"{known_names_hint(request.sources[name], file.names)}")  # fmt: skip
+            raise _no_column(file, asked[name])
     about = _quality_columns(file.names, {n: c for n, c in named.items() if n not in request.held and n != "time"})
     batch = [] if request.batch is None else [_batch_column(file, request.batch)]
     table = file.read(list(dict.fromkeys([*named.values(), *clocks.values(), *about, *batch])), request.memory)
@@ -121,12 +117,14 @@ def read_table(file: TableFile, request: Request) -> Columns:
     return Columns(joined(pairs, request.held), table.sha256, named, note=table.note, origin=begin)
 
 
+def _no_column(file: TableFile, name: str) -> InputError:
+    return InputError(f"{file.where}: no column {name}{known_names_hint(name, file.names)}")
+
+
 def _batch_column(file: TableFile, name: str) -> str:
     column = column_called(name, file.names)
     if column is None:
-        raise InputError(
-            f"{file.where}: no column {name}, expected that of [data] batch{known_names_hint(name, file.names)}"
-        )
+        raise _no_column(file, name)
     return column
 
 
