@@ -337,6 +337,6 @@ def _changed(flat: FlatModel, change: Change, target: Callable[[Name], Name]) ->
         initial_algorithms=tuple(
             replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.initial_algorithms
         ),
-        whens=tuple(replace(w, statement=cast(WhenStatement, *statements((w.statement,)))) for w in flat.whens),
+        whens=tuple(replace(w, statement=cast(WhenStatement, statements((w.statement,))[0])) for w in flat.whens),
         assertions=tuple(replace(a, condition=map_names(a.condition, change)) for a in flat.assertions),
     )

@@ -48,7 +48,7 @@ def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> LawModels:
         path = Path(folder) / "LawsAtOnce.mo"
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         flat = load_flat("LawsAtOnce", [*sources, path])
-    found = {}
+    found: dict[tuple[str, str], FlatModel] = {}
     for law in laws:
         part = component_of(flat, _component_name(law), law.interface.inputs)
         own = FlatModel(law.id, part.variables, part.equations, part.initial_equations, functions=flat.functions)
