@@ -10,7 +10,6 @@ from functools import cached_property
 from aero_bayes.display import join_names
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.diagnosis import DiagnosisRow
-from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.residual_tests import (
     JudgedPart,
     RecordingError,
@@ -22,7 +21,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, describe, limits_of
 from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings
-from aero_bayes.loop.result import LoopOutcome, LoopResult, Step, steps_of
+from aero_bayes.loop.result import LoopOutcome, LoopResult, Step, free_estimates, steps_of
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.sentences import extended_sentence, left_over
 from aero_bayes.loop.unseen import Prediction, shifts
@@ -211,8 +210,9 @@ def _calibrated(source: ModelicaSource | None, extended: ExtendedFit | None, aft
     name, added = (source.name, {}) if written is None else (written.name, {written.path.name: written.text})
     new = extended.added if extended is not None else ()
     delays = [p.name for p in new if isinstance(p.target, DelayTarget)]
-    fitted = {name: e for name, e in after.parameters.items() if e.status is not Status.FIXED}
-    return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added, delays=delays)
+    return calibrated_model(
+        calibration, values, free_estimates(after), source=replace(source, name=name), added=added, delays=delays
+    )
 
 
 def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> bool:
