@@ -201,9 +201,9 @@ def fit_command(data: tuple[Path, ...], options: RunOptions) -> None:
 @run_options
 def posterior_command(data: tuple[Path, ...], options: RunOptions) -> None:
     """Fit, then sample the posterior by Markov chain Monte Carlo."""
-    from aero_bayes.commands.commands import run_posterior
+    from aero_bayes.commands.commands import run_fit
 
-    run_posterior(data, options)
+    run_fit(data, options, "posterior")
 
 
 @main.command("close-loop")

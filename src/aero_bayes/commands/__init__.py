@@ -4,7 +4,7 @@ What fits and summarises is imported from its files (``whole``, ``task``, ``summ
 without it.
 """
 
-from aero_bayes.commands.commands import run_all, run_check, run_close_loop, run_fit, run_posterior
+from aero_bayes.commands.commands import run_all, run_check, run_close_loop, run_fit
 from aero_bayes.commands.context import model_diagrams
 from aero_bayes.commands.design import DesignOptions, run_design
 from aero_bayes.commands.fleet import open_executor
@@ -40,7 +40,6 @@ __all__ = [
     "run_fit",
     "run_init",
     "run_ports",
-    "run_posterior",
     "run_tasks",
     "sample_settings",
     "split_unit",

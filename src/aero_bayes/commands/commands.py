@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 import numpy as np
@@ -97,31 +97,20 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     return {"prediction": entry}
 
 
-def run_fit(files: Sequence[Path], options: RunOptions) -> None:
-    """Run ``aero-bayes fit``: PSO, then bounded local search."""
+def run_fit(files: Sequence[Path], options: RunOptions, command: Literal["fit", "posterior"] = "fit") -> None:
+    """Run ``aero-bayes fit``: PSO, then bounded local search; or ``posterior``: then MCMC."""
     began = time.perf_counter()
     job = open_job(files, options)
-    with resumable(job, "fit") as checkpoint:
+    with resumable(job, command) as checkpoint:
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, checkpoint)
             checks = _checks(job, found, progress)
+            posterior = _sample(job, found, progress, checkpoint) if command == "posterior" else None
         result, series = fit_part(job, found)
-        _finish(job, "fit", began, [result, checks], series, found, _calibrated(job, found))
-
-
-def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
-    """Run ``aero-bayes posterior``: fit, then MCMC."""
-    began = time.perf_counter()
-    job = open_job(files, options)
-    with resumable(job, "posterior") as checkpoint:
-        with ProgressBar(options.quiet) as progress:
-            found = fit_job(job, progress, checkpoint)
-            checks = _checks(job, found, progress)
-            posterior = _sample(job, found, progress, checkpoint)
-        result, series = fit_part(job, found)
-        sampled, bands = _posterior_part(posterior)
-        result = merge(result, sampled, checks)
-        _finish(job, "posterior", began, [result], series | bands, found, _calibrated(job, found))
+        if posterior is not None:
+            sampled, bands = _posterior_part(posterior)
+            result, series = merge(result, sampled), series | bands
+        _finish(job, command, began, [result, checks], series, found, _calibrated(job, found))
 
 
 def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:

@@ -26,7 +26,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from aero_bayes.commands.commands import run_all, run_close_loop, run_fit, run_posterior
+from aero_bayes.commands.commands import run_all, run_close_loop, run_fit
 from aero_bayes.commands.fleet_rigs import FleetPlan, Rig, Work, read_fleet
 from aero_bayes.commands.fleet_runner import Progress, Row, Table, failure, run_tasks
 from aero_bayes.commands.fleet_summary import summarise_fleet
@@ -144,7 +144,7 @@ KIND = 4
 MIN_LIKELIHOOD_SHARE = 0.05
 _COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
     "fit": lambda rig, options: run_fit(rig.train, options),
-    "posterior": lambda rig, options: run_posterior(rig.train, options),
+    "posterior": lambda rig, options: run_fit(rig.train, options, "posterior"),
     "loop": lambda rig, options: run_close_loop(rig.train, rig.test, options),
     "all": lambda rig, options: run_all(rig.train, rig.test, options),
 }
