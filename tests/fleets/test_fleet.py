@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     table = root / "rigs.csv"
     lines = table.read_text("utf-8").splitlines()
     lines = [lines[0] + ',parameters."mass.m".value', *(f"{line}," for line in lines[1:])]
-    lines[4] += "1.6"
+    lines[4] += "2.0"
     table.write_text("\n".join([*lines, "lost,recordings/lost/train.csv,,"]) + "\n", "utf-8")
     return root
 
@@ -55,7 +55,7 @@ def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, Fle
         assert entry["centre"] == pytest.approx(np.log(truth[name]["spring.k"]), abs=6 * entry["width"])
         assert set(rows[name]["parameters"]) == {"spring.k", "damper.d"}
     held = json.loads((out / "rigs" / "cart-4" / "result.json").read_text("utf-8"))["parameters"]["mass.m"]
-    assert (held["value"], held["status"]) == (1.6, "fixed")
+    assert (held["value"], held["status"]) == (2.0, "fixed")
     # A mass that is said to be larger than it is leaves structure in the residual.
     assert [entry.rig for entry in found.stand_out] == ["cart-4"]
     assert "times the noise floor" in found.stand_out[0].reasons[0]

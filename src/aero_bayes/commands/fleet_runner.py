@@ -134,7 +134,8 @@ def run_tasks(
                 progress(1)
                 continue
             send(task, made_of)
-            while len(sent) >= MAX_PENDING_TASKS:
+            # What is done is written at once: a caller that is killed while it sends loses nothing that was finished.
+            while len(sent) >= MAX_PENDING_TASKS or not ended.empty():
                 receive()
         while sent:
             receive()

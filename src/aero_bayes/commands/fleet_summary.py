@@ -104,7 +104,7 @@ def _population(sums: FloatArray, spreads: FloatArray) -> Population:
 QUANTILE_LEVELS = np.array([0.05, 0.5, 0.95])
 #: A rig stands out where one so far away is expected once in so many fleets.
 OUTLIER_FLEETS = 100.0
-#: Its residual does where it is structured and so many times the fleet's median.
+#: Its residual does where it is so many times the fleet's median.
 MIN_MEDIAN_RATIO = 3.0
 #: Rigs that a list names.
 MAX_LISTED_RIGS = 100
