@@ -138,6 +138,6 @@ def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
 
 def test_nobody_at_the_address_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(import_module("aero_bayes.commands.fleet"), "CONNECT_TIMEOUT", 0.3)
+    monkeypatch.setattr(import_module("aero_bayes.commands.fleet_runner"), "CONNECT_TIMEOUT", 0.3)
     with pytest.raises(InputError, match="no Dask scheduler"), open_executor("tcp://127.0.0.1:9"):
         pass

@@ -6,7 +6,7 @@ import csv
 import hashlib
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -97,36 +97,35 @@ class FleetPlan:
 
 def read_fleet(path: Path) -> FleetPlan:
     """Read ``fleet.toml``: any configuration, with ``[fleet]`` and the rigs."""
-    document, folder = read_toml(path), path.parent.resolve()
+    document = read_toml(path)
     own = validated(FleetFile, {key: document.pop(key) for key in ("fleet", "rig") if key in document}, path)
     validated(Config, document, path)
-    rigs = [Rig(one.name, _within(folder, one.train), _within(folder, one.test), one.settings) for one in own.rig]
+    rigs = [Rig(one.name, one.train, one.test, one.settings) for one in own.rig]
     if own.fleet.rigs is not None:
-        rigs += _read_table(path.parent / own.fleet.rigs, folder)
+        rigs += _read_table(path.parent / own.fleet.rigs)
     if not rigs:
         raise InputError(f"{path}: no rigs; expected [[rig]] tables, or [fleet] rigs = a CSV file")
-    return FleetPlan(document, folder, own.fleet.work, rigs)
+    return FleetPlan(document, path.parent.resolve(), own.fleet.work, rigs)
 
 
-def _read_table(path: Path, folder: Path) -> list[Rig]:
+def _read_table(path: Path) -> list[Rig]:
     """Read the rigs of a CSV file. Raises InputError that names file and row."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             reader = csv.DictReader(stream)
-            missing = [c for c in TABLE_COLUMNS[:2] if c not in (reader.fieldnames or ())]
-            if missing:
+            if missing := [c for c in TABLE_COLUMNS[:2] if c not in (reader.fieldnames or ())]:
                 raise InputError(f"{path}: no column {missing[0]}; expected {', '.join(TABLE_COLUMNS)}")
-            return [_rig_of_row(row, folder, f"{path}: row {reader.line_num}") for row in reader]
+            return [_rig_of_row(row, f"{path}: row {reader.line_num}") for row in reader]
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not UTF-8 text") from None
 
 
-def _rig_of_row(row: Mapping[str, str | None], folder: Path, where: str) -> Rig:
+def _rig_of_row(row: Mapping[str, str | None], where: str) -> Rig:
     if None in row:
         raise InputError(f"{where}: more cells than columns")
-    train, test = ([Path(part.strip()) for part in (row.get(c) or "").split(BETWEEN) if part.strip()]
+    train, test = (tuple(Path(part.strip()) for part in (row.get(c) or "").split(BETWEEN) if part.strip())
                    for c in TABLE_COLUMNS[1:])  # fmt: skip
     settings: dict[str, Any] = {}
     for key, text in row.items():
@@ -136,23 +135,14 @@ def _rig_of_row(row: Mapping[str, str | None], folder: Path, where: str) -> Rig:
             table = settings
             for name in tables:
                 table = table.setdefault(name, {})
-            table[last] = _value(text)
+            try:
+                table[last] = tomllib.loads(f"x = {text}")["x"]
+            except tomllib.TOMLDecodeError:
+                table[last] = text  # a word without quotes
     try:
-        return Rig((row["name"] or "").strip(), _within(folder, train), _within(folder, test), settings)
+        return Rig((row["name"] or "").strip(), train, test, settings)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-
-
-def _within(folder: Path, paths: Iterable[Path]) -> tuple[Path, ...]:
-    return tuple(folder / path for path in paths)
-
-
-def _value(text: str) -> Any:
-    """Read a cell as TOML would; it is plain text where TOML cannot."""
-    try:
-        return tomllib.loads(f"x = {text}")["x"]
-    except tomllib.TOMLDecodeError:
-        return text
 
 
 def _overlaid(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
