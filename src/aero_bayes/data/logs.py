@@ -15,8 +15,8 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import seconds
-from aero_bayes.data.signals import Signals
-from aero_bayes.data.table import is_time_name, missing_extra
+from aero_bayes.data.source import Source, is_time_name
+from aero_bayes.data.table import missing_extra
 from aero_bayes.errors import InputError
 
 MDF, TDMS, LABVIEW = (b"MDF     ", b"UnFinMF "), b"TDSm", b"LabVIEW Measurement"
@@ -31,7 +31,7 @@ def is_one(path: Path) -> bool:
     return head.startswith((*MDF, TDMS, LABVIEW))
 
 
-def signals_in(path: Path, memory: int | None = None) -> Signals:
+def source_of(path: Path, memory: int | None = None) -> Source:
     """Return all signals with their times.
 
     InputError for a file that cannot be read, or whose reader is not installed."""
@@ -49,10 +49,10 @@ def signals_in(path: Path, memory: int | None = None) -> Signals:
         raise InputError(f"{path}: cannot be read: {reason}") from None
     if not found:
         raise InputError(f"{path}: holds no signal over time")
-    return _named(found)
+    return _named(path, found)
 
 
-def _named(found: list[tuple[str, str, str, FloatArray, FloatArray]]) -> Signals:
+def _named(path: Path, found: list[tuple[str, str, str, FloatArray, FloatArray]]) -> Source:
     """Make signals of (group, name, unit, times, values); times are called ``time``, or by their group."""
     count = Counter(name for _, name, *_ in found)
     vectors: dict[str, FloatArray] = {}
@@ -66,7 +66,7 @@ def _named(found: list[tuple[str, str, str, FloatArray, FloatArray]]) -> Signals
             clock = f"time of {called}"
         vectors |= {clock: times, called: values}
         clocks[called] = clock
-    return Signals(vectors, clocks)
+    return Source.of_vectors(path, vectors, clocks)
 
 
 def _mdf(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:

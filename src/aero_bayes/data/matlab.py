@@ -30,15 +30,14 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from aero_bayes.data import matlab_process
-from aero_bayes.data.matlab_process import HDF5
-from aero_bayes.data.signals import Signals
+from aero_bayes.data.matlab_process import HDF5, FloatArray
+from aero_bayes.data.source import MAP_COLUMNS, Source
 from aero_bayes.data.text_table import free_memory
 from aero_bayes.errors import InputError
 
@@ -62,7 +61,7 @@ def _is_hdf5(path: Path) -> bool:
     return HDF5 in (head[:8], head[512:])
 
 
-def signals_in(path: Path, memory: int | None = None) -> Signals:
+def source_of(path: Path, memory: int | None = None) -> Source:
     """Return the vectors of the file, and in the hint what of it cannot be read."""
     size, free = path.stat().st_size, memory if memory is not None else free_memory()
     # Read, flattened and converted: three copies; compressed files are seldom more than twice their size.
@@ -71,8 +70,8 @@ def signals_in(path: Path, memory: int | None = None) -> Signals:
             f"{path}: {size / 2**20:,.1f} MiB need about {6 * size / 2**20:,.0f} MiB of memory, "
             f"{free / 2**20:,.0f} MiB are free: write it as CSV, thin it, or run on a larger machine"
         )
-    signals, opaque = _read(path, free)
-    return replace(signals, hint=f"; {_not_read(opaque)}") if opaque else signals
+    vectors, clocks, opaque = _read(path, free)
+    return Source.of_vectors(path, vectors, clocks, f"; {_not_read(opaque)}" if opaque else MAP_COLUMNS)
 
 
 def _not_read(opaque: Sequence[str]) -> str:
@@ -99,8 +98,8 @@ def _clocks(names: Sequence[str]) -> dict[str, str]:
     return clocks
 
 
-def _read(path: Path, memory: int) -> tuple[Signals, list[str]]:
-    """Return the file's vectors and the names of what cannot be read, by a process that a damaged file may crash."""
+def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], dict[str, str], list[str]]:
+    """Return the file's vectors, the times of each, and what cannot be read, by a process that a damaged file may crash."""
     if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
         raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
     # -P: files beside the reader are no modules
@@ -120,4 +119,4 @@ def _read(path: Path, memory: int) -> tuple[Signals, list[str]]:
     parts = np.split(np.frombuffer(data), np.cumsum(list(sizes.values()))[:-1]) if sizes else []
     vectors = dict(zip(sizes, parts, strict=True))
     clocks = dict.fromkeys(list(vectors)[1:], "time") if answer["result"] else _clocks(list(vectors))
-    return Signals(vectors, clocks), list(answer["opaque"])
+    return vectors, clocks, list(answer["opaque"])

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.data.signals import Signals
+from aero_bayes.arrays import FloatArray
+from aero_bayes.data.source import Source
 from aero_bayes.errors import InputError
 
 MATRIX = re.compile(r"\s*(?:double|float)\s+(\w+)\s*\(\s*(\d+)\s*,\s*(\d+)\s*\)\s*(?:#.*)?")
@@ -25,10 +26,12 @@ def is_one(path: Path) -> bool:
         return bool(re.fullmatch(rb"(?:\xef\xbb\xbf)?#1\s*", file.readline(64)))
 
 
-def signals_in(path: Path, memory: int | None = None) -> Signals:
+def source_of(path: Path, memory: int | None = None) -> Source:
     """Return all columns; InputError for a matrix that has not the size that it states."""
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    signals, row = Signals({}, {}), 1
+    vectors: dict[str, FloatArray] = {}
+    clocks: dict[str, str] = {}
+    row = 1
     while row < len(lines):
         start = MATRIX.fullmatch(lines[row])
         row += 1
@@ -48,10 +51,8 @@ def signals_in(path: Path, memory: int | None = None) -> Signals:
             ) from None
         last = np.append(np.diff(numbers[:, 0]) != 0.0, True)
         called = [f"{name}({k + 1})" for k in range(columns)]
-        signals = Signals(
-            {**signals.vectors, **dict(zip(called, np.ascontiguousarray(numbers[last].T), strict=True))},
-            {**signals.clocks, **dict.fromkeys(called[1:], called[0])},
-        )
-    if not signals.vectors:
+        vectors |= dict(zip(called, np.ascontiguousarray(numbers[last].T), strict=True))
+        clocks |= dict.fromkeys(called[1:], called[0])
+    if not vectors:
         raise InputError(f"{path}: begins as a table of Modelica (#1) but has no matrix such as double tab(10,3)")
-    return signals
+    return Source.of_vectors(path, vectors, clocks)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import codecs
 import csv
-import hashlib
 import os
 import re
 import warnings
@@ -22,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from aero_bayes.data.cells import DATE, NO_READING, NUMBER
 from aero_bayes.data.find_table import COMMENTS, longest_run, told_width, with_header
-from aero_bayes.data.table import FileTable
+from aero_bayes.data.source import Cells, Source
 from aero_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,46 +42,44 @@ BYTES_PER_VALUE, LEAST_BYTES = 24, 64 << 20
 MOST_TOTALS = 50
 
 
-class TextTable:
-    """A table of text whose columns are read when they are asked for."""
+def text_source(path: Path, memory: int | None = None) -> Source:
+    """Return a table of text. Columns are read when they are asked for, if the memory (bytes) is enough."""
+    return _TextTable(path, memory).source
 
-    def __init__(self, path: Path) -> None:
-        self.path, self._encoding = path, _encoding(path)
+
+class _TextTable:
+    def __init__(self, path: Path, memory: int | None) -> None:
+        import pandas
+
+        self.path, self._encoding, self._memory = path, _encoding(path), memory
         for most in HEAD_LINES:
             with self._open() as file:
                 lines = list(islice(_lines(file, path), most))
             found = {s: [_cells(line, s) for line in lines] for s in SEPARATORS}
             runs = {s: longest_run(rows) for s, rows in found.items()}
             self._separator = max(SEPARATORS, key=lambda s: runs[s].values)
-            self._rows, run = found[self._separator], runs[self._separator]
+            rows, run = found[self._separator], runs[self._separator]
             if run.stop and run.stop > min(most, len(lines)) // 4:
                 break
         if not run.stop:
             raise InputError(f"{path}: holds no table: expected names, and rows of numbers below them")
-        self._found, self._width = with_header(self._rows, run, str(path)), run.width
+        self._found, self._width = with_header(rows, run, str(path)), run.width
         self.names = self._found.names
-        self.where = f"{path}, row {self._found.header[0] + 1}"
+        head = [row[: len(self.names)] for row in rows[self._found.first :] if len(row) == run.width]
+        where = f"{path}, row {self._found.header[0] + 1}"
+        self.source = Source(path, self.names, self._read, where, head=pandas.DataFrame(head[:20]))
 
-    def head(self) -> pandas.DataFrame:
-        """Return the first rows, as text."""
-        import pandas
-
-        rows = [row[: len(self.names)] for row in self._rows[self._found.first :] if len(row) == self._width]
-        return pandas.DataFrame(rows[:20])
-
-    def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
+    def _read(self, columns: Sequence[str]) -> Cells:
         """Read columns by name; InputError for lines with too few or too many cells, and for too little memory."""
         blanks, count, below, marks = self._scan()
         needed = BYTES_PER_VALUE * count * len(columns) + LEAST_BYTES
-        free = memory if memory is not None else free_memory()
+        free = self._memory if self._memory is not None else free_memory()
         if needed > free:
             raise InputError(
                 f"{self.path}: {count:,} rows of {len(columns)} columns need {needed / 2**20:,.0f} MiB of memory, "
                 f"{free / 2**20:,.0f} MiB are free: thin or cut the file, or run on a larger machine"
             )
         frame = self._frame([self.names.index(name) for name in columns], count, marks)
-        with self.path.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
 
         def line(row: int) -> int:
             at = row + self._found.first + 1
@@ -91,7 +88,8 @@ class TextTable:
             return at
 
         note = self._found.note(self.path.name, [number - 1 for number in below])
-        return FileTable(frame.set_axis(list(columns), axis=1), sha256, lambda row: f"row {line(row)}", line(0), note)
+        cells = dict(zip(columns, (frame[place] for place in frame), strict=True))
+        return Cells(cells, lambda row: f"row {line(row)}", line(0), note)
 
     def _open(self) -> TextIO:
         return self.path.open(encoding=self._encoding, errors="replace")
