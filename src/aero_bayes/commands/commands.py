@@ -174,8 +174,7 @@ def run_check(files: Sequence[Path], config_path: Path | None) -> None:
     tell_notes(recordings)
     if model is not None:
         check_plausible(recordings, model)
-    summaries = [summarise(recording) for recording in recordings]
-    click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
+    click.echo("\n\n".join(str(summarise(recording)) for recording in recordings))
 
 
 def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None, *, again: bool = False) -> Fit:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,8 @@ from aero_bayes.data.table import missing_extra
 from aero_bayes.errors import InputError
 
 MDF, TDMS, LABVIEW = (b"MDF     ", b"UnFinMF "), b"TDSm", b"LabVIEW Measurement"
+#: Group, name, unit, times and values.
+Signal = tuple[str, str, str, FloatArray, FloatArray]
 #: Units that say nothing.
 NO_UNITS = ("", "-", "1", "none")
 
@@ -52,7 +53,7 @@ def source_of(path: Path, memory: int | None = None) -> Source:
     return _named(path, found)
 
 
-def _named(path: Path, found: list[tuple[str, str, str, FloatArray, FloatArray]]) -> Source:
+def _named(path: Path, found: list[Signal]) -> Source:
     """Make signals of (group, name, unit, times, values); times are called ``time``, or by their group."""
     count = Counter(name for _, name, *_ in found)
     vectors: dict[str, FloatArray] = {}
@@ -69,13 +70,15 @@ def _named(path: Path, found: list[tuple[str, str, str, FloatArray, FloatArray]]
     return Source.of_vectors(path, vectors, clocks)
 
 
-def _mdf(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
+def _mdf(path: Path) -> list[Signal]:
     from asammdf import MDF as File
 
     found = []
     with File(path) as file:
-        for index, group in enumerate(file.virtual_groups):
-            for signal in file.select([(None, g, c) for g, c in _channels(file, group)]):
+        times_of = set(file.masters_db.items())
+        for index, group in enumerate(file.virtual_groups.values()):
+            channels = [(g, c) for g in group.groups for c in range(len(file.groups[g].channels))]
+            for signal in file.select([(None, g, c) for g, c in channels if (g, c) not in times_of]):
                 values = np.asarray(signal.samples)
                 if values.dtype.kind in "biuf" and values.ndim == 1 and values.size > 1:
                     times = np.asarray(signal.timestamps, dtype=float)
@@ -83,18 +86,7 @@ def _mdf(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
     return found
 
 
-def _channels(file: Any, group: int) -> list[tuple[int, int]]:
-    """Group and number of each channel that is not a time."""
-    masters = set(file.masters_db.items())
-    return [
-        (g, c)
-        for g in file.virtual_groups[group].groups
-        for c in range(len(file.groups[g].channels))
-        if (g, c) not in masters
-    ]
-
-
-def _tdms(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
+def _tdms(path: Path) -> list[Signal]:
     from nptdms import TdmsFile
 
     found = []
@@ -119,7 +111,7 @@ def _tdms(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
     return found
 
 
-def _lvm(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
+def _lvm(path: Path) -> list[Signal]:
     """Return one segment of a ``.lvm``; times are a column for all signals, one for each, or steps from ``X0``."""
     import pandas
 
@@ -143,18 +135,13 @@ def _lvm(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
             time = frame[column].to_numpy(dtype=float) if frame[column].notna().any() else None
         elif name.casefold() != "comment" and frame[column].notna().sum() > 1:
             values = frame[column].to_numpy(dtype=float)
-            own = time if time is not None else _steps(about, number, values.size, decimal)
+            if time is not None:
+                own = time
+            else:
+                first, step = (float(about[key][number].replace(decimal, ".")) for key in ("X0", "Delta_X"))
+                own = first + step * np.arange(values.size)
             known = np.isfinite(own)
             unit = units[number] if number < len(units) else ""
             found.append((f"channel {number + 1}", name, unit, own[known], values[known]))
             number += 1
     return found
-
-
-def _steps(about: dict[str, list[str]], number: int, size: int, decimal: str) -> FloatArray:
-    """Compute the times of a channel without a column of times."""
-
-    def value(key: str) -> float:
-        return float(about[key][number].replace(decimal, "."))
-
-    return np.asarray(value("X0") + value("Delta_X") * np.arange(size))

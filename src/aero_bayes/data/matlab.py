@@ -25,15 +25,13 @@ objects, which the package mat-io reads (``aero-bayes[matlab]``).
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from aero_bayes.data import matlab_process
 from aero_bayes.data.matlab_process import HDF5, FloatArray
@@ -99,7 +97,7 @@ def _clocks(names: Sequence[str]) -> dict[str, str]:
 
 
 def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], dict[str, str], list[str]]:
-    """Return the file's vectors, the times of each, and what cannot be read, by a process that a damaged file may crash."""
+    """Return vectors, the times of each, and what cannot be read, by a process that a damaged file may crash."""
     if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
         raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
     # -P: files beside the reader are no modules
@@ -111,12 +109,11 @@ def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], dict[str, str
         )
     except subprocess.TimeoutExpired:
         raise InputError(f"{path}: not a readable MATLAB file (not read within {limit:.0f} s)") from None
-    line, _, data = done.stdout.partition(b"\n")
-    answer: dict[str, Any] = json.loads(line) if done.returncode == 0 else {"error": "damaged: its reader crashed"}
+    answer: dict[str, Any] = {"error": "damaged: its reader crashed"}
+    if done.returncode == 0:
+        answer = pickle.loads(done.stdout)
     if "error" in answer:
         raise InputError(f"{path}: not a readable MATLAB file ({answer['error']})")
-    sizes: dict[str, int] = answer["sizes"]
-    parts = np.split(np.frombuffer(data), np.cumsum(list(sizes.values()))[:-1]) if sizes else []
-    vectors = dict(zip(sizes, parts, strict=True))
+    vectors: dict[str, FloatArray] = answer["vectors"]
     clocks = dict.fromkeys(list(vectors)[1:], "time") if answer["result"] else _clocks(list(vectors))
-    return vectors, clocks, list(answer["opaque"])
+    return vectors, clocks, answer["opaque"]

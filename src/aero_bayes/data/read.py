@@ -16,10 +16,9 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data import logs, matlab, modelica_table
 from aero_bayes.data.cells import plain_seconds
 from aero_bayes.data.checks import MIN_SAMPLES, check_recording
-from aero_bayes.data.clock import with_steady_clock
 from aero_bayes.data.columns import ColumnMap, Layout
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import hide
+from aero_bayes.data.screen import hide, with_steady_clock
 from aero_bayes.data.source import Columns, Source, column_called, joined, read_columns, without_repeats
 from aero_bayes.data.table import frame_source, is_table
 from aero_bayes.data.text_table import text_source
