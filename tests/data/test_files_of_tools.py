@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
+from facts import refusal
 from scipy.io import savemat
 
-from aero_bayes import InputError, read_recording
+from aero_bayes import read_recording
 from aero_bayes.data import ColumnMap, Layout
 from aero_bayes.data.read import column_names
 
@@ -167,21 +168,16 @@ def test_a_reader_that_is_missing_is_named(
     path = tmp_path / f"run{suffix}"
     path.write_bytes(start + bytes(600))
     for ask in (lambda: read_recording(path, layout=LAYOUT), lambda: column_names(path)):
-        with pytest.raises(InputError, match=rf"pip install 'aero-bayes\[{extra}\]'") as refused:
-            ask()
-        assert "\n" not in str(refused.value)
+        refusal(ask, f"pip install 'aero-bayes[{extra}]'")
 
 
 @pytest.mark.filterwarnings("ignore")  # asammdf, which closes what it did not open
 @pytest.mark.parametrize("suffix", [".mf4", ".tdms", ".mat"])
 def test_a_damaged_file_is_one_line(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"run{suffix}"
-    path.write_bytes(
-        {".mf4": b"MDF     4.10    ", ".tdms": b"TDSm\x0e", ".mat": b"\0\0\0\0"}[suffix] + bytes(range(200))
-    )
-    with pytest.raises(InputError) as refused:
-        read_recording(path, layout=LAYOUT)
-    assert "\n" not in str(refused.value)
+    start = {".mf4": b"MDF     4.10    ", ".tdms": b"TDSm\x0e", ".mat": b"\0\0\0\0"}[suffix]
+    path.write_bytes(start + bytes(range(200)))
+    refusal(lambda: read_recording(path, layout=LAYOUT))
 
 
 @pytest.mark.parametrize(
@@ -241,7 +237,6 @@ def test_an_object_of_matlab_that_is_no_table_is_refused_in_one_line(tmp_path: P
     """A Simulink Dataset is such an object; mat-io writes others, dates here, as MATLAB does."""
     matio = pytest.importorskip("matio")
     matio.save_to_mat(tmp_path / "run.mat", {"dates": np.array(["2026-01-01", "2026-01-02"], dtype="datetime64[ms]")})
-    for read in (column_names, lambda path: read_recording(path, layout=Layout.of(["F"], ["y"]))):
-        with pytest.raises(InputError, match=r"run\.mat: .*Simulink Dataset save the elements") as refused:
-            read(tmp_path / "run.mat")
-        assert "\n" not in str(refused.value)
+    path = tmp_path / "run.mat"
+    for ask in (lambda: column_names(path), lambda: read_recording(path, layout=LAYOUT)):
+        refusal(ask, "run.mat: ", "Simulink Dataset save the elements")

@@ -32,7 +32,6 @@ def test_white_noise_within_five_percent(output: str, level: float) -> None:
         floor = noise_floor(getattr(RUN, output) + noise, TIME, INPUTS)
         assert floor.sd == pytest.approx(sd, rel=0.05)
         assert floor.slow == 0.0
-        assert floor.correlation == 0.0
         assert floor.quantum is None
 
 
@@ -64,7 +63,6 @@ def test_uneven_times_and_gaps() -> None:
     values[rng.random(time.size) < 0.2] = np.nan
     floor = noise_floor(values, time)
     assert floor.sd == pytest.approx(1e-3, rel=0.06)
-    assert floor.readings == int(np.isfinite(values).sum())
 
 
 def test_quantised_readings_never_fall_below_the_quantum() -> None:
@@ -94,5 +92,4 @@ def test_continuous_readings_have_no_quantum() -> None:
 
 
 def test_too_few_readings_say_nothing() -> None:
-    floor = noise_floor(np.array([0.0, 1.0, np.nan, 2.0]), np.arange(4.0))
-    assert (floor.sd, floor.readings) == (None, 3)
+    assert noise_floor(np.array([0.0, 1.0, np.nan, 2.0]), np.arange(4.0)).sd is None

@@ -11,9 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from aero_bayes.cli import main
-from aero_bayes.commands import Rig, Table, read_fleet
+from aero_bayes.commands import FleetPlan, Rig, Table, read_fleet
 from aero_bayes.commands.fleet import attempt, fleet, tasks_of
-from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
 from aero_bayes.report import FleetJson, undeclared
 from simulated_rigs import write_fleet
@@ -111,20 +110,7 @@ def test_a_file_that_is_wrong_is_one_line(tmp_path: Path, text: str, rigs: str |
 
 
 def test_two_rigs_of_one_name_are_refused(tmp_path: Path) -> None:
-    rigs = [Rig("a", (tmp_path / "a.csv",)), Rig("a", (tmp_path / "b.csv",))]
-    plan = read_fleet_of(rigs)
+    rigs = [Rig("a", (Path("a.csv"),)), Rig("a", (Path("b.csv"),))]
+    plan = FleetPlan({"model": {"name": "Aero.Systems.OneDof"}}, tmp_path, "fit", rigs)
     with pytest.raises(InputError, match="two rigs are called a"):
         list(tasks_of(plan, tmp_path, 1))
-
-
-def read_fleet_of(rigs: list[Rig]):
-    from aero_bayes.commands import FleetPlan
-
-    return FleetPlan({"model": {"name": "Aero.Systems.OneDof"}}, Path(), "fit", rigs)
-
-
-def test_recordings_of_the_simulated_fleet_are_read(folder: Path) -> None:
-    from aero_bayes.data import Layout
-
-    recording = read_recording(folder / "recordings" / "cart-1" / "train.csv", layout=Layout.of(["F"], ["position"]))
-    assert recording.rows == 6001

@@ -45,22 +45,15 @@ READ_TIME_LIMIT, READ_TIME_PER_MIB = 30.0, 0.5
 INTERPRETER_BYTES = 2 << 30
 
 
-def is_one(path: Path) -> bool:
-    """Return whether a file's content is MATLAB's; its name matters for version 4 only, which has no mark."""
-    with path.open("rb") as file:
-        head = file.read(7)
-    binary = not head.isascii() or b"\0" in head
-    return head == b"MATLAB " or _is_hdf5(path) or (path.suffix.lower() == ".mat" and binary)
+def matlab_source(path: Path, memory: int | None = None) -> Source | None:
+    """Return the vectors of the file, and in the hint what of it cannot be read; None if its content is not MATLAB's.
 
-
-def _is_hdf5(path: Path) -> bool:
+    Its name matters for version 4 only, which has no mark."""
     with path.open("rb") as file:
         head = file.read(520)
-    return HDF5 in (head[:8], head[512:])
-
-
-def source_of(path: Path, memory: int | None = None) -> Source:
-    """Return the vectors of the file, and in the hint what of it cannot be read."""
+    is_hdf5, binary = HDF5 in (head[:8], head[512:]), not head[:7].isascii() or b"\0" in head[:7]
+    if not (head.startswith(b"MATLAB ") or is_hdf5 or (path.suffix.lower() == ".mat" and binary)):
+        return None
     size, free = path.stat().st_size, memory if memory is not None else free_memory()
     # Read, flattened and converted: three copies; compressed files are seldom more than twice their size.
     if 6 * size > free:
@@ -68,8 +61,13 @@ def source_of(path: Path, memory: int | None = None) -> Source:
             f"{path}: {size / 2**20:,.1f} MiB need about {6 * size / 2**20:,.0f} MiB of memory, "
             f"{free / 2**20:,.0f} MiB are free: write it as CSV, thin it, or run on a larger machine"
         )
-    vectors, clocks, opaque = _read(path, free)
-    return Source.of_vectors(path, vectors, clocks, f"; {_not_read(opaque)}" if opaque else MAP_COLUMNS)
+    if is_hdf5 and importlib.util.find_spec("h5py") is None:
+        raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
+    answer = _read(path, free)
+    vectors: dict[str, FloatArray] = answer["vectors"]
+    clocks = dict.fromkeys(list(vectors)[1:], "time") if answer["result"] else _clocks(list(vectors))
+    hint = f"; {_not_read(answer['opaque'])}" if answer["opaque"] else MAP_COLUMNS
+    return Source.of_vectors(path, vectors, clocks, hint)
 
 
 def _not_read(opaque: Sequence[str]) -> str:
@@ -96,10 +94,8 @@ def _clocks(names: Sequence[str]) -> dict[str, str]:
     return clocks
 
 
-def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], dict[str, str], list[str]]:
-    """Return vectors, the times of each, and what cannot be read, by a process that a damaged file may crash."""
-    if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
-        raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
+def _read(path: Path, memory: int) -> dict[str, Any]:
+    """Return what :mod:`matlab_process` answers, which a damaged file may crash."""
     # -P: files beside the reader are no modules
     command = [sys.executable, "-P", matlab_process.__file__, str(path), str(memory + INTERPRETER_BYTES)]
     limit = READ_TIME_LIMIT + READ_TIME_PER_MIB * path.stat().st_size / 2**20
@@ -114,6 +110,4 @@ def _read(path: Path, memory: int) -> tuple[dict[str, FloatArray], dict[str, str
         answer = pickle.loads(done.stdout)
     if "error" in answer:
         raise InputError(f"{path}: not a readable MATLAB file ({answer['error']})")
-    vectors: dict[str, FloatArray] = answer["vectors"]
-    clocks = dict.fromkeys(list(vectors)[1:], "time") if answer["result"] else _clocks(list(vectors))
-    return vectors, clocks, answer["opaque"]
+    return answer

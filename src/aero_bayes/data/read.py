@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data import logs, matlab, modelica_table
 from aero_bayes.data.cells import plain_seconds
 from aero_bayes.data.checks import MIN_SAMPLES, check_recording
 from aero_bayes.data.columns import ColumnMap, Layout
+from aero_bayes.data.logs import log_source
+from aero_bayes.data.matlab import matlab_source
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import hide, with_steady_clock
 from aero_bayes.data.source import Columns, Source, column_called, joined, read_columns, without_repeats
-from aero_bayes.data.table import frame_source, is_table
+from aero_bayes.data.table import frame_source
 from aero_bayes.data.text_table import text_source
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
@@ -35,10 +36,7 @@ SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".xlsx", ".parquet", ".feath
 def open_source(path: Path, memory: int | None = None) -> Source:
     """Open a file of any form, which its content tells; ``memory`` is what may be used, in bytes."""
     try:
-        for form in (matlab, logs, modelica_table):
-            if form.is_one(path):
-                return form.source_of(path, memory)
-        return frame_source(path) if is_table(path) else text_source(path, memory)
+        return matlab_source(path, memory) or log_source(path) or frame_source(path) or text_source(path, memory)
     except PermissionError:
         raise InputError(f"{path}: may not be read (permission denied)") from None
 
@@ -115,34 +113,11 @@ def read_recordings(
     batch: str | None = None,
     memory: int | None = None,
 ) -> tuple[Recording, ...]:
-    """Read several recordings, of which one may stand in several files, and several in one.
+    """Read several recordings as :func:`read_recording` does; one may stand in several files, and several in one.
 
-    Parameters
-    ----------
-    paths : sequence of path
-        A file or a folder for each run. Files that have all signals only together are one run.
-    columns, layout, memory
-        As for :func:`read_recording`.
-    batch : str, optional
-        The column of a table that names the run of each row. Without it a table whose time runs back to its start
-        holds several runs. They are called by the file and the batch, ``"runs 3"``.
-
-    Returns
-    -------
-    tuple of Recording
-
-    Raises
-    ------
-    InputError
-        As :func:`read_recording`; and for files that may belong together in more than one way.
-
-    Examples
-    --------
-    >>> from aero_bayes.data import read_recordings
-    >>> layout = Layout.of(["F"], ["position"])
-    >>> [recording.name for recording in read_recordings(["train.csv"], layout=layout)]
-    ['train']
-    """
+    Each path is a file or a folder of a run; files that have all signals only together are one run. ``batch`` is the
+    column of a table that names the run of each row; without it a table whose time runs back to its start holds several
+    runs. They are called by the file and the batch, ``"runs 3"``."""
     asked = _asked(layout, columns, batch, memory)
     found: list[Recording] = []
     for files in asked.runs([Path(p) for p in paths]):
@@ -155,9 +130,12 @@ def read_recordings(
                 continue
             own = _at_rows(given, rows) if label else given
             found.append(asked.recording(f"{name} {label}" if label else name, parts, own))
-        told = [f"{name}: the time runs back to its start {len(batches) - 1} times; each part is a recording, {name} 1 "
-                "and so on"] if len(batches) > 1 and batch is None else []  # fmt: skip
-        told += [f"{name}: {', '.join(short)} with fewer than {MIN_SAMPLES} rows are left out"] if short else []
+        told = []
+        if len(batches) > 1 and batch is None:
+            parted = f"the time runs back to its start {len(batches) - 1} times; each part is a recording"
+            told.append(f"{name}: {parted}, {name} 1 and so on")
+        if short:
+            told.append(f"{name}: {', '.join(short)} with fewer than {MIN_SAMPLES} rows are left out")
         if told and found:
             found[-1] = replace(found[-1], notes=(*found[-1].notes, *told))
     return tuple(found)
@@ -182,10 +160,7 @@ def _batches(given: Columns, batch: str | None) -> dict[str, NDArray[np.intp]]:
 
 
 def _asked(
-    layout: Layout | None,
-    maps: Mapping[str, ColumnMap] | None,
-    batch: str | None = None,
-    memory: int | None = None,
+    layout: Layout | None, maps: Mapping[str, ColumnMap] | None, batch: str | None = None, memory: int | None = None
 ) -> _Asked:
     layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
     for column in maps or {}:

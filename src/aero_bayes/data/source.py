@@ -64,8 +64,8 @@ class Cells:
 class Source:
     """A file: the names of its columns, where they stand, and their cells when they are asked for.
 
-    ``clocks`` has the column of times of each that has its own; ``own_times`` says that these differ even where they
-    are equal by chance. ``head`` has the first rows of a table; ``hint`` says what to do about a missing column."""
+    ``clocks`` has the column of times of each that has its own, ``head`` the first rows of a table; ``hint`` says what
+    to do about a missing column."""
 
     path: Path
     names: Sequence[str]
@@ -73,7 +73,6 @@ class Source:
     where: str
     head: pandas.DataFrame | None = None
     clocks: Mapping[str, str] = field(default_factory=dict)
-    own_times: bool = False
     hint: str = ""
 
     @classmethod
@@ -176,21 +175,20 @@ def read_columns(
     # a cell that is marked as bad may hold a word
     cells |= {n: cells[n].astype(object).mask(marked, None) for n, marked in bad.items() if cells[n].dtype.kind == "O"}
     values = {n: numbers_in(column, place, asked[n]) for n, column in cells.items()}
-    if clocks and not source.own_times and source.clocks:
+    if clocks and source.clocks:
         first, *others = (found.columns[clock] for clock in dict.fromkeys(clocks.values()))
         if all(first.equals(other) for other in others):
             named["time"], clocks = named.get("time", next(iter(clocks.values()))), {}
     if not clocks and not labels and _is_sparse(values, held):
         clocks = dict.fromkeys(values, named["time"])
-    times = {c: times_in(found.columns[c].dropna() if clocks else found.columns[c], place, asked["time"])
-             for c in dict.fromkeys(clocks.values() or [named["time"]])}  # fmt: skip
     for n, column in values.items():
         if column.size != (size := found.columns[clocks.get(n, named.get("time", ""))].size):
             raise InputError(f"{source.path}, column {n}: {column.size} values, expected {size} as in time")
     if not clocks:
-        values["time"], origin = times[named["time"]]
+        values["time"], origin = times_in(found.columns[named["time"]], place, asked["time"])
         run = found.columns[labels[0]].map(_label).tolist() if labels else None
         return Columns(values, sha256, named, found.line, found.first_row, bad, origin, run, found.note)
+    times = {clock: times_in(found.columns[clock].dropna(), place, clock) for clock in dict.fromkeys(clocks.values())}
     begin, pairs = min(origin for _, origin in times.values()), {}
     for n, clock in clocks.items():
         time, origin = times[clock]
@@ -331,6 +329,8 @@ def _quality_columns(names: Sequence[str], signals: Mapping[str, str]) -> dict[s
 
 def _bad(column: pandas.Series) -> Mask:
     """Mark rows whose cell of quality says that the reading is none."""
+    if column.dtype.kind in "biuf":
+        return np.zeros(len(column), dtype=bool)
     return np.asarray(column.astype(str).str.contains(BAD_WORDS), dtype=bool)
 
 

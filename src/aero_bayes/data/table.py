@@ -30,21 +30,18 @@ REFUSED = {
 MOST_ROWS = 200
 
 
-def is_table(path: Path) -> bool:
-    """Return whether a file is a table that pandas reads, by its suffix.
+def frame_source(path: Path) -> Source | None:
+    """Return a table that pandas reads whole, as its suffix tells; None for another file.
 
-    InputError for one that is known and not read."""
+    InputError for one that is known and not read, whose reader is not installed, or that cannot be read."""
+    import pandas
+
     suffix = path.suffix.lower()
     if suffix in REFUSED:
         raise InputError(f"{path}: {suffix} is not read: {REFUSED[suffix]}")
-    return suffix in READERS
-
-
-def frame_source(path: Path) -> Source:
-    """Return a table that pandas reads whole; InputError if its reader is not installed, or cannot read the file."""
-    import pandas
-
-    reader, extra = READERS[path.suffix.lower()]
+    if suffix not in READERS:
+        return None
+    reader, extra = READERS[suffix]
     # Without its name pandas would ask the file for its engine first.
     options: dict[str, Any] = {"engine": "openpyxl", "header": None, "sheet_name": None} if extra == "excel" else {}
     try:
