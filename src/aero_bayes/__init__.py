@@ -26,8 +26,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from aero_bayes.commands.fleet import fleet
-    from aero_bayes.commands.fleet_rigs import Rig
+    from aero_bayes.commands.fleet import Rig, fleet
     from aero_bayes.data.read import read_recording
     from aero_bayes.data.recording import Recording
     from aero_bayes.data.summary import summarise
@@ -82,8 +81,7 @@ __all__ = [
 
 #: By file or room the names that are imported when first used (PEP 562), so that one command pays for one stage.
 _HOMES = {
-    "commands.fleet": "fleet",
-    "commands.fleet_rigs": "Rig",
+    "commands.fleet": "Rig fleet",
     "data": "Recording read_recording summarise",
     "errors": "CannotFinishError InputError",
     "estimate.fit": "fit",

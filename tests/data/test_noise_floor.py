@@ -49,13 +49,6 @@ def test_noise_with_memory_is_told_from_the_signal(output: str, correlation_time
     assert slow_time == pytest.approx(correlation_time, rel=0.6)
 
 
-def test_without_jumps_given_a_smooth_input_needs_none() -> None:
-    rng = np.random.default_rng(5)
-    signal = 0.4 * np.sin(2.0 * np.pi * 0.3 * TIME) + 0.1 * np.sin(2.0 * np.pi * 0.9 * TIME)
-    floor = noise_floor(signal + 2e-3 * rng.standard_normal(TIME.size), TIME)
-    assert floor.sd == pytest.approx(2e-3, rel=0.05)
-
-
 def test_uneven_times_and_gaps() -> None:
     rng = np.random.default_rng(6)
     time = np.cumsum(rng.uniform(0.002, 0.02, 6000))

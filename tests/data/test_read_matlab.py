@@ -110,10 +110,11 @@ def test_gaps_are_nan_and_inputs_must_be_whole(tmp_path: Path) -> None:
         read_recording(tmp_path / "b.mat", LOG)
 
 
-def test_too_little_memory_names_the_size(tmp_path: Path) -> None:
+def test_too_little_memory_names_the_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aero_bayes.data.matlab.free_memory", lambda: 100)
     savemat(tmp_path / "a.mat", {"log": np.vstack([TIME, VOLTS, DEGREES])})
     with pytest.raises(InputError, match="MiB of memory"):
-        read_recording(tmp_path / "a.mat", LOG, memory=100)
+        read_recording(tmp_path / "a.mat", LOG)
 
 
 def test_the_content_decides_not_the_name(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ without it.
 from aero_bayes.commands.commands import run_all, run_check, run_close_loop, run_fit
 from aero_bayes.commands.context import model_diagrams
 from aero_bayes.commands.design import DesignOptions, run_design
-from aero_bayes.commands.fleet_rigs import FleetFile, FleetPlan, Rig, read_fleet
+from aero_bayes.commands.fleet import FleetFile, FleetPlan, Rig, read_fleet
 from aero_bayes.commands.fleet_runner import Table, open_executor, run_tasks
 from aero_bayes.commands.init import match_columns, run_init, split_unit
 from aero_bayes.commands.job import Job, RunOptions, open_job

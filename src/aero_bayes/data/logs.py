@@ -18,7 +18,7 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import seconds
 from aero_bayes.data.source import Source, is_time_name
-from aero_bayes.data.table import missing_extra
+from aero_bayes.data.tables import missing_extra
 from aero_bayes.errors import InputError
 
 #: Group, name, unit, times and values.

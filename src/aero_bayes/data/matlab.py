@@ -36,7 +36,7 @@ from typing import Any
 from aero_bayes.data import matlab_process
 from aero_bayes.data.matlab_process import HDF5, FloatArray
 from aero_bayes.data.source import MAP_COLUMNS, Source
-from aero_bayes.data.text_table import free_memory
+from aero_bayes.data.tables import free_memory
 from aero_bayes.errors import InputError
 
 #: Seconds that reading may take, and for each MiB of the file; the readers can be made to run for ever.
@@ -45,7 +45,7 @@ READ_TIME_LIMIT, READ_TIME_PER_MIB = 30.0, 0.5
 INTERPRETER_BYTES = 2 << 30
 
 
-def matlab_source(path: Path, memory: int | None = None) -> Source | None:
+def matlab_source(path: Path) -> Source | None:
     """Return the vectors of the file, and in the hint what of it cannot be read; None if its content is not MATLAB's.
 
     Its name matters for version 4 only, which has no mark."""
@@ -54,7 +54,7 @@ def matlab_source(path: Path, memory: int | None = None) -> Source | None:
     is_hdf5, binary = HDF5 in (head[:8], head[512:]), not head[:7].isascii() or b"\0" in head[:7]
     if not (head.startswith(b"MATLAB ") or is_hdf5 or (path.suffix.lower() == ".mat" and binary)):
         return None
-    size, free = path.stat().st_size, memory if memory is not None else free_memory()
+    size, free = path.stat().st_size, free_memory()
     # Read, flattened and converted: three copies; compressed files are seldom more than twice their size.
     if 6 * size > free:
         raise InputError(

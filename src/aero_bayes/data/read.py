@@ -21,8 +21,7 @@ from aero_bayes.data.matlab import matlab_source
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import hide, with_steady_clock
 from aero_bayes.data.source import Columns, Source, column_called, joined, read_columns, without_repeats
-from aero_bayes.data.table import frame_source
-from aero_bayes.data.text_table import text_source
+from aero_bayes.data.tables import frame_source, text_source
 from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
@@ -33,10 +32,10 @@ from aero_bayes.unknown_names import known_names_hint, no_such_file
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".xlsx", ".parquet", ".feather", ".mf4", ".tdms", ".lvm")
 
 
-def open_source(path: Path, memory: int | None = None) -> Source:
-    """Open a file of any form, which its content tells; ``memory`` is what may be used, in bytes."""
+def open_source(path: Path) -> Source:
+    """Open a file of any form, which its content tells."""
     try:
-        return matlab_source(path, memory) or log_source(path) or frame_source(path) or text_source(path, memory)
+        return matlab_source(path) or log_source(path) or frame_source(path) or text_source(path)
     except PermissionError:
         raise InputError(f"{path}: may not be read (permission denied)") from None
 
@@ -65,7 +64,6 @@ def read_recording(
     columns: Mapping[str, ColumnMap] | None = None,
     *,
     layout: Layout | None = None,
-    memory: int | None = None,
 ) -> Recording:
     """Read and check a recording.
 
@@ -81,8 +79,6 @@ def read_recording(
     layout : Layout, optional
         Which columns there are; by default those that the package of the default model declares. Other columns of the
         file are not read.
-    memory : int, optional
-        Bytes that may be used; what is free by default.
 
     Returns
     -------
@@ -100,7 +96,7 @@ def read_recording(
     >>> aero_bayes.read_recording("train.csv", layout=layout)
     <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
     """
-    asked = _asked(layout, columns, memory=memory)
+    asked = _asked(layout, columns)
     name, parts = asked.run([Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path])
     return asked.recording(name, parts, asked.read(parts))
 
@@ -111,14 +107,13 @@ def read_recordings(
     *,
     layout: Layout | None = None,
     batch: str | None = None,
-    memory: int | None = None,
 ) -> tuple[Recording, ...]:
     """Read several recordings as :func:`read_recording` does; one may stand in several files, and several in one.
 
     Each path is a file or a folder of a run; files that have all signals only together are one run. ``batch`` is the
     column of a table that names the run of each row; without it a table whose time runs back to its start holds several
     runs. They are called by the file and the batch, ``"runs 3"``."""
-    asked = _asked(layout, columns, batch, memory)
+    asked = _asked(layout, columns, batch)
     found: list[Recording] = []
     for files in asked.runs([Path(p) for p in paths]):
         name, parts = asked.run(files)
@@ -159,15 +154,13 @@ def _batches(given: Columns, batch: str | None) -> dict[str, NDArray[np.intp]]:
     return {str(k + 1): rows for k, rows in enumerate(np.split(np.arange(time.size), starts))}
 
 
-def _asked(
-    layout: Layout | None, maps: Mapping[str, ColumnMap] | None, batch: str | None = None, memory: int | None = None
-) -> _Asked:
+def _asked(layout: Layout | None, maps: Mapping[str, ColumnMap] | None, batch: str | None = None) -> _Asked:
     layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
     for column in maps or {}:
         if column not in layout.units:
             known = ", ".join(layout.units)
             raise InputError(f"columns: {column} is not a column of the model, expected one of {known}")
-    return _Asked(layout, dict(maps or {}), batch, memory)
+    return _Asked(layout, dict(maps or {}), batch)
 
 
 @dataclass(frozen=True)
@@ -177,7 +170,6 @@ class _Asked:
     layout: Layout
     maps: dict[str, ColumnMap]
     batch: str | None
-    memory: int | None
 
     @property
     def held(self) -> list[str]:
@@ -278,7 +270,7 @@ class _Asked:
         if not file.is_file():
             raise InputError(f"{file}: is not a file")
         asked = {name: self.sources[name] for name in ("time", *names)}
-        given = read_columns(open_source(file, self.memory), asked, ["time", *wanted], self.held, batch)
+        given = read_columns(open_source(file), asked, ["time", *wanted], self.held, batch)
         # without the rows that a simulator writes a second time at an event
         keep = without_repeats(given.columns, [name for name in self.held if name in given.columns])
         given = given if keep.all() else replace(_at_rows(given, np.flatnonzero(keep)), first_row=given.first_row)

@@ -76,8 +76,6 @@ class Recording:
     (1400, 601, 500)
     >>> int(np.isfinite(recording.without(after=30.0).outputs["position"]).sum())
     1500
-    >>> int(np.isfinite(recording.thin(4).outputs["position"]).sum())
-    501
     >>> recording.rows_where(recording.time >= 20.0, "late").rows
     1001
     >>> sorted(recording.to_dict())
@@ -224,18 +222,8 @@ class Recording:
 
         Hold a part back from a fit.
         """
-        return self._hidden(self.time >= after, f"{self.name} (outputs to {after:g} s)")
-
-    def thin(self, every: int) -> Recording:
-        """Return every ``every``-th output reading; the others become gaps, so that the input keeps its jumps."""
-        if every < 1:
-            raise InputError(f"{self.name}: cannot keep every {every}th reading, expected 1 or more")
-        return self._hidden(np.arange(self.rows) % every != 0, f"{self.name} (1 in {every})")
-
-    def _hidden(self, rows: NDArray[np.bool_], name: str) -> Recording:
-        """Return the same samples without the output readings of some rows."""
-        outputs = {column: np.where(rows, np.nan, values) for column, values in self.outputs.items()}
-        return replace(self, name=name, outputs=outputs, sha256="")
+        outputs = {name: np.where(self.time >= after, np.nan, values) for name, values in self.outputs.items()}
+        return replace(self, name=f"{self.name} (outputs to {after:g} s)", outputs=outputs, sha256="")
 
     @describe_figure_parameters
     def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:

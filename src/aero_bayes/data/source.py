@@ -181,9 +181,9 @@ def read_columns(
             named["time"], clocks = named.get("time", next(iter(clocks.values()))), {}
     if not clocks and not labels and _is_sparse(values, held):
         clocks = dict.fromkeys(values, named["time"])
-    for n, column in values.items():
-        if column.size != (size := found.columns[clocks.get(n, named.get("time", ""))].size):
-            raise InputError(f"{source.path}, column {n}: {column.size} values, expected {size} as in time")
+    for n, own in values.items():
+        if own.size != (size := found.columns[clocks.get(n, named.get("time", ""))].size):
+            raise InputError(f"{source.path}, column {n}: {own.size} values, expected {size} as in time")
     if not clocks:
         values["time"], origin = times_in(found.columns[named["time"]], place, asked["time"])
         run = found.columns[labels[0]].map(_label).tolist() if labels else None
@@ -296,10 +296,10 @@ def _of_rows(
                                  "table holds several runs, name their column in [data] batch")  # fmt: skip
             pairs[name] = (time[own], values)
         parts[run] = joined(pairs, held)
-    values = {n: np.concatenate([part[n] for part in parts.values()]) for n in next(iter(parts.values()))}
-    values = {n: v for n, v in values.items() if np.isfinite(v).any()}
+    whole = {n: np.concatenate([part[n] for part in parts.values()]) for n in next(iter(parts.values()))}
+    whole = {n: v for n, v in whole.items() if np.isfinite(v).any()}
     labels = [run for run, part in parts.items() for _ in part["time"]] if len(columns) > 3 else None
-    return Columns(values, "", {n: asked[n] for n in values}, origin=origin, batch=labels, note=found.note)
+    return Columns(whole, "", {n: asked[n] for n in whole}, origin=origin, batch=labels, note=found.note)
 
 
 def _words(column: pandas.Series) -> list[str]:

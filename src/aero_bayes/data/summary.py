@@ -86,7 +86,7 @@ class RecordingSummary:
         first = f"{self.name}: {self.rows:,} rows, {self.duration:.6g} s at {self.rate_hz:.6g} Hz, {even}"
         if self.dropped:
             first += f", {self.dropped} samples missing (longest interval {self.longest_interval:.3g} s)"
-        return "\n  ".join([first, *(one.text for one in (*self.inputs, *self.outputs))])
+        return "\n  ".join([first, *(one.text for one in self.inputs), *(one.text for one in self.outputs)])
 
     def __repr__(self) -> str:
         return f"<Summary {str(self).partition(chr(10))[0]}>"
