@@ -13,10 +13,11 @@ if TYPE_CHECKING:
 
 
 def drawn(name: str, *what: Any, figure: Figure | Axes | None, dark: bool) -> Figure:
-    """Draw a figure of :mod:`aero_bayes.report`, which uses the classes of results, so that they cannot import it.
+    """Draw a figure by its file in ``report`` and its name; results cannot import what uses their classes.
 
     ``figure`` is what is drawn into: a figure, or the axes whose place is taken; a new one by default."""
-    found: Figure = getattr(import_module("aero_bayes.report"), name)(*what, figure=figure, dark=dark)
+    file, _, function = name.partition(".")
+    found: Figure = getattr(import_module(f"aero_bayes.report.{file}"), function)(*what, figure=figure, dark=dark)
     return found
 
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.commands import versions, write_result, write_series
 from aero_bayes.data import Recording
 from aero_bayes.estimate.fit import declared_overrides, fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
@@ -20,7 +19,10 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
-from aero_bayes.report import SCHEMA, StudyColumnJson, StudyJson, StudyRowJson, write_run_page
+from aero_bayes.report.page import write_run_page
+from aero_bayes.report.results import versions, write_result, write_series
+from aero_bayes.report.schema_loop import StudyColumnJson, StudyJson, StudyRowJson
+from aero_bayes.report.schema_run import SCHEMA
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model

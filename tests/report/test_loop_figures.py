@@ -6,7 +6,9 @@ import re
 
 import pytest
 
-from aero_bayes.report import CandidateJson, LoopJson, StepJson, changed_equations, rounds_table
+from aero_bayes.report.loop_figures import rounds_table
+from aero_bayes.report.loop_story import changed_equations
+from aero_bayes.report.schema_loop import CandidateJson, LoopJson, StepJson
 
 pytestmark = pytest.mark.fast
 

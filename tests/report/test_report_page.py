@@ -19,7 +19,7 @@ import pytest
 from facts import facts
 
 from aero_bayes.errors import InputError
-from aero_bayes.report import write_run_page
+from aero_bayes.report.page import write_run_page
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}
 LAW_INTERFACES = {"path", "use", "rect", "line", "circle"}

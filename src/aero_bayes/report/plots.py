@@ -56,7 +56,7 @@ def palette(dark: bool = False) -> Mapping[str, str]:
 
     Examples
     --------
-    >>> from aero_bayes.report import palette
+    >>> from aero_bayes.report.plots import palette
     >>> palette()["accent"], palette(dark=True)["ground"]
     ('#0067a8', '#11161b')
     """

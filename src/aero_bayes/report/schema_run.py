@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from typing import Literal
 
-from pydantic import BaseModel, Field, JsonValue
+from pydantic import Field, JsonValue
 
 from aero_bayes.report.schema_estimate import (
     DataFileJson,
@@ -205,21 +204,3 @@ class RunJson(JsonTable):
         """Return descriptions of all effects in the run, by id."""
         added = self.loop.effects if self.loop is not None else []
         return self.words | {effect.id: effect.summary for effect in added if effect.summary}
-
-
-def undeclared(part: BaseModel, path: str = "") -> Iterator[str]:
-    """Yield dotted paths of the keys below a part that no class names."""
-    yield from (f"{path}{key}" for key in part.model_extra or {})
-    for name in type(part).model_fields:
-        yield from _undeclared_within(getattr(part, name), f"{path}{name}")
-
-
-def _undeclared_within(value: object, path: str) -> Iterator[str]:
-    if isinstance(value, BaseModel):
-        yield from undeclared(value, f"{path}.")
-    elif isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _undeclared_within(item, f"{path}.{key}")
-    elif isinstance(value, list):
-        for item in value:
-            yield from _undeclared_within(item, path)
