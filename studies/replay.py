@@ -1,4 +1,4 @@
-"""Replay the paper's Table 1 and Fig. 6 on a simulated recording, and draw a page of the run."""
+"""Replay the paper's Table 1 and Fig. 6 on a simulated recording, and write both."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, help="simulation processes; by default one a core")
     options = parser.parse_args()
     with one_run_at_a_time(options.out):
-        page = write_run(replay_paper(seed=options.seed, workers=options.workers, out=options.out), options.out)
-    print(f"wrote {page}")
+        table = write_run(replay_paper(seed=options.seed, workers=options.workers, out=options.out), options.out)
+    print(f"wrote {table}")
 
 
 if __name__ == "__main__":

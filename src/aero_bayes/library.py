@@ -109,12 +109,17 @@ def write_report(found: Result | str | Path, path: str | Path | None = None) -> 
     if path is None:
         raise InputError("path: say where the page goes, such as fit.html")
     path = Path(path)
-    with ScratchFolder() as scratch:
-        page = (save(found, scratch) / "report.html").read_bytes()
+    page = page_of(found)
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary:
-        temporary.write_bytes(page)
+        temporary.write_text(page, encoding="utf-8")
     return path
+
+
+def page_of(found: Result) -> str:
+    """Return the page of a result: HTML that loads nothing from elsewhere."""
+    with ScratchFolder() as scratch:
+        return (save(found, scratch) / "report.html").read_text("utf-8")
 
 
 def compare(*found: Result | str | Path, path: str | Path = "compare.html") -> Path:

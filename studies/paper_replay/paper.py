@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
@@ -19,9 +20,7 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
-from aero_bayes.report.page import write_run_page
 from aero_bayes.report.results import versions, write_result, write_series
-from aero_bayes.report.schema_loop import StudyColumnJson, StudyJson, StudyRowJson
 from aero_bayes.report.schema_run import SCHEMA
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome
@@ -30,6 +29,7 @@ from aero_bayes.simulation.workers import WorkerPool
 from paper_replay.models import ModelEvaluator, export_models, open_models, paper_recording
 from paper_replay.published import FMINCON, PSO, PSO_DATASHEET, TABLE_1, TABLE_PARAMETERS, TRANSFER, UNOPTIMISED
 from paper_replay.search import StageEnd, coarse_stage, in_stages, scaled_stage, swarm_recipe
+from study.study import markdown, number
 
 PAPER, RERUN, SCALED, JOINT = "paper's values", "recipe rerun", "scaled axes", "joint fit"
 #: How far thrust and drag of the linear law may be from the data sheet, as a factor; bounds are its square.
@@ -163,37 +163,48 @@ def fit_jointly(recording: Recording, model: Model, *, linear_law: bool, seed: i
 
 
 def write_run(replay: Replay, folder: Path) -> Path:
-    """Write ``result.json``, ``series.npz`` and the page into a folder; return the page's path."""
+    """Write result, curves, Table 1 and Fig. 6 into a folder; return the path of the table."""
     write_series(folder, replay.series)
     write_result(folder, run_result(replay))
-    return write_run_page(folder)
+    figure_6(replay).savefig(folder / "figure_6.svg")
+    path = folder / "table_1.md"
+    path.write_text("\n".join(table_1_lines(replay)) + "\n", encoding="utf-8")
+    return path
 
 
-def run_result(replay: Replay) -> dict[str, Any]:
-    """Return the content of ``result.json``: ``study`` is what the page shows, ``replay`` the rows with all errors."""
-    best = min((row for row in replay.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
-    columns = [
-        *(StudyColumnJson(title=f"`{name}`") for name in TABLE_PARAMETERS),
-        StudyColumnJson(title="fitness, here", digits=4), StudyColumnJson(title="fitness, paper", digits=6),
-    ]  # fmt: skip
+def table_1_lines(replay: Replay) -> list[str]:
+    """Write the rows as the paper's Table 1: SI units, fitness by Eq. 6, smaller is better."""
+    head = ("model", *TABLE_PARAMETERS, "fitness, here", "fitness, paper", "")
     rows = [
-        StudyRowJson(
-            label=row.label, note=row.note,
-            values=[*(row.parameters.get(name) for name in TABLE_PARAMETERS), row.fitness, row.paper_fitness],
-        )
+        (row.label, *(number(row.parameters.get(name)) for name in TABLE_PARAMETERS), number(row.fitness),
+         number(row.paper_fitness), row.note)
         for row in replay.rows
     ]  # fmt: skip
     order = "; ".join(one.label for one in sorted(TABLE_1, key=lambda one: one.fitness))
-    study = StudyJson(
-        name=NAME, title="The paper, replayed", output="the paper's output (SI units)",
-        figure_caption="The paper’s Fig. 6, redrawn from this run. A model that leaves the frame is cut off by it.",
-        table_caption="Table 1 of the paper, replayed (SI units; fitness by Eq. 6, smaller is better)",
-        columns=columns, rows=rows, smallest_in=len(TABLE_PARAMETERS),
-        notes=[*NOTES, f"Best first, the order of the {len(TABLE_1)} models in the paper is {order}."],
-    )  # fmt: skip
+    last = f"Best first, the order of the {len(TABLE_1)} models in the paper is {order}."
+    return ["# Table 1 of the paper, replayed", "", *markdown(head, rows), "", *NOTES, last]
+
+
+def figure_6(replay: Replay) -> Figure:
+    """Draw the pitch as measured and as each model gives it; one that leaves the frame is cut off by it."""
+    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
+    axes = figure.add_subplot(xlabel="time (s)", ylabel="pitch (rad)")
+    curves = {key.removeprefix(f"{NAME}/"): values for key, values in replay.series.items()}
+    time, measured = curves.pop("time"), curves.pop("measured")
+    axes.plot(time, measured, color="0.75", linewidth=3.0, label="measured")
+    low, high = axes.get_ylim()
+    for label, values in curves.items():
+        axes.plot(time, values, linewidth=1.0, label=label)
+    axes.set_ylim(2.0 * low - high, 2.0 * high - low)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def run_result(replay: Replay) -> dict[str, Any]:
+    """Return the content of ``result.json``; ``replay`` has the rows with all errors."""
+    best = min((row for row in replay.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
     return {
         "schema": SCHEMA, "command": NAME, "seed": replay.seed, "versions": versions(), "data": [], "simulated": True,
-        "study": study.model_dump(),
         NAME: {"rows": [asdict(row) | {"model": row.label} for row in replay.rows]},
         "failures": dict(replay.failures),
         "seconds": replay.seconds,

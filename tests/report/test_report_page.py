@@ -219,26 +219,8 @@ def test_page_draws_the_other_series_when_one_group_is_missing(runs: Path, group
 def test_series_without_a_single_finite_value_are_left_out(tmp_path: Path) -> None:
     time, blank = np.linspace(0, 1, 50), np.full(50, np.nan)
     np.savez(tmp_path / "series.npz", **{"time/a": time, "measured/a/y": blank, "fitted/a/y": blank,
-                                         "before/a/y": blank,
-                                         "old/time": time, "old/measured": blank})  # fmt: skip
-    assert Page(page_of(tmp_path, {"study": {"name": "old", "title": "Old models"}})).faults == []
-
-
-def test_a_study_adds_a_section_with_curves_a_table_and_notes(tmp_path: Path) -> None:
-    time = np.linspace(0, 1, 50)
-    np.savez(tmp_path / "series.npz", **{"old/time": time, "old/measured": time, "old/plain": time**2})
-    rows = [{"label": "plain", "note": "as given", "values": [8.4, 0.25]}, {"label": "none", "values": [None, None]}]
-    columns = [{"title": "`R_a`"}, {"title": "error", "digits": 4}]
-    study = {"name": "old", "title": "Old <models>", "columns": columns, "rows": rows, "smallest_in": 1}
-    text = page_of(tmp_path, {"study": study | {"notes": ["`R_a` is 8.4."]}})
-    page = Page(text)
-    assert page.faults == []
-    assert {"id": "old"} in page.all("section")
-    assert {"href": "#old"} in page.all("a")
-    assert "models" not in {tag for tag, _ in page.elements}
-    assert [row for row in page.rows if "as given" in row and "8.4" in row and "0.25" in row]
-    assert [row.get("class") for row in page.all("tr") if row.get("class") == "marked"] == ["marked"]
-    assert all(key in text for key in ("old/plain", "old/measured"))
+                                         "before/a/y": blank})  # fmt: skip
+    assert Page(page_of(tmp_path, {})).faults == []
 
 
 def test_names_from_the_data_are_text_and_never_markup(runs: Path, pages: dict[str, str], tmp_path: Path) -> None:

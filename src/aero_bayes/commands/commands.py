@@ -273,7 +273,7 @@ def _finish(
     """Write the run directory and print its place; then the fitted model for other tools."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
-    page, told = _page(job, result, series)
+    page, told = write_page(job, result, series)
     for line in (words.verdict(told).text, "", *parameter_lines(told.parameters), "", words.checks_line(told)):
         click.echo(words.plain(line))
     if result.get("fit", {}).get("values"):
@@ -293,7 +293,7 @@ def _finish(
     click.echo(f"wrote {join_names([str(path) for path in made])}: all fitted values, for other tools")
 
 
-def _page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
+def write_page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
     """Write the files of a run and draw its page; return the page, and what it tells."""
     out = job.options.out
     # Result and page stand together or not at all, also where the disk is full: both are made beside, then moved.
@@ -303,7 +303,7 @@ def _page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
             os.link(posterior, made / posterior.name)
         write_series(made, only_measured(series))
         told = RunJson.model_validate(plain(result | context_part(job, result)))
-        told = told.model_copy(update={"verdict": words.verdict(told)})
+        told = told.model_copy(update={"verdict": told.verdict or words.verdict(told)})
         write_result(made, told)
         page = write_run_page(made)
         for name in ("series.npz", "result.json", page.name):
@@ -334,4 +334,4 @@ def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
             sampled, bands = _posterior_part(found)
             result, series = merge(result, sampled, {"command": "posterior"}), series | bands
             found.save(folder / "posterior.nc")
-    return _page(job, result, series)[0]
+    return write_page(job, result, series)[0]

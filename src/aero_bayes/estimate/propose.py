@@ -18,7 +18,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.identifiability import Status
-from aero_bayes.estimate.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment, posterior_sd
+from aero_bayes.estimate.information import ExperimentPredictor, Limits, PredictedExperiment, posterior_sd
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.signal_search import BestSignal, SearchSettings, best_signals
 from aero_bayes.files import whole_file
@@ -225,7 +225,7 @@ def _sd_after(
     return after, posterior_sd(known + same.information)
 
 
-def default_limits(fit: GaussianFit) -> Limits:
+def default_limits(fit: Fit) -> Limits:
     """Return what the model's package allows, for those outputs that it has; else inputs as large as those recorded."""
     model, declared = fit.calibration.model, fit.calibration.model.declared.limits
     known = {v.name for v in model.outputs}
@@ -234,7 +234,7 @@ def default_limits(fit: GaussianFit) -> Limits:
     return Limits(declared.input or largest or 1.0, {n: v for n, v in declared.travel.items() if n in known})
 
 
-def experiment_times(fit: GaussianFit, duration: float, rate_hz: float | None) -> FloatArray:
+def experiment_times(fit: Fit, duration: float, rate_hz: float | None) -> FloatArray:
     """Return sample times of the new recording, shape (n,)."""
     if rate_hz is None:
         rate_hz = 1.0 / fit.calibration.data.intervals[0]

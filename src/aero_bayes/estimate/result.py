@@ -350,7 +350,7 @@ class Fit(OtherTools):
         >>> len(fit.plot().axes)  # the force, the position, what is left of it
         3
         """
-        return drawn("plots.fit_figure", self, recording, figure=ax or figure, dark=dark)
+        return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         return estimates_html(self.parameters, f"{self.calibration.model.name}: {self.reason.value}", self.warnings)

@@ -307,7 +307,7 @@ class LoopResult(FittedLoop):
         --------
         >>> loop.plot().savefig("loop.png")
         """
-        return drawn("plots.loop_figure", self, figure=ax or figure, dark=dark)
+        return drawn("plots.scene_figure", self, figure=ax or figure, dark=dark)
 
     @describe_figure_parameters
     def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
@@ -355,7 +355,7 @@ class LoopResult(FittedLoop):
             for output, rms in self.predicted_before.pooled(role).items()
         ]
         table = table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
-        page = escape(import_module("aero_bayes.report.plot_page").loop_page(self), quote=True)
+        page = escape(import_module("aero_bayes.library").page_of(self), quote=True)
         return f'{table}<iframe title="report" srcdoc="{page}" width="100%" height="{FRAME_HEIGHT}"></iframe>'
 
     def _errors(self) -> str:

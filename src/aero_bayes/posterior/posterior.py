@@ -186,7 +186,7 @@ class Posterior(PosteriorDraws, FittedResult):
         --------
         >>> posterior.plot_bands().savefig("bands.png")
         """
-        return drawn("plots.bands_figure", self, recording, figure=ax or figure, dark=dark)
+        return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"

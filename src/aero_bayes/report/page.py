@@ -32,7 +32,6 @@ from aero_bayes.report import (
     posterior_figures,
     profile_figures,
     residual_figures,
-    study,
     words,
 )
 from aero_bayes.report.drawing import WIDE_WIDTH, Plate
@@ -332,7 +331,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "prediction": _prediction(run), "posterior": _posterior(run),
         "waterfall": posterior_figures.waterfall_plate(result.fit.start_levels),
         "loop": _loop(run, result.loop) if result.loop else None,
-        "study": _study(run), "design": experiment.experiment(run), "provenance": overview.provenance(result),
+        "design": experiment.experiment(run), "provenance": overview.provenance(result),
     }  # fmt: skip
 
 
@@ -376,13 +375,3 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "diff": loop_story.diff_lines(loop),
         "source": loop.modelica_source,
     }
-
-
-def _study(run: RunDirectory) -> dict[str, Any] | None:
-    found = run.result.study
-    if found is None:
-        return None
-    return {
-        "name": found.name, "title": found.title, "table": study.study_table(found),
-        "figure": study.study_plate(run, found), "notes": [sentence(note) for note in found.notes],
-    }  # fmt: skip

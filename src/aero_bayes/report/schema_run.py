@@ -25,7 +25,7 @@ from aero_bayes.report.schema_estimate import (
     SignalJson,
     VerdictJson,
 )
-from aero_bayes.report.schema_loop import LoopJson, StudyJson
+from aero_bayes.report.schema_loop import LoopJson
 
 
 class DesignedParameterJson(JsonTable):
@@ -173,7 +173,6 @@ class RunJson(JsonTable):
     prediction: PredictionJson = PredictionJson()
     mcmc: McmcJson | None = None
     loop: LoopJson | None = None
-    study: StudyJson | None = None
     design: DesignJson | None = None
     failures: dict[str, int] = {}
     warnings: list[str] = []

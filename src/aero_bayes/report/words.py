@@ -43,8 +43,6 @@ def title(result: RunJson, otherwise: str) -> str:
     """Return the finding in a line: the title of the page."""
     loop, model = result.loop, (result.loop.base if result.loop else "") or result.model.name or otherwise
     model = model.rpartition(".")[2]
-    if result.study:
-        return f"{result.study.title}: {model}"
     if result.design:
         return f"{model}: the next experiment"
     if loop is not None:
