@@ -88,7 +88,7 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     try:
         with threadpool_limits(limits=1, user_api="blas"):
             left_out = leave_one_recording_out(found, opener, rng, progress=progress, time_limit=limit)
-            entry["recordings"] = {one.recording: one.to_dict() for one in left_out}
+            entry["recordings"] = {one.recording: one for one in left_out}
     except CannotFinishError as error:
         entry["note"] = f"not completed: {error}"
     missing = [r.name for r in job.recordings if r.name not in entry.get("recordings", {})]
@@ -133,7 +133,7 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
         with ProgressBar(options.quiet) as progress:
             if job.values:
                 found = fit_job(job, progress)
-                job, values = with_chosen_values(job, found), {"fit": {"values": [t.to_dict() for t in found.trials]}}
+                job, values = with_chosen_values(job, found), {"fit": {"values": plain(found.trials)}}
             loop = run_loop(job, progress)
             posterior = _sample(job, loop.after, progress, checkpoint) if options.posterior else None
         result, series = _loop_page_parts(job, loop)

@@ -121,7 +121,7 @@ def _separate(
 def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
     """Return an effect as it was fitted to the recordings at hand."""
     table = found.parameters
-    parameters = {own: table[own].to_dict() for own in names if own in table}
+    parameters = {own: table[own] for own in names if own in table}
     return {"id": name, "model": found.calibration.model.name, "parameters": parameters}
 
 

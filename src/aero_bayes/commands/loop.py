@@ -27,6 +27,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.loop.loop import close_loop
 from aero_bayes.loop.result import LoopResult
+from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report.series import Series
 from aero_bayes.simulation.engines import open_simulator
@@ -197,10 +198,10 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         },
         "residual": reports_by_recording(loop.residual_after),
         "noise": noise_at_interval(loop.noise, interval),
-        "diagnosis": (loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).to_list(),
+        "diagnosis": (loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).rows,
         "loop": {
             **loop.to_dict(),
-            "diagnosis_before": loop.diagnosis.to_list(),
+            "diagnosis_before": loop.diagnosis.rows,
         },
         "words": dict(loop.words),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
@@ -210,7 +211,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
 
 def loop_parameters(job: Job, loop: LoopResult) -> Json:
     """Make the table of all parameters of the final model: estimates with their status, and why others were fixed."""
-    table: Json = {name: estimate.to_dict() for name, estimate in loop.parameters.items()}
+    table: Json = plain(loop.parameters)
     reasons = fixed_reasons(job.model, job.fixed)
     for variable in job.model.parameters:
         name = variable.name

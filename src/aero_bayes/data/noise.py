@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from math import comb
 
@@ -253,10 +253,6 @@ class NoiseFloor:
     correlation: float
     quantum: float | None
     readings: int
-
-    def to_dict(self) -> dict[str, float | int | None]:
-        """Return plain values."""
-        return asdict(self)
 
 
 def noise_floor(values: FloatArray, time: FloatArray, inputs: Sequence[FloatArray] = ()) -> NoiseFloor:

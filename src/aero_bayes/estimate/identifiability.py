@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -314,6 +315,8 @@ Json = dict[str, object]
 class Estimate:
     """Value and interval of one parameter; ``sd`` and the quantiles are None where the data do not determine it."""
 
+    JSON_KEYS: ClassVar = "value sd q05 q50 q95 unit status description prior start lower upper note recording"
+
     name: str
     value: float
     sd: float | None
@@ -332,10 +335,6 @@ class Estimate:
 
     def __float__(self) -> float:
         return self.value
-
-    def to_dict(self) -> Json:
-        """Return the entry of result.json."""
-        return {key: (str(v) if isinstance(v, Status) else v) for key, v in self.__dict__.items() if key != "name"}
 
 
 def estimates_html(table: Mapping[str, Estimate], caption: str, warnings: Sequence[str] = ()) -> str:

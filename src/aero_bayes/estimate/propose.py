@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -78,6 +79,8 @@ class ExpectedParameter:
 
     ``repeated`` is what as long a recording of the present input would leave."""
 
+    JSON_KEYS: ClassVar = "value unit sd_before sd_after sd_repeated gain target"
+
     name: str
     unit: str
     value: float
@@ -116,10 +119,9 @@ class Design(ProposedInput):
     def to_dict(self) -> dict[str, object]:
         """Return everything as plain numbers and text."""
         time, values = self.table()
-        told = "value unit sd_before sd_after sd_repeated gain target"
         return picked(
             self, "input family families duration rate_hz gain travel limits seed",
-            parameters={e.name: picked(e, told) for e in self.expected}, table={"time": time, self.input: values},
+            parameters={e.name: e for e in self.expected}, table={"time": time, self.input: values},
         )  # fmt: skip
 
     def __repr__(self) -> str:

@@ -39,6 +39,7 @@ from aero_bayes.estimate.stage_report import StageReport, band_factors, laplace_
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import Outcome, Simulator, SmoothedStates
 
 if TYPE_CHECKING:
@@ -256,7 +257,8 @@ class Fit(OtherTools):
 
     def to_dict(self) -> Json:
         """Return the keys of result.json that a fit fills."""
-        return _fit_json(self)
+        found: Json = plain(_fit_json(self))
+        return found
 
     def simulate(
         self,
@@ -362,10 +364,10 @@ class Fit(OtherTools):
 
 def _fit_json(fit: Fit) -> Json:
     return {
-        "parameters": {name: e.to_dict() for name, e in fit.parameters.items()},
+        "parameters": fit.parameters,
         "noise": fit.noise_table(),
         "process_noise": process_noise_table(fit.calibration.simulated.process, fit.parameters),
-        "sensors": dict(fit.sensors),
+        "sensors": fit.sensors,
         "fit": {
             "cost_eq6": fit.cost_eq6,
             "rms": {"train": fit.rms},
@@ -374,16 +376,16 @@ def _fit_json(fit: Fit) -> Json:
             "log_posterior": fit.log_posterior,
             "bic": fit.bic,
             "stages": [s.to_dict() for s in fit.stages],
-            "pso": fit.swarm.to_dict() if fit.swarm is not None else None,
-            "modes": [{"values": m.values, "share": m.share} for m in fit.modes],
-            "values": [t.to_dict() for t in fit.trials],
-            "start_levels": list(fit.start_levels),
+            "pso": fit.swarm,
+            "modes": fit.modes,
+            "values": fit.trials,
+            "start_levels": fit.start_levels,
             "local": {"iterations": fit.iterations, "reason": fit.reason.value},
         },
         "identifiability": fit.identifiability.to_dict(fit.unidentified),
         "failures": fit.failures,
-        "diagnosis": fit.diagnosis.to_list(),
-        "warnings": list(fit.warnings),
+        "diagnosis": fit.diagnosis.rows,
+        "warnings": fit.warnings,
         "seconds": fit.seconds,
     }
 

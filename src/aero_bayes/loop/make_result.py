@@ -100,7 +100,7 @@ def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
         *_restrictions(context.settings),
         f"{len(search.fits)} model structures were compared by their error on readings that were left out, in "
         f"{search.table.blocks} blocks; {refits} of them were fitted again without each block.",
-        *(f"Step {s.number}: {s.why}." for s in steps),
+        *(f"Step {s.round}: {s.why}." for s in steps),
     ]
     if search.skipped:
         lines.append(f"Not tried, because the model with them cannot be simulated: {', '.join(search.skipped)}.")

@@ -96,15 +96,11 @@ class StepCandidate:
 class Step:
     """What one term is worth beside those before it; ``equivalent`` are those that do as well in its place."""
 
-    number: int
+    round: int
     candidates: tuple[StepCandidate, ...]
     chosen: str | None
     equivalent: tuple[str, ...]
     why: str
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the entry of result.json."""
-        return picked(self, "candidates chosen equivalent why", round=self.number)
 
 
 def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, ...]:
@@ -337,7 +333,7 @@ class LoopResult(FittedLoop):
         import pandas
 
         rows = [
-            (step.number, rival.id, rival.port, rival.share, rival.id == step.chosen)
+            (step.round, rival.id, rival.port, rival.share, rival.id == step.chosen)
             for step in self.steps
             for rival in step.candidates
         ]
@@ -370,18 +366,18 @@ class LoopResult(FittedLoop):
         roles, before, after = ("train", "test"), self.predicted_before, self.predicted_after
         told = "outcome sentence base model equivalent limits refused blocks separate story diff simulations failures"
         return picked(
-            self, f"{told} seconds",
+            self, f"{told} seconds steps errors",
             effects=[effect.to_dict(self.modelica_path) for effect in self.effects],
             before={role: before.pooled(role) for role in roles}, after={role: after.pooled(role) for role in roles},
             before_sd={role: before.uncertainty(role) for role in roles},
             after_sd={role: after.uncertainty(role) for role in roles},
-            noise_floor=_pooled_floors(self.floors), steps=[step.to_dict() for step in self.steps],
-            shifts={s.name: picked(s, "before before_sd after after_sd in_sd") for s in self.shifts},
+            noise_floor=_pooled_floors(self.floors),
+            shifts={shift.name: shift for shift in self.shifts},
             whiteness={
                 "before": reports_by_recording(self.residual_before),
                 "after": reports_by_recording(self.residual_after),
             },
-            errors=[error.to_dict() for error in self.errors], modelica_source=self.modelica, notes=self.data_notes,
+            modelica_source=self.modelica, notes=self.data_notes,
         )  # fmt: skip
 
     def series(self) -> dict[str, FloatArray]:

@@ -14,7 +14,7 @@ from aero_bayes.estimate.identifiability import estimates_html
 from aero_bayes.estimate.other_tools import chosen_estimates, noise_table, process_noise_table
 from aero_bayes.estimate.prediction import FittedPredictor, FittedResult
 from aero_bayes.figures import describe_figure_parameters, drawn
-from aero_bayes.plain import picked
+from aero_bayes.plain import picked, plain
 from aero_bayes.posterior.inferencedata import PosteriorDraws, save, to_inference_data
 from aero_bayes.posterior.modes import ModeDraws
 from aero_bayes.simulation.interface import Outcome
@@ -93,9 +93,7 @@ class Posterior(PosteriorDraws, FittedResult):
         base = self.fit.to_dict()
         failures = {o.key: self.fit.outcomes.get(o, 0) + self.outcomes.get(o, 0) for o in Outcome}
         return base | {
-            "parameters": {
-                name: e.to_dict() for name, e in (self.parameters | chosen_estimates(self.fit.trials)).items()
-            },
+            "parameters": plain(self.parameters | chosen_estimates(self.fit.trials)),
             "noise": noise_table(self.calibration.data, self.noise),
             "process_noise": process_noise_table(self.calibration.simulated.process, self.parameters),
             "mcmc": picked(
@@ -103,7 +101,7 @@ class Posterior(PosteriorDraws, FittedResult):
                 "walkers tau r_hat_max ess_bulk_min ess_tail_min seconds converged reason acceptance evaluations",
                 ensembles=self.draws.shape[0],
                 draws=self.steps,
-                modes=[row.to_dict() for row in self.mode_draws],
+                modes=self.mode_draws,
                 per_parameter={n: picked(d, "r_hat ess_bulk ess_tail tau") for n, d in self.diagnoses.items()},
             ),
             "failures": failures,
