@@ -97,34 +97,20 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     return {"prediction": entry}
 
 
-def run_fit(files: Sequence[Path], options: RunOptions) -> None:
-    """Run ``aero-bayes fit``: PSO, then bounded local search."""
-    began = time.perf_counter()
+def run_fit(files: Sequence[Path], options: RunOptions) -> RunJson:
+    """Run ``aero-bayes fit``: PSO, then bounded local search; with ``options.posterior``, MCMC after them."""
+    began, command = time.perf_counter(), "posterior" if options.posterior else "fit"
     job = open_job(files, options)
-    with resumable(job, "fit") as checkpoint:
+    with resumable(job, command) as checkpoint:
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, checkpoint)
             checks = _checks(job, found, progress)
-        result, series = fit_part(job, found)
-        _finish(job, "fit", began, [result, checks], series, found, _calibrated(job, found))
+            posterior = _sample(job, found, progress, checkpoint) if options.posterior else None
+        result, series = _with_posterior(fit_part(job, found), posterior)
+        return _finish(job, command, began, [result, checks], series, found, _calibrated(job, found))
 
 
-def run_posterior(files: Sequence[Path], options: RunOptions) -> None:
-    """Run ``aero-bayes posterior``: fit, then MCMC."""
-    began = time.perf_counter()
-    job = open_job(files, options)
-    with resumable(job, "posterior") as checkpoint:
-        with ProgressBar(options.quiet) as progress:
-            found = fit_job(job, progress, checkpoint)
-            checks = _checks(job, found, progress)
-            posterior = _sample(job, found, progress, checkpoint)
-        result, series = fit_part(job, found)
-        sampled, bands = _posterior_part(posterior)
-        result = merge(result, sampled, checks)
-        _finish(job, "posterior", began, [result], series | bands, found, _calibrated(job, found))
-
-
-def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
+def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> RunJson:
     """Run ``aero-bayes close-loop``: find the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
     job = open_job(train, options, tests=test, loop=True)
@@ -136,14 +122,11 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
                 job, values = with_chosen_values(job, found), {"fit": {"values": plain(found.trials)}}
             loop = run_loop(job, progress)
             posterior = _sample(job, loop.after, progress, checkpoint) if options.posterior else None
-        result, series = _loop_page_parts(job, loop)
-        if posterior is not None:
-            sampled, bands = _posterior_part(posterior)
-            result, series = merge(result, sampled), series | bands
-        _finish(job, "close-loop", began, [result, values], series, loop.after, loop.calibrated)
+        result, series = _with_posterior(_loop_page_parts(job, loop), posterior)
+        return _finish(job, "close-loop", began, [result, values], series, loop.after, loop.calibrated)
 
 
-def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
+def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> RunJson:
     """Run all stages on one page, as plain ``make`` does: fit, closed loop, posterior of the final model."""
     began = time.perf_counter()
     job = open_job(files, options, tests=tests)
@@ -159,17 +142,13 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
             found = base if final is job else fit_job(final, progress, checkpoint, again=True)
             checks = _checks(final, found, progress)
             posterior = _sample(final, found, progress, checkpoint)
-        result, series = fit_part(final, found)
-        sampled, bands = _posterior_part(posterior)
-        result = merge(result, sampled, checks)
-        series = series | bands
-        if loop is None:
-            _finish(final, "all", began, [result], series, found, _calibrated(final, found))
-            return
-        story = loop_part(job, loop)
-        series = loop_series(job, loop) | measured_series(job.tests) | series
-        parts = [result, {key: story[key] for key in ("loop", "words")}]
-        _finish(final, "all", began, parts, series, found, _calibrated(final, found))
+        result, series = _with_posterior(fit_part(final, found), posterior)
+        parts = [result, checks]
+        if loop is not None:
+            story = loop_part(job, loop)
+            series = loop_series(job, loop) | measured_series(job.tests) | series
+            parts.append({key: story[key] for key in ("loop", "words")})
+        return _finish(final, "all", began, parts, series, found, _calibrated(final, found))
 
 
 def run_check(files: Sequence[Path], config_path: Path | None) -> None:
@@ -249,11 +228,14 @@ def _loop_page_parts(job: Job, loop: LoopResult) -> tuple[Json, Series]:
     return merge(preamble(job, "close-loop"), loop_part(job, loop)), series
 
 
-def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
+def _with_posterior(parts: tuple[Json, Series], posterior: Posterior | None) -> tuple[Json, Series]:
+    """Return result and curves with what a posterior adds to them."""
+    if posterior is None:
+        return parts
     bands = posterior.predictive
-    return posterior.to_dict(), band_series(
-        posterior.calibration.data.names, posterior.fit.outputs, [b.lower for b in bands], [b.upper for b in bands]
-    )
+    names, outputs = posterior.calibration.data.names, posterior.fit.outputs
+    curves = band_series(names, outputs, [b.lower for b in bands], [b.upper for b in bands])
+    return merge(parts[0], posterior.to_dict()), parts[1] | curves
 
 
 def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
@@ -269,8 +251,8 @@ def _finish(
     series: Series,
     fit: Fit,
     calibrated: CalibratedModel | None,
-) -> None:
-    """Write the run directory and print its place; then the fitted model for other tools."""
+) -> RunJson:
+    """Write the run directory and print its place; then the fitted model for other tools. Return the result."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
     page, told = write_page(job, result, series)
@@ -291,6 +273,7 @@ def _finish(
         else:
             made[:0] = [calibrated.write(out), fmu]
     click.echo(f"wrote {join_names([str(path) for path in made])}: all fitted values, for other tools")
+    return told
 
 
 def write_page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
@@ -329,9 +312,9 @@ def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
             (folder / found.modelica_path).write_text(found.modelica, encoding="utf-8")
         result, series = _loop_page_parts(job, found)
     else:
-        result, series = fit_part(job, fit)
-        if not isinstance(found, Fit):
-            sampled, bands = _posterior_part(found)
-            result, series = merge(result, sampled, {"command": "posterior"}), series | bands
-            found.save(folder / "posterior.nc")
+        posterior = None if isinstance(found, Fit) else found
+        result, series = _with_posterior(fit_part(job, fit), posterior)
+        if posterior is not None:
+            result["command"] = "posterior"
+            posterior.save(folder / "posterior.nc")
     return write_page(job, result, series)[0]

@@ -26,7 +26,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from aero_bayes.commands.commands import run_all, run_close_loop, run_fit, run_posterior
+from aero_bayes.commands.commands import run_all, run_close_loop, run_fit
 from aero_bayes.commands.fleet_rigs import FleetPlan, Rig, Work, read_fleet
 from aero_bayes.commands.fleet_runner import Progress, Row, Table, failure, run_tasks
 from aero_bayes.commands.fleet_summary import summarise_fleet
@@ -37,7 +37,6 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.files import whole_file
 from aero_bayes.report.fleet_page import write_fleet_page
 from aero_bayes.report.results import versions
-from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import ParameterJson
 from aero_bayes.report.schema_loop import EffectJson, LoopJson
 from aero_bayes.report.schema_run import FleetJson, RunJson
@@ -142,9 +141,9 @@ RUNS, LOG = "rigs", "log.txt"
 KIND = 4
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
 MIN_LIKELIHOOD_SHARE = 0.05
-_COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
+_COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], RunJson]] = {
     "fit": lambda rig, options: run_fit(rig.train, options),
-    "posterior": lambda rig, options: run_posterior(rig.train, options),
+    "posterior": lambda rig, options: run_fit(rig.train, replace(options, posterior=True)),
     "loop": lambda rig, options: run_close_loop(rig.train, rig.test, options),
     "all": lambda rig, options: run_all(rig.train, rig.test, options),
 }
@@ -200,11 +199,11 @@ def attempt(task: RigTask) -> Row:
             contextlib.redirect_stdout(log),
             contextlib.redirect_stderr(log),
         ):
-            _COMMANDS[task.work](task.rig, options)
+            result = _COMMANDS[task.work](task.rig, options)
     except (InputError, CannotFinishError) as error:
         return failure(task.key, str(error))
     searched = {item.name: item for item in fit_parameters(Model.load(fmu), config)}
-    return _row(task.key, RunDirectory.read(folder).result, searched)
+    return _row(task.key, result, searched)
 
 
 def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
