@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,6 @@ from threadpoolctl import threadpool_limits
 
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.commands.context import context_part, resumable
-from aero_bayes.commands.describe import preamble, residual_table, values_line
 from aero_bayes.commands.job import (
     Job,
     RunOptions,
@@ -42,6 +42,7 @@ from aero_bayes.commands.loop import (
     with_chosen_values,
 )
 from aero_bayes.config import Config, ModelSection, load_config
+from aero_bayes.data.recording import Recording
 from aero_bayes.data.summary import summarise
 from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import CannotFinishError, InputError
@@ -49,6 +50,8 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.crossvalidation import leave_one_recording_out
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.initial_states import check_plausible
+from aero_bayes.estimate.other_tools import ValueTrial, trials_sentence
+from aero_bayes.estimate.residual_tests import check_residuals, reports_by_recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.modelica.library import declaration_of
@@ -56,8 +59,8 @@ from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report import words
 from aero_bayes.report.page import write_run_page
-from aero_bayes.report.results import merge, write_result, write_series
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.results import merge, recording_row, versions, write_result, write_series
+from aero_bayes.report.schema_run import SCHEMA, RunJson
 from aero_bayes.report.series import (
     Series,
     band_series,
@@ -75,6 +78,9 @@ if TYPE_CHECKING:
 
 
 Json = dict[str, Any]
+
+#: Written beside the recordings of the simulated bench; its presence is how a page knows to say so.
+LABEL = "simulated.json"
 
 
 def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
@@ -209,6 +215,46 @@ def _checks(job: Job, found: Fit, progress: ProgressBar) -> Json:
     return merge(profile_part(job, found, progress), prediction_part(job, found, progress))
 
 
+def preamble(job: Job, command: str) -> Json:
+    """Return the keys that every result.json starts with."""
+    recordings = (*job.recordings, *job.tests)
+    units = {name: unit for recording in recordings for name, unit in recording.units.items()}
+    return {
+        "schema": SCHEMA,
+        "command": command,
+        "seed": job.options.seed,
+        "versions": versions(),
+        "data": [recording.to_dict() for recording in job.read or recordings],
+        "simulated": any(_is_simulated(recording) for recording in recordings),
+        "units": units,
+        "model": {
+            "name": job.name,
+            "fmu_sha256": job.model.sha256,
+            "exporter": "Modelica source" if job.modelica else "FMU given",
+            "engine": job.engine,
+        },
+        "recordings": [
+            *(recording_row(recording, "train") for recording in job.recordings),
+            *(recording_row(recording, "test") for recording in job.tests),
+        ],
+    }
+
+
+def _is_simulated(recording: Recording) -> bool:
+    """Return whether the simulated bench wrote the recording, by the label beside its file.
+
+    Nothing else of it is read."""
+    if recording.path is None or not (label := recording.path.with_name(LABEL)).is_file():
+        return False
+    return recording.path.stem in json.loads(label.read_text("utf-8")).get("recordings", [])
+
+
+def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
+    """Write residual reports of a fit by recording and output, with the noise floors of ``recordings``."""
+    floors = {(r["name"], output): floor for r in recordings for output, floor in r["noise_floor"].items()}
+    return reports_by_recording(check_residuals(fit.calibration, fit.series, fit.optimum, floors))
+
+
 def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     start = preamble(job, "fit")
     result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
@@ -259,7 +305,7 @@ def _finish(
     for line in (words.verdict(told).text, "", *parameter_lines(told.parameters), "", words.checks_line(told)):
         click.echo(words.plain(line))
     if result.get("fit", {}).get("values"):
-        click.echo(values_line(result["fit"]["values"]))
+        click.echo(trials_sentence([ValueTrial(**row) for row in result["fit"]["values"]]))
     click.echo(f"wrote {out / 'result.json'} and {page}")
     named = calibrated.name.rpartition(".")[2] if calibrated is not None else f"{Path(job.name).stem}_fitted"
     script = re.sub(r"\W", "_", named)

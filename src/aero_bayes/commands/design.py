@@ -23,6 +23,7 @@ from aero_bayes.estimate.propose import Design, ProposedInput, default_limits, p
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.separation import Separation, expected_outputs, separating_experiment
 from aero_bayes.estimate.signal_search import SearchSettings
+from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report.results import merge
 from aero_bayes.report.series import Series
@@ -83,7 +84,7 @@ def _narrow(
         base, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, targets=wanted.aim or None,
         settings=_effort(job), workers=job.options.workers, progress=progress,
     )  # fmt: skip
-    found = design.to_dict() | {"kind": "narrow", "file": SIGNAL_FILE, "unit": design.unit}
+    found = plain(design) | {"kind": "narrow", "file": SIGNAL_FILE}
     return {"design": found, "verdict": _narrow_verdict(design)}, _plan(design, {"expected": base}, job), design
 
 
@@ -105,7 +106,7 @@ def _separate(
         first, second, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, settings=_effort(job),
         workers=job.options.workers, progress=progress,
     )  # fmt: skip
-    found = apart.to_dict() | {
+    found = plain(apart) | {
         "kind": "separate",
         "file": SIGNAL_FILE,
         "unit": base.calibration.model.units[apart.input],

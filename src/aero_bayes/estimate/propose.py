@@ -23,7 +23,6 @@ from aero_bayes.estimate.information import ExperimentPredictor, Limits, Predict
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.signal_search import BestSignal, SearchSettings, best_signals
 from aero_bayes.files import whole_file
-from aero_bayes.plain import picked
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -43,10 +42,11 @@ class ProposedInput:
     values: FloatArray
     family: str
 
-    def table(self) -> tuple[FloatArray, FloatArray]:
-        """Return times (k,) and values (k,) at which the input changes."""
+    @property
+    def table(self) -> dict[str, FloatArray]:
+        """Times (k,) at which the input changes, and its values (k,) from then on."""
         changes = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
-        return self.time[changes], self.values[changes]
+        return {"time": self.time[changes], self.input: self.values[changes]}
 
     @property
     def duration(self) -> float:
@@ -99,6 +99,8 @@ class ExpectedParameter:
 class Design(ProposedInput):
     """A proposed experiment."""
 
+    JSON_KEYS: ClassVar = "input family families duration rate_hz gain travel limits seed unit parameters table"
+
     families: Mapping[str, float]
     expected: tuple[ExpectedParameter, ...]
     travel: Mapping[str, float]
@@ -116,13 +118,10 @@ class Design(ProposedInput):
         """How many times narrower the targets' intervals would be (geometric mean)."""
         return float(np.exp(np.mean([np.log(e.gain) for e in self.expected if e.target])))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return everything as plain numbers and text."""
-        time, values = self.table()
-        return picked(
-            self, "input family families duration rate_hz gain travel limits seed",
-            parameters={e.name: e for e in self.expected}, table={"time": time, self.input: values},
-        )  # fmt: skip
+    @property
+    def parameters(self) -> dict[str, ExpectedParameter]:
+        """Parameters by name."""
+        return {e.name: e for e in self.expected}
 
     def __repr__(self) -> str:
         aims = ", ".join(self.targets)

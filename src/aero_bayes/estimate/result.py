@@ -257,7 +257,33 @@ class Fit(OtherTools):
 
     def to_dict(self) -> Json:
         """Return the keys of result.json that a fit fills."""
-        found: Json = plain(_fit_json(self))
+        found: Json = plain(
+            {
+                "parameters": self.parameters,
+                "noise": self.noise_table(),
+                "process_noise": process_noise_table(self.calibration.simulated.process, self.parameters),
+                "sensors": self.sensors,
+                "fit": {
+                    "cost_eq6": self.cost_eq6,
+                    "rms": {"train": self.rms},
+                    "interpolation": self.calibration.data.interpolation,
+                    "log_likelihood": self.log_likelihood,
+                    "log_posterior": self.log_posterior,
+                    "bic": self.bic,
+                    "stages": [s.to_dict() for s in self.stages],
+                    "pso": self.swarm,
+                    "modes": self.modes,
+                    "values": self.trials,
+                    "start_levels": self.start_levels,
+                    "local": {"iterations": self.iterations, "reason": self.reason.value},
+                },
+                "identifiability": self.identifiability.to_dict(self.unidentified),
+                "failures": self.failures,
+                "diagnosis": self.diagnosis.rows,
+                "warnings": self.warnings,
+                "seconds": self.seconds,
+            }
+        )
         return found
 
     def simulate(
@@ -360,34 +386,6 @@ class Fit(OtherTools):
     def __repr__(self) -> str:
         cells = ", ".join(with_unit(f"{n}={e.value:.4g}", e.unit) for n, e in self.parameters.items())
         return f"<Fit {self.calibration.model.name}: {cells}>"
-
-
-def _fit_json(fit: Fit) -> Json:
-    return {
-        "parameters": fit.parameters,
-        "noise": fit.noise_table(),
-        "process_noise": process_noise_table(fit.calibration.simulated.process, fit.parameters),
-        "sensors": fit.sensors,
-        "fit": {
-            "cost_eq6": fit.cost_eq6,
-            "rms": {"train": fit.rms},
-            "interpolation": fit.calibration.data.interpolation,
-            "log_likelihood": fit.log_likelihood,
-            "log_posterior": fit.log_posterior,
-            "bic": fit.bic,
-            "stages": [s.to_dict() for s in fit.stages],
-            "pso": fit.swarm,
-            "modes": fit.modes,
-            "values": fit.trials,
-            "start_levels": fit.start_levels,
-            "local": {"iterations": fit.iterations, "reason": fit.reason.value},
-        },
-        "identifiability": fit.identifiability.to_dict(fit.unidentified),
-        "failures": fit.failures,
-        "diagnosis": fit.diagnosis.rows,
-        "warnings": fit.warnings,
-        "seconds": fit.seconds,
-    }
 
 
 class HasFit(Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from aero_bayes.estimate.propose import (
 )
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.signal_search import SearchSettings, best_signals
-from aero_bayes.plain import picked
 from aero_bayes.progress import Progress
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -31,6 +31,8 @@ class Separation(ProposedInput):
 
     ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
     three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal."""
+
+    JSON_KEYS: ClassVar = "input family families duration log_evidence first_true second_true travel limits seed table"
 
     families: Mapping[str, float]
     first_true: float
@@ -43,12 +45,6 @@ class Separation(ProposedInput):
     def log_evidence(self) -> float:
         """Expected difference in log-evidence, whichever model is true."""
         return min(self.first_true, self.second_true)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return everything as plain numbers and text."""
-        time, values = self.table()
-        told = "input family families duration log_evidence first_true second_true travel limits seed"
-        return picked(self, told, table={"time": time, self.input: values})
 
 
 def separating_experiment(

@@ -16,11 +16,9 @@ from aero_bayes.data.noise import noise_floors
 from aero_bayes.data.recording import Recording
 from aero_bayes.files import whole_file
 from aero_bayes.plain import plain
-from aero_bayes.report.schema_run import SCHEMA, RunJson
+from aero_bayes.report.schema_run import RunJson
 
 Json = dict[str, Any]
-
-__all__ = ["SCHEMA", "merge", "recording_row", "versions", "write_result", "write_series"]
 
 PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 
