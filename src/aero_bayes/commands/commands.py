@@ -34,7 +34,6 @@ from aero_bayes.commands.loop import (
     extended_job,
     fit_settings,
     loop_part,
-    loop_series,
     loop_settings,
     profile_part,
     run_loop,
@@ -65,6 +64,7 @@ from aero_bayes.report.series import (
     Series,
     band_series,
     fitted_series,
+    loop_series,
     measured_series,
     only_measured,
     state_series,
@@ -152,7 +152,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         parts = [result, checks]
         if loop is not None:
             story = loop_part(job, loop)
-            series = loop_series(job, loop) | measured_series(job.tests) | series
+            series = loop_series(loop) | measured_series(job.tests) | series
             parts.append({key: story[key] for key in ("loop", "words")})
         return _finish(final, "all", began, parts, series, found, _calibrated(final, found))
 
@@ -270,7 +270,7 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
 
 def _loop_page_parts(job: Job, loop: LoopResult) -> tuple[Json, Series]:
     given = (*job.recordings, *job.tests)
-    series = measured_series(given) | unfitted_series(job.read, given) | loop_series(job, loop)
+    series = measured_series(given) | unfitted_series(job.read, given) | loop_series(loop)
     return merge(preamble(job, "close-loop"), loop_part(job, loop)), series
 
 
@@ -278,9 +278,7 @@ def _with_posterior(parts: tuple[Json, Series], posterior: Posterior | None) -> 
     """Return result and curves with what a posterior adds to them."""
     if posterior is None:
         return parts
-    bands = posterior.predictive
-    names, outputs = posterior.calibration.data.names, posterior.fit.outputs
-    curves = band_series(names, outputs, [b.lower for b in bands], [b.upper for b in bands])
+    curves = band_series(posterior.calibration.data.names, posterior.fit.outputs, posterior.predictive)
     return merge(parts[0], posterior.to_dict()), parts[1] | curves
 
 

@@ -29,7 +29,6 @@ from aero_bayes.loop.loop import close_loop
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
-from aero_bayes.report.series import Series
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.load_model import load_model
@@ -230,12 +229,6 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
                 "status": "fixed", "description": variable.description, "note": reason,
             }  # fmt: skip
     return table
-
-
-def loop_series(job: Job, loop: LoopResult) -> Series:
-    """Return the curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
-    fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
-    return fitted | loop.series()
 
 
 #: Points of a profile, iterations of its search, and seconds after which no further one is begun.

@@ -35,7 +35,7 @@ from aero_bayes.report.results import recording_row
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_loop import LoopJson
 from aero_bayes.report.schema_run import RunJson
-from aero_bayes.report.series import band_series, fitted_series, measured_series, only_measured
+from aero_bayes.report.series import band_series, fitted_series, loop_series, measured_series, only_measured
 from aero_bayes.report.thinning import band_envelope, column_means
 from aero_bayes.simulation.model import Model
 
@@ -247,9 +247,7 @@ def _(fit: Fit) -> RunDirectory:
 @drawable.register
 def _(posterior: Posterior) -> RunDirectory:
     base = drawable(posterior.fit)
-    bands = posterior.predictive
-    names, outputs = posterior.calibration.data.names, posterior.fit.outputs
-    series = band_series(names, outputs, [b.lower for b in bands], [b.upper for b in bands])
+    series = band_series(posterior.calibration.data.names, posterior.fit.outputs, posterior.predictive)
     return replace(base, series=only_measured({**base.series, **series}))
 
 
@@ -258,8 +256,6 @@ def _(loop: LoopResult) -> RunDirectory:
     given = loop.recordings
     if given is None:
         raise InputError("this loop's result carries no recordings to be drawn over")
-    series = loop.series()
-    series |= {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
     settings: dict[str, object] = {}
     for recording in given.train:
         if recording.name in given.unseen_from:
@@ -267,9 +263,8 @@ def _(loop: LoopResult) -> RunDirectory:
             settings = {"loop": {"held_out": float(held)}}
     roles: list[tuple[Recording, Role]] = [(r, "train") for r in given.train]
     roles += [(r, "test") for r in given.test]
-    return view(
-        roles, series, loop.plain, command="close-loop", loop=loop_json(loop), settings=settings, words=dict(loop.words)
-    )
+    told = {"command": "close-loop", "loop": loop_json(loop), "settings": settings, "words": dict(loop.words)}
+    return view(roles, loop_series(loop), loop.plain, **told)
 
 
 def loop_json(loop: LoopResult) -> LoopJson:
@@ -285,7 +280,7 @@ def prediction_figure(
 ) -> Figure:
     """Return a prediction with its 90 % band, over what was read if anything was."""
     name, part = prediction.recording.name, prediction.predictive
-    series = band_series([name], prediction.outputs, [part.lower], [part.upper])
+    series = band_series([name], prediction.outputs, [part])
     series |= {f"fitted/{name}/{o}": part.median[:, k] for k, o in enumerate(prediction.outputs)}
     recording = prediction.recording
     unread = {o: np.full(recording.rows, np.nan) for o in prediction.outputs if o not in recording.outputs}
