@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
 import click
 
@@ -27,11 +26,9 @@ from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_fr
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.files import one_run_at_a_time, whole_file
 from aero_bayes.modelica.library import declaration_of
-from aero_bayes.simulation.interface import SolverSettings
+from aero_bayes.simulation.interface import Engine, SolverSettings
 from aero_bayes.simulation.load_model import load_model, with_units
 from aero_bayes.simulation.model import Model, ModelicaSource
-
-Engine = Literal["native", "fmpy"]
 
 
 @dataclass(frozen=True)

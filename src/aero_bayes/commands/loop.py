@@ -1,4 +1,4 @@
-"""Profile likelihoods of the parameters that a Gaussian interval may misjudge."""
+"""What a job's configuration says of a fit, the loop and the sampler; what the loop and profiles add to result.json."""
 
 from __future__ import annotations
 

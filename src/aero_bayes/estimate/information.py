@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
@@ -15,10 +14,16 @@ from aero_bayes.estimate.noise_estimation import whiten
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.interface import DelayTarget, Experiment, InputSignal, ParameterTarget, Problem, Simulator
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Engine,
+    Experiment,
+    InputSignal,
+    ParameterTarget,
+    Problem,
+    Simulator,
+)
 from aero_bayes.simulation.workers import WorkerPool
-
-Engine = Literal["native", "fmpy"]
 
 #: Largest number of samples in the sum of the information. More are thinned, and their white noise is scaled.
 MAX_SAMPLES = 1500

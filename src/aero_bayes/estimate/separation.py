@@ -1,4 +1,4 @@
-"""The outputs that are expected of a proposed experiment, with their uncertainty."""
+"""The experiment that tells two models apart, and the outputs that are expected of a proposed experiment."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.information import Engine, ExperimentPredictor, Limits, PredictedExperiment
+from aero_bayes.estimate.information import ExperimentPredictor, Limits, PredictedExperiment
 from aero_bayes.estimate.propose import (
     TRAVEL_SHARE,
     Design,
@@ -22,6 +22,7 @@ from aero_bayes.estimate.propose import (
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.signal_search import SearchSettings, best_signals
 from aero_bayes.progress import Progress
+from aero_bayes.simulation.interface import Engine
 from aero_bayes.simulation.workers import WorkerPool
 
 

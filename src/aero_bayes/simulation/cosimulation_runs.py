@@ -61,10 +61,7 @@ def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
 
 def value_at(signal: InputSignal, t: float, segment: float) -> float:
     """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
-    if signal.interpolation == "linear":
-        return float(np.interp(t, signal.time, signal.values))
-    cell = int(np.searchsorted(signal.time, segment + 1e-12 * max(1.0, abs(segment)), side="right")) - 1
-    return float(signal.values[max(cell, 0)])
+    return float(signal_values(signal, t if signal.interpolation == "linear" else segment))
 
 
 def linear_signals(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:

@@ -6,7 +6,7 @@ import os
 import pickle
 import warnings
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.batches import Batches
 from aero_bayes.simulation.cosimulation_runs import WORDS, CosimulationEngine, linear_signals
-from aero_bayes.simulation.interface import DelayTarget, Outcome, Problem, Simulator, StartTarget, Trajectories
+from aero_bayes.simulation.interface import DelayTarget, Engine, Outcome, Problem, Simulator, StartTarget, Trajectories
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.problem_checks import (
     ReducedTrajectories,
@@ -155,9 +155,6 @@ def _check(problem: Problem) -> None:
         if any(isinstance(target, DelayTarget) for target in row):
             raise InputError(f"{model.path}: takes steps of one size only: an input delay needs others")
     check_problem(problem)
-
-
-Engine = Literal["native", "fmpy"]
 
 
 def open_simulator(

@@ -73,6 +73,7 @@ def gauss_newton_products(
 
 
 Interpolation = Literal["hold", "linear"]
+Engine = Literal["native", "fmpy"]
 
 
 class Outcome(IntEnum):
