@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 
 #: Bytes of all kept products; beyond, the oldest are removed until half is left.
 MAX_BYTES = 256 * 2**20
@@ -36,8 +36,7 @@ def make_once(name: str, ingredients: Iterable[bytes], make: Callable[[], bytes]
     made = make()
     with suppress(OSError):  # no room to keep it, or no right: the next run makes it again
         folder.mkdir(parents=True, exist_ok=True)
-        with whole_file(kept) as temporary:
-            temporary.write_bytes(made)
+        write_whole(kept, made)
         _remove_oldest(folder)
     return made
 

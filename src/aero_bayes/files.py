@@ -44,6 +44,13 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, content: str | bytes) -> Path:
+    """Write a file whole or not at all, text in UTF-8; return its path."""
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+    return path
+
+
 def _to_disk(path: Path) -> None:
     """Wait until the disk holds the content of a file, or the names in a folder, where a system can open one."""
     if sys.platform == "win32" and path.is_dir():

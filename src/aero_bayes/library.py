@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aero_bayes.errors import InputError
-from aero_bayes.files import ScratchFolder, whole_file
+from aero_bayes.files import ScratchFolder, write_whole
 from aero_bayes.report.compare import write_comparison
 from aero_bayes.report.page import write_run_page
 from aero_bayes.report.run_directory import RunDirectory
@@ -111,9 +111,7 @@ def write_report(found: Result | str | Path, path: str | Path | None = None) -> 
     path = Path(path)
     page = page_of(found)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return path
+    return write_whole(path, page)
 
 
 def page_of(found: Result) -> str:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import math
 import multiprocessing
 import os
 import queue
-import shutil
 import signal
 import threading
 from collections import Counter
@@ -34,9 +32,9 @@ from aero_bayes.commands.job import RunOptions, fit_parameters, which_model
 from aero_bayes.config import Config
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.report.fleet_page import write_fleet_page
-from aero_bayes.report.results import versions
+from aero_bayes.report.results import versions, write_json
 from aero_bayes.report.schema_estimate import ParameterJson
 from aero_bayes.report.schema_loop import EffectJson, LoopJson
 from aero_bayes.report.schema_run import FleetJson, RunJson
@@ -321,9 +319,7 @@ def fleet(
         run_tasks(chain(first, tasks), attempt, table, executor, progress)
         table.keep_only({rig.name for rig in plan.rigs})
         result, rows = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
-    with whole_file(folder / FLEET_RESULT) as temporary:
-        text = json.dumps(result.model_dump(by_alias=True), indent=1, ensure_ascii=False, allow_nan=False)
-        temporary.write_text(text + "\n", "utf-8")
+    write_json(folder / FLEET_RESULT, result.model_dump(by_alias=True))
     write_fleet_page(folder, result, rows)
     return result
 
@@ -357,6 +353,5 @@ def _model(config: Config, out: Path) -> Path:
     kept = out / MODELS / f"{model.sha256}.fmu"
     kept.parent.mkdir(parents=True, exist_ok=True)
     if not kept.exists():
-        with whole_file(kept) as temporary:
-            shutil.copyfile(model.path, temporary)
+        write_whole(kept, model.path.read_bytes())
     return kept

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from aero_bayes.estimate.joint_prior import with_joint_prior
 from aero_bayes.estimate.listed_values import ListedValue, combinations
 from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
-from aero_bayes.files import one_run_at_a_time, whole_file
+from aero_bayes.files import one_run_at_a_time, write_whole
 from aero_bayes.modelica.library import declaration_of
 from aero_bayes.simulation.interface import Engine, SolverSettings
 from aero_bayes.simulation.load_model import load_model, with_units
@@ -117,8 +116,7 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         built = options.out / f"{name.rpartition('.')[2]}.fmu"
         with one_run_at_a_time(options.out):
             if model is not None:
-                with whole_file(built) as temporary:
-                    shutil.copyfile(model.path, temporary)
+                write_whole(built, model.path.read_bytes())
                 model = replace(Model.load(built), source=ModelicaSource(name, sources, libraries))
             else:
                 model = load_model(name, sources=sources, libraries=libraries, folder=options.out)

@@ -24,7 +24,7 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.prediction import FittedResult
 from aero_bayes.estimate.whiteness import block_variance_ratio
-from aero_bayes.files import whole_file
+from aero_bayes.files import whole_file, write_whole
 from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import ParameterTarget, ProcessNoise, StartTarget
 
@@ -305,9 +305,7 @@ class OtherTools(FittedResult):
                 lines.append(f"// {with_unit(f'{p.name} = {value!r}', p.unit)}: {p.description}, not in the model")
         lines += [with_unit(f"{told} = {value!r};  //", unit).removesuffix("  //") for told, value, unit in given]
         lines.append(f'simulateModel("{name}", stopTime={calibration.data.stop:.12g});')
-        with whole_file(path) as temporary:
-            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
-        return path
+        return write_whole(path, "\n".join([*lines, ""]))
 
     def _about(self) -> list[str]:
         data = ", ".join(self.calibration.data.names)

@@ -22,7 +22,7 @@ from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.information import ExperimentPredictor, Limits, PredictedExperiment, posterior_sd
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.signal_search import BestSignal, SearchSettings, best_signals
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -60,11 +60,8 @@ class ProposedInput:
 
     def write_csv(self, path: Path | str) -> Path:
         """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""
-        path = Path(path)
         rows = [f"time,{self.input}"] + [f"{t:.9g},{v:.6g}" for t, v in zip(self.time, self.values, strict=True)]
-        with whole_file(path) as temporary:
-            temporary.write_text("\n".join(rows) + "\n", encoding="utf-8")
-        return path
+        return write_whole(Path(path), "\n".join(rows) + "\n")
 
 
 #: Posterior draws over which the proposal's travel must stay within its limit.

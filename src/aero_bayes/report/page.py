@@ -18,7 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.report import (
     curves,
     experiment,
@@ -234,11 +234,7 @@ class RecordingPlates:
 def write_run_page(directory: Path | str) -> Path:
     """Draw ``DIR/report.html`` from the run's ``result.json``, ``series.npz`` and ``posterior.nc``."""
     run = RunDirectory.read(directory)
-    target = run.path / "report.html"
-    page = render(run)
-    with whole_file(target) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return target
+    return write_whole(run.path / "report.html", render(run))
 
 
 def render(run: RunDirectory) -> str:
