@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -21,7 +20,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.information import ExperimentPredictor, Limits, PredictedExperiment, posterior_sd
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
-from aero_bayes.estimate.signal_search import BestSignal, SearchSettings, best_signals
+from aero_bayes.estimate.signal_search import SearchSettings, best_signals
 from aero_bayes.files import write_whole
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.workers import WorkerPool
@@ -202,25 +201,31 @@ def _best_design(
     rng, amplifier = np.random.default_rng(settings.seed), predictor.limits.amplifier
     aimed, known = _targets(fit, predictor, targets), predictor.precision()
     before = posterior_sd(known)
-    found = best_signals(partial(_scores, predictor, known, before, aimed), time, rng, settings, watched)
+
+    def score(signals: Sequence[FloatArray]) -> FloatArray:
+        predicted = predictor.predict([amplifier * s for s in signals])
+        return np.array([_score(p, known, before, aimed, predictor.limits) for p in predicted])
+
+    found = best_signals(score, time, rng, settings, watched)
     if not np.isfinite(found[0].score):
         raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
     values, travel = within_travel(predictor, amplifier * found[0].values, rng)
-    after, repeated = _sd_after(predictor, known, values, _present(fit, predictor, time))
-    return _design(predictor, found, values, travel, (before, after, repeated), aimed, settings.seed)
-
-
-def _sd_after(
-    predictor: ExperimentPredictor, known: FloatArray, values: FloatArray, present: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Compute standard deviations after the proposed input (n,), and after as long a recording of the present one."""
-    proposed, same = predictor.predict([values, present])
+    proposed, same = predictor.predict([values, _present(fit, predictor, time)])
     if proposed is None:
         raise CannotFinishError("the proposed experiment could not be simulated")
     after = posterior_sd(known + proposed.information)
-    if same is None:
-        return after, np.full(after.shape, np.nan)
-    return after, posterior_sd(known + same.information)
+    repeated = posterior_sd(known + same.information) if same is not None else np.full(after.shape, np.nan)
+    slope = predictor.shared.jacobian(predictor.values)
+    rows = np.stack([predictor.values, before * slope, after * slope, repeated * slope], axis=1).tolist()
+    expected = tuple(
+        ExpectedParameter(item.name, item.unit, *row, j in aimed)
+        for j, (item, row) in enumerate(zip(predictor.shared, rows, strict=True))
+    )
+    return Design(
+        predictor.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
+        predictor.limits, float(1.0 / (time[1] - time[0])), settings.seed,
+        fit.calibration.model.units[predictor.input],
+    )  # fmt: skip
 
 
 def default_limits(fit: Fit) -> Limits:
@@ -275,19 +280,6 @@ def _targets(fit: Fit, predictor: ExperimentPredictor, targets: Sequence[str] | 
     return [j for j in sought if table[names[j]].status is not Status.IDENTIFIED] or sought
 
 
-def _scores(
-    predictor: ExperimentPredictor,
-    known: FloatArray,
-    before: FloatArray,
-    aimed: list[int],
-    signals: Sequence[FloatArray],
-) -> FloatArray:
-    """Score signals of size one (k,)."""
-    limits = predictor.limits
-    predicted = predictor.predict([limits.amplifier * s for s in signals])
-    return np.array([_score(p, known, before, aimed, limits) for p in predicted])
-
-
 def _score(
     predicted: PredictedExperiment | None, known: FloatArray, before: FloatArray, aimed: list[int], limits: Limits
 ) -> float:
@@ -305,29 +297,3 @@ def _present(fit: Fit, predictor: ExperimentPredictor, time: FloatArray) -> Floa
     within = span[0] + np.mod(time, span[-1] - span[0])
     index = np.clip(np.searchsorted(signal.time, within, side="right") - 1, 0, signal.time.size - 1)
     return np.asarray(signal.values[index])
-
-
-def _design(
-    predictor: ExperimentPredictor,
-    found: Sequence[BestSignal],
-    values: FloatArray,
-    travel: Mapping[str, float],
-    spreads: tuple[FloatArray, FloatArray, FloatArray],
-    aimed: list[int],
-    seed: int,
-) -> Design:
-    slope = predictor.shared.jacobian(predictor.values)
-    before, after, repeated = (sd * slope for sd in spreads)
-    expected = tuple(
-        ExpectedParameter(
-            item.name, item.unit, float(predictor.values[j]), float(before[j]), float(after[j]), float(repeated[j]),
-            j in aimed,
-        )
-        for j, item in enumerate(predictor.shared)
-    )  # fmt: skip
-    time = predictor.full_time
-    unit = predictor.fit.calibration.model.units[predictor.input]
-    return Design(
-        predictor.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
-        predictor.limits, float(1.0 / (time[1] - time[0])), seed, unit,
-    )  # fmt: skip
