@@ -197,7 +197,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         },
         "residual": reports_by_recording(loop.residual_after),
         "noise": noise_at_interval(loop.noise, interval),
-        "diagnosis": (loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).rows,
+        "diagnosis": plain((loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).rows),
         "loop": {
             **loop.to_dict(),
             "diagnosis_before": loop.diagnosis.rows,
