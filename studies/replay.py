@@ -1,4 +1,4 @@
-"""Replay the paper's Table 1 and Fig. 6 on a simulated recording, and write both."""
+"""Replay the paper's Table 1 and Fig. 6 on a simulated recording, and write the table and the figure."""
 
 from __future__ import annotations
 

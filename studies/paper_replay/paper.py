@@ -20,16 +20,19 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
+from aero_bayes.report.drawing import Line, Panel
+from aero_bayes.report.plots import draw_panels
 from aero_bayes.report.results import versions, write_result, write_series
 from aero_bayes.report.schema_run import SCHEMA
+from aero_bayes.report.svg import MEASURED, SERIES
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
 from paper_replay.models import ModelEvaluator, export_models, open_models, paper_recording
-from paper_replay.published import FMINCON, PSO, PSO_DATASHEET, TABLE_1, TABLE_PARAMETERS, TRANSFER, UNOPTIMISED
+from paper_replay.published import FMINCON, PSO, PSO_DATASHEET, TABLE_PARAMETERS, TRANSFER, UNOPTIMISED
 from paper_replay.search import StageEnd, coarse_stage, in_stages, scaled_stage, swarm_recipe
-from study.study import markdown, number
+from study.study import markdown
 
 PAPER, RERUN, SCALED, JOINT = "paper's values", "recipe rerun", "scaled axes", "joint fit"
 #: How far thrust and drag of the linear law may be from the data sheet, as a factor; bounds are its square.
@@ -163,50 +166,47 @@ def fit_jointly(recording: Recording, model: Model, *, linear_law: bool, seed: i
 
 
 def write_run(replay: Replay, folder: Path) -> Path:
-    """Write result, curves, Table 1 and Fig. 6 into a folder; return the path of the table."""
+    """Write ``result.json``, ``series.npz``, the figure and the table into a folder; return the table's path."""
     write_series(folder, replay.series)
     write_result(folder, run_result(replay))
     figure_6(replay).savefig(folder / "figure_6.svg")
-    path = folder / "table_1.md"
-    path.write_text("\n".join(table_1_lines(replay)) + "\n", encoding="utf-8")
-    return path
+    table = folder / "replay.md"
+    table.write_text("\n".join([*table_lines(replay), "", *NOTES]) + "\n", "utf-8")
+    return table
 
 
-def table_1_lines(replay: Replay) -> list[str]:
-    """Write the rows as the paper's Table 1: SI units, fitness by Eq. 6, smaller is better."""
-    head = ("model", *TABLE_PARAMETERS, "fitness, here", "fitness, paper", "")
+def table_lines(replay: Replay) -> list[str]:
+    """Write Table 1 of the paper, replayed: SI units, fitness by Eq. 6 (smaller is better)."""
+    head = ["model", *TABLE_PARAMETERS, "fitness, here", "fitness, paper", "note"]
     rows = [
-        (row.label, *(number(row.parameters.get(name)) for name in TABLE_PARAMETERS), number(row.fitness),
-         number(row.paper_fitness), row.note)
+        [row.label, *(number(row.parameters.get(n), 3) for n in TABLE_PARAMETERS), number(row.fitness, 4),
+         number(row.paper_fitness, 6), row.note]
         for row in replay.rows
     ]  # fmt: skip
-    order = "; ".join(one.label for one in sorted(TABLE_1, key=lambda one: one.fitness))
-    last = f"Best first, the order of the {len(TABLE_1)} models in the paper is {order}."
-    return ["# Table 1 of the paper, replayed", "", *markdown(head, rows), "", *NOTES, last]
+    return markdown(head, rows)
+
+
+def number(value: float | None, digits: int) -> str:
+    """Write a number of the table; a dash where there is none."""
+    return "-" if value is None else f"{value:.{digits}g}"
 
 
 def figure_6(replay: Replay) -> Figure:
-    """Draw the pitch as measured and as each model gives it; one that leaves the frame is cut off by it."""
-    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
-    axes = figure.add_subplot(xlabel="time (s)", ylabel="pitch (rad)")
+    """Draw the pitch as measured and as given by each model; one that leaves the frame is cut off by it."""
     curves = {key.removeprefix(f"{NAME}/"): values for key, values in replay.series.items()}
     time, measured = curves.pop("time"), curves.pop("measured")
-    axes.plot(time, measured, color="0.75", linewidth=3.0, label="measured")
-    low, high = axes.get_ylim()
-    for label, values in curves.items():
-        axes.plot(time, values, linewidth=1.0, label=label)
-    axes.set_ylim(2.0 * low - high, 2.0 * high - low)
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
-    return figure
+    lines = [Line(time, measured, MEASURED, 3.0, label="measured")]
+    lines += [Line(time, y, SERIES[k % len(SERIES)], label=name) for k, (name, y) in enumerate(curves.items())]
+    low, span = float(np.nanmin(measured)), float(np.ptp(measured))
+    panel = Panel("theta: pitch (rad)", tuple(lines), 270, y_limits=(low - 1.2 * span, low + 2.2 * span))
+    return draw_panels([panel], "time (s)", [(line.colour, line.label) for line in lines])
 
 
 def run_result(replay: Replay) -> dict[str, Any]:
-    """Return the content of ``result.json``; ``replay`` has the rows with all errors."""
-    best = min((row for row in replay.rows if row.fitness is not None), key=lambda row: float(row.fitness or 0.0))
+    """Return the content of ``result.json``; ``replay`` holds the rows with all errors."""
     return {
         "schema": SCHEMA, "command": NAME, "seed": replay.seed, "versions": versions(), "data": [], "simulated": True,
         NAME: {"rows": [asdict(row) | {"model": row.label} for row in replay.rows]},
         "failures": dict(replay.failures),
         "seconds": replay.seconds,
-        "verdict": {"level": "good", "text": f"Best of Table 1's models here: {best.label}, {best.fitness:.3g} rad²."},
     }  # fmt: skip

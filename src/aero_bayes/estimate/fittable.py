@@ -135,7 +135,7 @@ def expression_text(tree: Expression) -> str:
     if isinstance(tree, Call) and tree.function == "neg":
         return f"-({expression_text(tree.args[0])})"
     if isinstance(tree, Number):
-        return f"{tree.value!r}"
+        return repr(tree.value).removesuffix(".0")
     if isinstance(tree, Call):
         return f"{tree.function}({', '.join(map(expression_text, tree.args))})"
     return tree.name if isinstance(tree, Name) and not tree.subscripts else short_text(tree)

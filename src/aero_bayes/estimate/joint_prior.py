@@ -17,33 +17,9 @@ MIN_DRAWS_EACH = 10
 
 
 def with_joint_prior(parameters: ParameterSet, draws: Mapping[str, FloatArray]) -> ParameterSet:
-    """Return the parameters with a common normal prior for those that draws of a posterior are given of.
+    """Return the parameters with a common normal prior for those of which draws (n,) of a posterior are given (SI).
 
-    Parameters
-    ----------
-    parameters : ParameterSet
-    draws : mapping of str to ndarray, shape (n,)
-        Draws by name in SI units, one row over all names being one draw. Mean and covariance of their logarithms count
-        where the axis of the search is logarithmic, else those of the values.
-
-    Returns
-    -------
-    ParameterSet
-        Parameters without draws keep their prior.
-
-    Raises
-    ------
-    InputError
-        If draws have none of the parameters, or are too few.
-
-    Examples
-    --------
-    >>> from aero_bayes.estimate.joint_prior import with_joint_prior
-    >>> first = np.exp(np.random.default_rng(1).normal([3.7, 1.1], 0.01, (500, 2)))
-    >>> known = with_joint_prior(parameters_from_model(model, ["k", "d"]), {"k": first[:, 0], "d": first[:, 1]})
-    >>> known["k"].prior.describe("N/m")
-    'log-normal, 40.41 N/m ± 0.97 %'
-    """
+    Mean and covariance are those of the logarithms where the axis of the search is logarithmic."""
     shared = [p for p in parameters if p.name in draws]
     if not shared:
         there = ", ".join(draws)

@@ -43,20 +43,8 @@ MIN_PREDICTED_SHARE, MIN_REALISED_SHARE = 0.9, 0.5
 
 @dataclass(frozen=True)
 class LocalFitSettings:
-    """When a local fit stops, and what the noise may be.
-
-    Parameters
-    ----------
-    local : LocalSettings
-    kinds : mapping of str to {"auto", "white"}
-        Kind of noise by output; ``auto`` where an output is not named.
-    floors : mapping of str to float
-        Least standard deviation of the white noise by output (a sensor's quantum over the square root of twelve).
-    hold_noise : bool
-        Do not estimate the noise.
-    prior : bool
-        Whether the priors count.
-    """
+    """When a local fit stops, and what the noise may be: its kind (``auto`` where an output is not named) and its least
+    white part by output. With ``hold_noise`` it is not estimated; ``prior`` tells whether the priors count."""
 
     local: LocalSettings = field(
         default_factory=lambda: LocalSettings(

@@ -357,8 +357,8 @@ def describe_sensors(
 
 def _counts(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Json | None:
     """Return the step of quantised readings, and the share of the residual's variance that is rounding; else None."""
-    step = quantum(readings)
-    variance = float(np.nanmean((readings - fitted) ** 2))
+    step, squares = quantum(readings), (readings - fitted)[np.isfinite(readings)] ** 2
+    variance = float(np.mean(squares)) if squares.size else math.inf
     if step == 0.0 or step**2 / 12.0 < MIN_VARIANCE_SHARE * variance:
         return None
     zero = float(readings[np.flatnonzero(np.isfinite(readings))[0]]) % step

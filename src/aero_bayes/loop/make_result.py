@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from aero_bayes.display import join_names, with_unit
+from aero_bayes.display import join_names
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.diagnosis import DiagnosisRow
-from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.residual_tests import (
     JudgedPart,
     RecordingError,
@@ -22,7 +21,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, describe, limits_of
 from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings
-from aero_bayes.loop.result import LoopOutcome, LoopResult, Step, steps_of
+from aero_bayes.loop.result import LoopOutcome, LoopResult, Step, free_estimates, steps_of
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.sentences import extended_sentence, left_over
 from aero_bayes.loop.unseen import Prediction, shifts
@@ -88,9 +87,8 @@ def early_end_sentence(context: LoopContext, where: str) -> str:
 
 
 def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
-    """What was done, in sentences."""
-    first, search, steps = ended.first, ended.search, ended.steps
-    effects = ended.extended.effects if ended.extended is not None else ()
+    """What was done, in sentences; the steps of the search have entries of their own."""
+    first, search = ended.first, ended.search
     worst = max(first.reports, key=lambda r: r.ratio)
     refits = sum(row.refitted for row in search.table.rows.values())
     lines = [
@@ -100,13 +98,9 @@ def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
         *_restrictions(context.settings),
         f"{len(search.fits)} model structures were compared by their error on readings that were left out, in "
         f"{search.table.blocks} blocks; {refits} of them were fitted again without each block.",
-        *(f"Step {s.round}: {s.why}." for s in steps),
     ]
     if search.skipped:
         lines.append(f"Not tried, because the model with them cannot be simulated: {', '.join(search.skipped)}.")
-    for effect in effects:
-        values = ", ".join(with_unit(f"{p.name} = {p.value:.3g}", p.unit) for p in effect.parameters)
-        lines.append(f"Added at port {effect.port}: {effect.id}, with {values}.")
     return tuple(lines)
 
 
@@ -216,8 +210,9 @@ def _calibrated(source: ModelicaSource | None, extended: ExtendedFit | None, aft
     name, added = (source.name, {}) if written is None else (written.name, {written.path.name: written.text})
     new = extended.added if extended is not None else ()
     delays = [p.name for p in new if isinstance(p.target, DelayTarget)]
-    fitted = {name: e for name, e in after.parameters.items() if e.status is not Status.FIXED}
-    return calibrated_model(calibration, values, fitted, source=replace(source, name=name), added=added, delays=delays)
+    return calibrated_model(
+        calibration, values, free_estimates(after), source=replace(source, name=name), added=added, delays=delays
+    )
 
 
 def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> bool:

@@ -17,7 +17,7 @@ from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.diagnosis import Diagnosis
-from aero_bayes.estimate.identifiability import Estimate, Identifiability, Status
+from aero_bayes.estimate.identifiability import Estimate, Identifiability
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
@@ -39,6 +39,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+def free_estimates(fit: Fit) -> dict[str, Estimate]:
+    """Return the estimates of the free parameters of a fit."""
+    names = (fit.calibration.parameters.items[j].name for j in fit.free)
+    return {name: fit.parameters[name] for name in names}
+
+
 class FittedLoop:
     """The fit of the model that came out of a loop, and what is asked of it most."""
 
@@ -58,7 +64,7 @@ class FittedLoop:
     @property
     def parameters(self) -> dict[str, Estimate]:
         """Parameters of the model that came out that were fitted, with their intervals."""
-        return {name: e for name, e in self.after.parameters.items() if e.status is not Status.FIXED}
+        return free_estimates(self.after)
 
     def summary(self) -> str:
         """Return the parameters of the model that came out as a table: value, 90 % interval, unit, status.
@@ -125,7 +131,7 @@ def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, .
         claim = decision.claims[chosen]
         alike = tuple(o for o, _ in claim.alternatives)
         why = f"with {chosen} the error of {claim.share_of} on left-out readings {fall(claim.share, claim.share_sd)}"
-        why += f"; what else does as well: {', '.join(alike)}" if alike else ""
+        why += f"; the data do not tell it from {', '.join(alike)}" if alike else ""
         found.append(Step(len(found) + 1, tuple(rivals), chosen, (chosen, *alike) if alike else (), why))
         left.remove(chosen)
         base = tuple(sorted((*base, chosen)))

@@ -15,11 +15,12 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import cast
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.arrays import Value, mapped, scalars
 from aero_bayes.modelica.expression import Builder
-from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable, When
+from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.modelica.scope import Scope
 from aero_bayes.modelica.syntax import (
     Array,
@@ -29,6 +30,7 @@ from aero_bayes.modelica.syntax import (
     Name,
     Number,
     Statement,
+    WhenStatement,
     map_names,
     map_names_in_statement,
     names_in,
@@ -322,16 +324,6 @@ def _changed(flat: FlatModel, change: Change, target: Callable[[Name], Name]) ->
     def statements(body: tuple[Statement, ...]) -> tuple[Statement, ...]:
         return tuple(map_names_in_statement(s, change, target) for s in body)
 
-    def clause(w: When) -> When:
-        branches = []
-        for condition, actions in w.branches:
-            new = tuple(
-                replace(a, target=None if a.target is None else target(a.target), value=map_names(a.value, change))
-                for a in actions
-            )
-            branches.append((map_names(condition, change), new))
-        return replace(w, branches=tuple(branches))
-
     def outputs(names: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(target(Name(n)).name for n in names)
 
@@ -345,6 +337,6 @@ def _changed(flat: FlatModel, change: Change, target: Callable[[Name], Name]) ->
         initial_algorithms=tuple(
             replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.initial_algorithms
         ),
-        whens=tuple(map(clause, flat.whens)),
+        whens=tuple(replace(w, statement=cast(WhenStatement, statements((w.statement,))[0])) for w in flat.whens),
         assertions=tuple(replace(a, condition=map_names(a.condition, change)) for a in flat.assertions),
     )

@@ -12,7 +12,16 @@ from aero_bayes.modelica.expression import Builder, Node
 from aero_bayes.modelica.flat import FlatModel, When
 from aero_bayes.modelica.operators import Events, PeriodicEvent, Relation, Rounding
 from aero_bayes.modelica.scope import Scope
-from aero_bayes.modelica.syntax import Assign, Expression, IfStatement, ReinitStatement, Statement, WhenStatement
+from aero_bayes.modelica.syntax import (
+    Assign,
+    Expression,
+    IfStatement,
+    Name,
+    ReinitStatement,
+    Statement,
+    UnsupportedStatement,
+    WhenStatement,
+)
 
 
 @dataclass(frozen=True)
@@ -40,13 +49,7 @@ class DiscretePart:
 
 def assigned_in_events(model: FlatModel) -> set[str]:
     """Return names that some when clause assigns."""
-    found = {
-        a.target.name
-        for w in model.whens
-        for _, actions in w.branches
-        for a in actions
-        if a.kind == "assign" and a.target
-    }
+    found = set[str]()
 
     def search(body: Iterable[Statement], inside: bool) -> None:
         for s in body:
@@ -59,6 +62,7 @@ def assigned_in_events(model: FlatModel) -> set[str]:
                 for inner in (*(b for _, b in s.branches), s.otherwise):
                     search(inner, inside)
 
+    search((w.statement for w in model.whens), False)
     for algorithm in model.algorithms:
         search(algorithm.statements, False)
     return found
@@ -97,22 +101,24 @@ class EventActions:
         self.scope.place = when.place
         taken = b.zero
         values: dict[Node, Node] = {}
-        for condition, actions in when.branches:
+        for condition, body in when.statement.branches:
             edge = self.edge(condition)
             active = b.binary("and", edge, b.unary("not", taken))
             taken = b.binary("or", taken, edge)
-            for a in actions:
-                if a.kind == "terminate":
-                    raise self.scope.fail("terminate()")
-                if a.target is None:
+            for s in body:
+                match s:
+                    case UnsupportedStatement(what):
+                        raise self.scope.fail(what)
+                    case Assign((Name() as name,), tree) | ReinitStatement(name, tree):
+                        targets = scalars(self.scope.value(name))
+                        new = _like(self.scope.value(tree), len(targets))
+                    case _:
+                        continue
+                if isinstance(s, ReinitStatement):
+                    self.reinits += [Reinit(state, active, x) for state, x in zip(targets, new, strict=True)]
                     continue
-                value = self.scope.value(a.value)
-                targets = scalars(self.scope.value(a.target))
-                for target, new in zip(targets, _like(value, len(targets)), strict=True):
-                    if a.kind == "reinit":
-                        self.reinits.append(Reinit(target, active, new))
-                    else:
-                        values[target] = b.select(active, new, values.get(target, self.events.pre(target)))
+                for target, x in zip(targets, new, strict=True):
+                    values[target] = b.select(active, x, values.get(target, self.events.pre(target)))
         for target, value in values.items():
             self.assign(target, value)
 

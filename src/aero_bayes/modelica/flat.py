@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from aero_bayes.modelica.syntax import Expression, Name, Statement
+from aero_bayes.modelica.syntax import Expression, Statement, WhenStatement
 from aero_bayes.modelica.tokens import SourceLocation
 
 Variability = Literal["continuous", "discrete", "parameter", "constant"]
@@ -55,19 +55,10 @@ class FlatEquation:
 
 @dataclass(frozen=True)
 class When:
-    """Branches ``when``, ``elsewhen``: a condition, and what it assigns to variables or gives to states anew."""
+    """A when equation with its elsewhen branches; what it assigns is true at once, in whatever order it is written."""
 
-    branches: tuple[tuple[Expression, tuple[WhenAction, ...]], ...]
+    statement: WhenStatement
     place: SourceLocation | None = None
-
-
-@dataclass(frozen=True)
-class WhenAction:
-    """One action of a when clause: an assignment, the reinit of a state, an assertion, or the end of the simulation."""
-
-    kind: Literal["assign", "reinit", "assert", "terminate"]
-    target: Name | None
-    value: Expression
 
 
 @dataclass(frozen=True)

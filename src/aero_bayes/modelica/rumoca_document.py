@@ -23,10 +23,20 @@ from aero_bayes.modelica.flat import (
     Origin,
     Variability,
     When,
-    WhenAction,
 )
 from aero_bayes.modelica.rumoca_trees import Json, TreeReader, message_of
-from aero_bayes.modelica.syntax import Array, Expression, Name, Number
+from aero_bayes.modelica.syntax import (
+    Array,
+    AssertStatement,
+    Assign,
+    Expression,
+    Name,
+    Number,
+    ReinitStatement,
+    Statement,
+    UnsupportedStatement,
+    WhenStatement,
+)
 
 _VARIABILITY: dict[str, Variability] = {"Parameter": "parameter", "Constant": "constant", "Discrete": "discrete"}
 _CAUSALITY: dict[str, Causality] = {"Input": "input", "Output": "output"}
@@ -157,22 +167,22 @@ class _FlatModelReader(TreeReader):
         place = self.here
         branches = []
         for branch in (first, *chain.get("else_when", ())):
-            actions = [a for e in branch["equations"] for a in self.action(e)]
-            branches.append((self.expression(branch["condition"]), tuple(actions)))
-        return When(tuple(branches), place)
+            body = tuple(map(self.action, branch["equations"]))
+            branches.append((self.expression(branch["condition"]), body))
+        return When(WhenStatement(tuple(branches)), place)
 
-    def action(self, e: Json) -> list[WhenAction]:
+    def action(self, e: Json) -> Statement:
         kind, detail = next(iter(e.items()))
         self.here = self.place(detail.get("span")) or self.here
         match kind:
             case "Assign":
-                return [WhenAction("assign", self.target(detail["target"]), self.expression(detail["value"]))]
+                return Assign((self.target(detail["target"]),), self.expression(detail["value"]))
             case "Reinit":
-                return [WhenAction("reinit", self.target(detail["state"]), self.expression(detail["value"]))]
+                return ReinitStatement(self.target(detail["state"]), self.expression(detail["value"]))
             case "Assert":
-                return [WhenAction("assert", None, self.expression(detail["condition"]))]
+                return AssertStatement(self.expression(detail["condition"]), "")
             case "Terminate":
-                return [WhenAction("terminate", None, Number(1.0))]
+                return UnsupportedStatement("terminate()")
         raise self.fail(f"a {kind!r} in a when equation")
 
     def assertion(self, a: Json) -> Assertion:

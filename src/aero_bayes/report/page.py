@@ -369,5 +369,4 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "rounds": loop_figures.rounds_table(loop, run.result.effect_words()),
         "separate": loop.separate,
         "diff": loop_story.diff_lines(loop),
-        "source": loop.modelica_source,
     }

@@ -18,8 +18,8 @@ LEADS = {
     "Below each output: measured minus model, with a running mean. Dashed: twice the noise; noise alone leaves 95 % of "
     "the samples between the dashed lines.",
     "parameters": "With 90 % probability the value lies in the interval, if the model is right.",
-    "errors": "Noise: standard deviation of the sensor noise, estimated from each recording without a model. Ratio: "
-    "error over noise; about 1 if only noise is left, too large above 1.3.",
+    "errors": "Noise: standard deviation of the sensor noise, estimated from each recording without a model, or the "
+    "error of the fit where it says so. Ratio: error over noise; about 1 if only noise is left, too large above 1.3.",
     "residuals": "p (white): how probable so much correlation is in white noise; near 0 if there is structure.",
     "noise": "White noise is independent from sample to sample, correlated noise fades over the correlation time.",
     "process_noise": "Diffusion: how far chance moves the state in the square root of a second. With it a residual is "
@@ -85,7 +85,7 @@ def size(value: float | None, unit: str) -> str:
 
 def limit(found: LimitJson) -> str:
     """Say from which size on a law would have been named."""
-    least = f"{found.parameter} = {size(found.smallest, found.unit)}"
+    least = f"`{found.parameter}` = {size(found.smallest, found.unit)}"
     return f"`{found.law}` at `{found.port}` would have been found from {least} on."
 
 
@@ -108,8 +108,10 @@ def short_verdict(result: RunJson) -> str:
     loop = result.loop
     if loop is None or not (loop.effects and loop.errors) or (result.mcmc is not None and not result.mcmc.converged):
         return (result.verdict or verdict(result)).text
-    left = [*left_over(loop.errors), *result.identifiability.flat]
-    return " ".join([*(left or ["With it only noise is left in each recording, fitted or not."]), *loop.notes])
+    unseen = bool(judged(loop, "test"))
+    where = "each recording, fitted or not" if unseen else "what was fitted; the rest is too short to judge"
+    left = [*left_over(loop.errors), *result.identifiability.flat] or [f"With it only noise is left in {where}."]
+    return " ".join([*left, *loop.notes])
 
 
 def _loop_verdict(result: RunJson, loop: LoopJson) -> VerdictJson:

@@ -1,12 +1,12 @@
-"""The model description of an FMU: of FMI 2.0 as it is written, of FMI 3.0 as FMPy reads it."""
+"""The model description of an FMU, of FMI 2.0 or 3.0, as plain typed values."""
 
 from __future__ import annotations
 
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -136,254 +136,185 @@ def _number(element: Element, key: str) -> float | None:
     return float(text)
 
 
-def _variables(root: Element) -> list[tuple[Element, Element | None, Variable]]:
+#: Kinds of variables by their elements; others, and arrays, are left out.
+_KINDS: dict[str, Kind] = {
+    "Real": "real", "Integer": "integer", "Boolean": "boolean", "Enumeration": "integer", "Float64": "real",
+    "Int32": "integer",
+}  # fmt: skip
+_OTHER_TYPES = frozenset(
+    {"Float32", "Int8", "UInt8", "Int16", "UInt16", "UInt32", "Int64", "UInt64", "String", "Binary", "Clock"}
+)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A variable as it is written: what all have, and what its type has; None where its type is left out."""
+
+    scalar: Element
+    own: Element | None
+    variable: Variable
+
+
+def _variables(root: Element, three: bool) -> list[_Row]:
     types: dict[str, Element] = {}
-    for simple in root.iterfind("TypeDefinitions/SimpleType"):
-        for inner in simple:
-            types[simple.get("name", "")] = inner
+    for given in root.iterfind("TypeDefinitions/*"):
+        types[given.get("name", "")] = given if three else next(iter(given), given)
     found = []
-    for scalar in root.iterfind("ModelVariables/ScalarVariable"):
-        own: Element | None = None
-        kind: Kind = "real"
-        for tag, name in (("Real", "real"), ("Integer", "integer"), ("Boolean", "boolean"), ("Enumeration", "integer")):
-            own = scalar.find(tag)
-            if own is not None:
-                kind = name  # type: ignore[assignment]
-                break
-        declared = types.get(own.get("declaredType", "")) if own is not None else None
-
-        def value(key: str, own: Element | None = own, declared: Element | None = declared) -> float | None:
-            here = _number(own, key) if own is not None else None
-            return here if here is not None or declared is None else _number(declared, key)
-
-        unit = (own.get("unit") if own is not None else None) or (declared.get("unit") if declared is not None else "")
-        found.append(
-            (
-                scalar,
-                own,
-                Variable(
-                    name=scalar.get("name", ""),
-                    unit=unit or "",
-                    description=scalar.get("description", ""),
-                    start=value("start"),
-                    minimum=value("min"),
-                    maximum=value("max"),
-                    nominal=value("nominal"),
-                    value_reference=int(scalar.get("valueReference", "0")),
-                    kind=kind,
-                    settable_start=_settable(scalar, own),
-                    discrete=scalar.get("variability") == "discrete",
-                ),
-            )
-        )
+    for scalar in root.iterfind("ModelVariables/*"):
+        if three:
+            if scalar.tag not in _OTHER_TYPES and (scalar.tag not in _KINDS or scalar.tag in ("Real", "Integer")):
+                raise ValueError(f"{scalar.tag} is no type of a variable")
+            plain = scalar.tag in ("Float64", "Int32", "Boolean") and scalar.find("Dimension") is None
+            own = scalar if plain else None
+        else:
+            own = next((inner for inner in scalar if inner.tag in _KINDS), None)
+        found.append(_Row(scalar, own, _variable(scalar, own, types, three)))
     return found
 
 
-def _settable(scalar: Element, own: Element | None) -> bool:
-    if own is None:
-        return False
-    initial = scalar.get("initial")
-    if initial is None:
-        return own.get("start") is not None
-    return initial in ("exact", "approx")
+def _variable(scalar: Element, own: Element | None, types: Mapping[str, Element], three: bool) -> Variable:
+    declared = types.get(own.get("declaredType", "")) if own is not None else None
+    written = [one for one in (own, declared) if one is not None]
+
+    def value(key: str) -> float | None:
+        return next((x for one in written if (x := _number(one, key)) is not None), None)
+
+    kind: Kind = _KINDS[own.tag] if own is not None else "real"
+    usual = "discrete" if three and kind != "real" else "continuous"
+    initial = scalar.get("initial", "exact" if not three and own is not None and own.get("start") is not None else "")
+    return Variable(
+        name=scalar.get("name", ""),
+        unit=next((unit for one in written if (unit := one.get("unit"))), ""),
+        description=scalar.get("description", ""),
+        start=value("start"),
+        minimum=value("min"),
+        maximum=value("max"),
+        nominal=value("nominal"),
+        value_reference=int(scalar.get("valueReference", "0")),
+        kind=kind,
+        settable_start=own is not None and initial in ("exact", "approx"),
+        discrete=scalar.get("variability", usual) == "discrete",
+    )
 
 
-def read_fmi2_description(path: Path, root: Element) -> ModelDescription:
-    """Return the model description of a checked archive, from the root element of its XML."""
+def read_description(path: Path, root: Element) -> ModelDescription:
+    """Return the model description of a checked archive, of FMI 2.0 or 3.0, from the root element of its XML.
+
+    Variables that are arrays, or of types other than 64-bit reals, 32-bit integers and Booleans, are left out."""
+    three = root.get("fmiVersion", "").startswith("3.")
     exchange = root.find("ModelExchange")
-    if exchange is None and root.find("CoSimulation") is None:
+    interface = exchange if exchange is not None else root.find("CoSimulation")
+    if interface is None:
         raise InputError(f"{path}: has neither Model Exchange nor Co-Simulation")
     try:
-        return _description(path, root, exchange)
+        return _description(path, root, interface, three)
     except (ValueError, IndexError, KeyError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: modelDescription.xml contradicts FMI 2.0: {error}") from error
+        version = "3.0" if three else "2.0"
+        raise InputError(f"{path}: modelDescription.xml contradicts FMI {version}: {error}") from error
 
 
-def _description(path: Path, root: Element, exchange: Element | None) -> ModelDescription:
-    variables = _variables(root)
-    check_variables(path, [variable for _, _, variable in variables])
-    interface = exchange if exchange is not None else root.find("CoSimulation")
-    assert interface is not None
-    identifier = checked_identifier(path, interface)
-    states: list[Variable] = []
+class _Structure:
+    """The variables of a model, and the places in their list of what its structure names.
+
+    FMI 2.0 names a variable by its number in the list, which counts from 1, FMI 3.0 by its value reference."""
+
+    def __init__(self, root: Element, three: bool) -> None:
+        self.root, self.three, self.rows = root, three, _variables(root, three)
+        numbers = (row.variable.value_reference if three else k + 1 for k, row in enumerate(self.rows))
+        self.places = {number: k for k, number in enumerate(numbers)}
+
+    def place(self, number: str | None, what: str) -> int:
+        """Return the place of a variable in the list."""
+        if number is None or int(number) not in self.places:
+            raise ValueError(f"{what} is said to be variable {number} of {len(self.rows)}")
+        return self.places[int(number)]
+
+    def unknowns(self, two: str, three: str) -> list[tuple[_Row, list[int] | None]]:
+        """Return variables of one part of the structure, and what they depend on, None where that is not said."""
+        found = []
+        for unknown in self.root.iterfind(f"ModelStructure/{three}" if self.three else f"ModelStructure/{two}/Unknown"):
+            known = unknown.get("dependencies")
+            depends = None if known is None else [self.places.get(int(i), -1) for i in known.split()]
+            number = unknown.get("valueReference" if self.three else "index")
+            found.append((self.rows[self.place(number, "an unknown")], depends))
+        return found
+
+
+def _states(path: Path, structure: _Structure) -> tuple[dict[int, Variable], list[int], list[set[int] | None]]:
+    """Return states by their places, value references of their derivatives, and what these depend on."""
+    states: dict[int, Variable] = {}
     derivatives: list[int] = []
-    position: dict[int, int] = {}
     depends: list[set[int] | None] = []
-    for unknown in root.iterfind("ModelStructure/Derivatives/Unknown") if exchange is not None else ():
-        _, own, variable = variables[_position(unknown.get("index"), variables, "a derivative")]
-        if own is None or own.get("derivative") is None:
+    for row, known in structure.unknowns("Derivatives", "ContinuousStateDerivative"):
+        variable = row.variable
+        if row.own is None or row.own.get("derivative") is None:
             raise InputError(f"{path}: {variable.name!r} is listed as a derivative but names no state")
-        at = _position(own.get("derivative"), variables, f"the state of {variable.name!r}")
-        state = variables[at][2]
-        if state.kind != "real" or state is variable or at in position:
-            raise InputError(f"{path}: {variable.name!r} cannot be the derivative of {state.name!r}")
-        position[at] = len(states)
-        states.append(state)
+        at = structure.place(row.own.get("derivative"), f"the state of {variable.name!r}")
+        state = structure.rows[at]
+        if state.own is None:
+            raise InputError(f"{path}: {state.variable.name!r} is an array or no 64-bit real, which no state may be")
+        if state.variable.kind != "real" or state is row or at in states:
+            raise InputError(f"{path}: {variable.name!r} cannot be the derivative of {state.variable.name!r}")
+        states[at] = state.variable
         derivatives.append(variable.value_reference)
-        known = unknown.get("dependencies")
-        depends.append(None if known is None else {int(i) - 1 for i in known.split()})
-    refuse_selected_states(path, states)
-    pick = {"parameter": [], "input": [], "output": []}  # type: dict[str, list[Variable]]
-    for scalar, own, variable in variables:
-        causality = scalar.get("causality", "local")
-        if own is None or causality not in pick:
+        depends.append(None if known is None else set(known))
+    refuse_selected_states(path, tuple(states.values()))
+    return states, derivatives, depends
+
+
+def _picked(path: Path, structure: _Structure) -> dict[str, tuple[Variable, ...]]:
+    """Return parameters, inputs and outputs."""
+    pick: dict[str, list[Variable]] = {"parameter": [], "input": [], "output": []}
+    for row in structure.rows:
+        causality = row.scalar.get("causality", "local")
+        if row.scalar.tag == "Clock" and causality == "input":
+            raise InputError(f"{path}: {row.variable.name!r} is an input clock, which is not supported")
+        varies = row.scalar.get("variability", "fixed" if structure.three else "continuous")
+        if row.own is None or causality not in pick or (causality != "output" and row.variable.kind != "real"):
             continue
-        if causality != "output" and variable.kind != "real":
-            continue
-        if causality == "parameter" and scalar.get("variability", "continuous") not in ("fixed", "tunable"):
-            continue
-        pick[causality].append(variable)
+        if causality != "parameter" or varies in ("fixed", "tunable"):
+            pick[causality].append(row.variable)
+    return {causality: tuple(variables) for causality, variables in pick.items()}
+
+
+def _description(path: Path, root: Element, interface: Element, three: bool) -> ModelDescription:
+    structure, exchange = _Structure(root, three), interface.tag == "ModelExchange"
+    check_variables(path, [row.variable for row in structure.rows])
+    identifier = checked_identifier(path, interface)
+    states, derivatives, depends = _states(path, structure) if exchange else ({}, [], [])
+    position = {at: k for k, at in enumerate(states)}
+    pick = _picked(path, structure)
+    outputs = [(row.variable, on) for row, on in structure.unknowns("Outputs", "Output") if row.own is not None]
+    if three:
+        indicators, asks = (
+            len(structure.unknowns("", "EventIndicator")),
+            is_true(interface, "needsCompletedIntegratorStep"),
+        )
+    else:
+        indicators = int(root.get("numberOfEventIndicators", "0"))
+        asks = not is_true(interface, "completedIntegratorStepNotNeeded")
     return ModelDescription(
         path=path,
         sha256=sha256(path),
         name=root.get("modelName", identifier),
-        guid=root.get("guid", ""),
+        guid=root.get("instantiationToken" if three else "guid", ""),
         identifier=identifier,
-        parameters=tuple(pick["parameter"]),
-        inputs=tuple(pick["input"]),
-        outputs=tuple(pick["output"]),
-        states=tuple(states),
-        event_indicators=int(root.get("numberOfEventIndicators", "0")) if exchange is not None else 0,
-        has_directional_derivatives=exchange is not None and is_true(exchange, "providesDirectionalDerivative"),
+        parameters=pick["parameter"],
+        inputs=pick["input"],
+        outputs=pick["output"],
+        states=tuple(states.values()),
+        event_indicators=indicators if exchange else 0,
+        has_directional_derivatives=exchange and is_true(interface, f"providesDirectionalDerivative{'s' * three}"),
         needs_instance_per_process=is_true(interface, "canBeInstantiatedOnlyOncePerProcess"),
         derivatives=tuple(derivatives),
         jacobian_pattern=jacobian_pattern(depends, position),
-        wants_step_callback=not is_true(interface, "completedIntegratorStepNotNeeded")
-        and root.get("generationTool") != OWN_EXPORTER,
-        candidate_copies=candidate_copies(_outputs(root, variables), position, states),
-        interface="co-simulation" if exchange is None else "model exchange",
-        takes_any_step=exchange is not None or is_true(interface, "canHandleVariableCommunicationStepSize"),
-        interpolates_inputs=exchange is None and is_true(interface, "canInterpolateInputs"),
+        wants_step_callback=asks and root.get("generationTool") != OWN_EXPORTER,
+        candidate_copies=candidate_copies(outputs, position, tuple(states.values())),
+        fmi_version=3 if three else 2,
+        interface="model exchange" if exchange else "co-simulation",
+        takes_any_step=exchange or is_true(interface, "canHandleVariableCommunicationStepSize"),
+        interpolates_inputs=not exchange and is_true(interface, "canInterpolateInputs"),
         step_size=step_size(root, interface),
-    )
-
-
-def _position(number: str | None, variables: Sequence[object], what: str) -> int:
-    """Index of a variable in the list, by its number in the description, which counts from 1."""
-    if number is None or not 1 <= int(number) <= len(variables):
-        raise ValueError(f"{what} is said to be variable {number} of {len(variables)}")
-    return int(number) - 1
-
-
-def _outputs(
-    root: Element, variables: Sequence[tuple[Element, Element | None, Variable]]
-) -> list[tuple[Variable, list[int] | None]]:
-    """Outputs with the positions of what they depend on, None where that is not said."""
-    found = []
-    for unknown in root.iterfind("ModelStructure/Outputs/Unknown"):
-        known = unknown.get("dependencies")
-        depends = None if known is None else [int(i) - 1 for i in known.split()]
-        found.append((variables[_position(unknown.get("index"), variables, "an output")][2], depends))
-    return found
-
-
-_KINDS: dict[str, Kind] = {"Float64": "real", "Int32": "integer", "Boolean": "boolean"}
-
-
-def read_fmi3_description(path: Path, root: Element) -> ModelDescription:
-    """Return the model description of a checked archive, from the root element of its XML.
-
-    Variables that are arrays, or of types other than 64-bit reals, 32-bit integers and Booleans, are left out."""
-    from fmpy import read_model_description
-
-    interface = root.find("ModelExchange")
-    only_steps = interface is None
-    if interface is None:
-        interface = root.find("CoSimulation")
-    if interface is None:
-        raise InputError(f"{path}: has neither Model Exchange nor Co-Simulation")
-    try:
-        found = read_model_description(str(path), validate=False)
-        return _fmi3_description(path, root, interface, found, only_steps)
-    except InputError:
-        raise
-    except Exception as error:  # FMPy's own errors have no common class
-        why = " ".join(str(error).split())
-        raise InputError(f"{path}: modelDescription.xml contradicts FMI 3.0: {why}") from error
-
-
-def _fmi3_description(path: Path, root: Element, interface: Element, found: Any, only_steps: bool) -> ModelDescription:
-    check_variables(path, [_variable(v) for v in found.modelVariables if v.type in _KINDS and not v.dimensions])
-    pick: dict[str, list[Variable]] = {"parameter": [], "input": [], "output": []}
-    for variable in found.modelVariables:
-        if variable.type == "Clock" and variable.causality == "input":
-            raise InputError(f"{path}: {variable.name!r} is an input clock, which is not supported")
-        if variable.type not in _KINDS or variable.dimensions or variable.causality not in pick:
-            continue
-        if variable.causality != "output" and variable.type != "Float64":
-            continue
-        if variable.causality == "parameter" and variable.variability not in ("fixed", "tunable"):
-            continue
-        pick[variable.causality].append(_variable(variable))
-    unknowns = [] if only_steps else found.derivatives
-    states = [unknown.variable.derivative for unknown in unknowns]
-    for state in states:
-        if state is None or state.type != "Float64" or state.dimensions:
-            name = "a derivative" if state is None else repr(state.name)
-            raise InputError(f"{path}: {name} is an array or no 64-bit real state, which is not supported")
-    for k, (unknown, state) in enumerate(zip(unknowns, states, strict=True)):
-        if state is unknown.variable or state in states[:k]:
-            raise InputError(f"{path}: {unknown.variable.name!r} cannot be the derivative of {state.name!r}")
-    variables = [_variable(state) for state in states]
-    refuse_selected_states(path, variables)
-    position = {state.valueReference: i for i, state in enumerate(states)}
-    depends = [None if u.dependencies is None else {v.valueReference for v in u.dependencies} for u in unknowns]
-    outputs = [
-        (_variable(u.variable), None if u.dependencies is None else [v.valueReference for v in u.dependencies])
-        for u in ([] if only_steps else found.outputs)
-        if u.variable.type == "Float64" and not u.variable.dimensions
-    ]
-    return ModelDescription(
-        path=path,
-        sha256=sha256(path),
-        name=root.get("modelName", ""),
-        guid=root.get("instantiationToken", ""),
-        identifier=checked_identifier(path, interface),
-        parameters=tuple(pick["parameter"]),
-        inputs=tuple(pick["input"]),
-        outputs=tuple(pick["output"]),
-        states=tuple(variables),
-        event_indicators=0 if only_steps else int(found.numberOfEventIndicators),
-        has_directional_derivatives=not only_steps and is_true(interface, "providesDirectionalDerivatives"),
-        needs_instance_per_process=is_true(interface, "canBeInstantiatedOnlyOncePerProcess"),
-        derivatives=tuple(unknown.variable.valueReference for unknown in unknowns),
-        jacobian_pattern=jacobian_pattern(depends, position),
-        wants_step_callback=is_true(interface, "needsCompletedIntegratorStep") and found.generationTool != OWN_EXPORTER,
-        candidate_copies=candidate_copies(outputs, position, variables),
-        fmi_version=3,
-        interface="co-simulation" if only_steps else "model exchange",
-        takes_any_step=not only_steps or is_true(interface, "canHandleVariableCommunicationStepSize"),
-        step_size=step_size(root, interface),
-    )
-
-
-def _fmi3_number(value: Any) -> float | None:
-    if value is None:
-        return None
-    if value in ("true", "false", True, False):
-        return float(value in ("true", True))
-    return float(value)
-
-
-def _variable(variable: Any) -> Variable:
-    declared = variable.declaredType
-
-    def own_or_declared(key: str) -> Any:
-        own = getattr(variable, key)
-        return own if own is not None or declared is None else getattr(declared, key, None)
-
-    return Variable(
-        name=variable.name,
-        unit=own_or_declared("unit") or "",
-        description=variable.description or "",
-        start=_fmi3_number(variable.start),
-        minimum=_fmi3_number(own_or_declared("min")),
-        maximum=_fmi3_number(own_or_declared("max")),
-        nominal=_fmi3_number(own_or_declared("nominal")),
-        value_reference=int(variable.valueReference),
-        kind=_KINDS[variable.type],
-        settable_start=variable.initial in ("exact", "approx"),
-        discrete=variable.variability == "discrete",
     )

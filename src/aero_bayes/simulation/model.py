@@ -21,7 +21,7 @@ from aero_bayes.files import ScratchFolder
 from aero_bayes.modelica.build import Platform, this_machine, write_archive
 from aero_bayes.modelica.library import declaration_of
 from aero_bayes.simulation import archive
-from aero_bayes.simulation.fmi_description import parse_description, read_fmi2_description, read_fmi3_description
+from aero_bayes.simulation.fmi_description import parse_description, read_description
 from aero_bayes.simulation.interface import (
     Experiment,
     InputSignal,
@@ -247,8 +247,7 @@ class Model(ModelDescription):
             raise InputError(
                 f"{path}: FMI version {version} is not supported: export the model anew with FMI 2.0 or 3.0"
             )
-        read = read_fmi2_description if version.startswith("2.") else read_fmi3_description
-        model = cls(**vars(read(path, root)))
+        model = cls(**vars(read_description(path, root)))
         here = this_machine()
         binary = f"{BINARY_FOLDERS[model.fmi_version]}/{model.identifier}{here.suffix}"
         if binary not in names:

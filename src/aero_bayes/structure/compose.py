@@ -19,7 +19,7 @@ from aero_bayes.modelica.compose import (
     separate_elements,
     set_parameter,
 )
-from aero_bayes.modelica.flat import FlatModel, FlatVariable
+from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_names, parse_reference
 from aero_bayes.structure.balance import Attachment, Port, signal_expression
@@ -48,44 +48,44 @@ def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> LawModels:
         path = Path(folder) / "LawsAtOnce.mo"
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         flat = load_flat("LawsAtOnce", [*sources, path])
-    return {(law.kind, law.id): _flat_law(flat, _component_name(law), law) for law in laws}
+    found: dict[tuple[str, str], FlatModel] = {}
+    for law in laws:
+        part = component_of(flat, _component_name(law), law.interface.inputs)
+        own = FlatModel(law.id, part.variables, part.equations, part.initial_equations, functions=flat.functions)
+        found[law.kind, law.id] = own
+    return found
 
 
 def _component_name(law: Law) -> str:
     return f"{law.kind}_{law.id}"
 
 
-def _flat_law(flat: FlatModel, instance: str, law: Law) -> FlatModel:
-    prefix = instance + "."
-    given = {prefix + signal for signal in law.interface.inputs}
+def component_of(flat: FlatModel, instance: str, inputs: Sequence[str]) -> FlatModel:
+    """Return one component of a flat model with what it states itself, but for what its inputs are set to."""
+    prefix = f"{instance}."
+    given = [Name(prefix + name) for name in inputs]
 
     def inner(n: Name) -> Expression:
         return Name(n.name.removeprefix(prefix), n.subscripts)
 
-    return FlatModel(
-        law.id,
-        tuple(
-            replace(
-                v,
-                name=v.name.removeprefix(prefix),
-                attributes={k: map_names(t, inner) for k, t in v.attributes.items()},
-                binding=None if v.binding is None else map_names(v.binding, inner),
-            )
-            for v in flat.variables
-            if v.name.startswith(prefix)
-        ),
-        tuple(
-            replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
-            for e in flat.equations
-            if e.component == instance and not (isinstance(e.left, Name) and e.left.name in given)
-        ),
-        tuple(
-            replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
-            for e in flat.initial_equations
-            if e.component == instance
-        ),
-        functions=flat.functions,
-    )
+    unconnected = {v.name.rpartition(".")[0] for v in flat.variables if v.flow and v.name.count(".") == 2}
+
+    def own(equations: Sequence[FlatEquation]) -> tuple[FlatEquation, ...]:
+        return tuple(
+            replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner),
+                    component=e.component.removeprefix(prefix) if e.component != instance else "")
+            for e in equations
+            if (e.component == instance and e.left not in given)
+            or (e.component.startswith(prefix) and (e.origin != "flow" or e.component not in unconnected))
+        )  # fmt: skip
+
+    variables = tuple(
+        replace(v, name=v.name.removeprefix(prefix), binding=None if v.binding is None else map_names(v.binding, inner),
+                attributes={k: map_names(t, inner) for k, t in v.attributes.items()})
+        for v in flat.variables if v.name.startswith(prefix)
+    )  # fmt: skip
+    return replace(flat, name=instance, variables=variables, equations=own(flat.equations),
+                   initial_equations=own(flat.initial_equations))  # fmt: skip
 
 
 def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatModel:

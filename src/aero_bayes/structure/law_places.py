@@ -156,19 +156,7 @@ def _check(fitted: Sequence[LawParameter], nominals: Mapping[str, float]) -> Non
 
 @dataclass(frozen=True)
 class LawPlaces:
-    """A Modelica model, its ports, and the laws that may act there.
-
-    Parameters
-    ----------
-    base : str
-        Name of the Modelica class.
-    sources : tuple of Path
-        Files and package folders from which it is loaded. Laws in them are candidates, as the shipped ones are.
-    libraries : tuple of Path
-        Folders that hold packages which the model uses.
-    candidate_filter : CandidateFilter
-        The candidates that the user allows.
-    """
+    """A Modelica class, its ports, and the laws that may act there, those in its ``sources`` among them."""
 
     base: str
     sources: tuple[Path, ...] = ()

@@ -16,12 +16,12 @@ from aero_bayes.modelica.compose import TRUE_SUFFIX, add_output, attribute_value
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.modelica.flat import FlatModel
-from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_names, parse_reference
+from aero_bayes.modelica.syntax import Call, Name, Number, parse_reference
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
 from aero_bayes.structure.attach import OpenModel
 from aero_bayes.structure.balance import DIFFERENCE
-from aero_bayes.structure.compose import LawModels, with_probe
+from aero_bayes.structure.compose import LawModels, component_of, with_probe
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
 from aero_bayes.structure.model_family import CurveBasis
 from aero_bayes.structure.nominal_values import NEGLIGIBLE_TERM
@@ -63,39 +63,18 @@ def curve_variable(placed: PlacedLaw) -> str:
 
 def isolated_curve(flat: FlatModel, placed: PlacedLaw) -> tuple[PlacedLaw, LawModels]:
     """Take a curve out of a replaceable model, from a flat model in which it is the only law there."""
-    prefix = f"{component_path(placed, [placed])}."
-    kept = {
-        placed.law.curve_input,
-        placed.law.interface.output,
-        *placed.all_nominals,
-        *(p.name for p in placed.law.parameters),
-    }
-
-    def inner(n: Name) -> Expression:
-        return Name(n.name.removeprefix(prefix), n.subscripts)
-
+    part = component_of(flat, component_path(placed, [placed]), ())
+    x, y = placed.law.curve_input, placed.law.interface.output
+    kept = {x, y, *placed.all_nominals, *(p.name for p in placed.law.parameters)}
     variables = tuple(
-        replace(
-            v,
-            name=name,
-            causality="input" if name == placed.law.curve_input else "local",
-            binding=Number(0.0) if v.constant else None,
-        )
-        for v in flat.variables
-        if v.name.startswith(prefix) and (name := v.name.removeprefix(prefix)) in kept
+        replace(v, causality="input" if v.name == x else "local", binding=Number(0.0) if v.constant else None)
+        for v in part.variables
+        if v.name in kept
     )
-    equations = tuple(
-        replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner), component="")
-        for e in flat.equations
-        if isinstance(e.left, Name) and e.left.name == f"{prefix}{placed.law.interface.output}"
-    )
+    equations = tuple(e for e in part.equations if isinstance(e.left, Name) and e.left.name == y)
     part = FlatModel(placed.law.id, variables, equations, functions=flat.functions)
     units = {v.name: v.unit for v in variables}
-    port = replace(
-        placed.port,
-        unit=units[placed.law.interface.output],
-        units={placed.law.curve_input: units[placed.law.curve_input]},
-    )
+    port = replace(placed.port, unit=units[y], units={x: units[x]})
     return replace(placed, port=port), {(placed.law.kind, placed.law.id): part}
 
 

@@ -16,6 +16,7 @@ from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Expression, Name, map_names
 from aero_bayes.structure.balance import CombinationRule, ReplaceableModel
+from aero_bayes.structure.compose import component_of
 from aero_bayes.structure.law import Law
 from aero_bayes.structure.placed_law import identifier
 
@@ -113,35 +114,7 @@ def effect_models(
         path = Path(folder) / f"{title}.mo"
         path.write_text("\n".join([*lines, f"end {title};", ""]), encoding="utf-8")
         flat = load_flat(title, (*sources, path), libraries)
-    return {law.id: _part(flat, law.id, inputs[law.constraint]) for law in laws}
-
-
-def _part(flat: FlatModel, instance: str, inputs: Sequence[str]) -> FlatModel:
-    """Return one component of a flat model with what it states itself."""
-    prefix = f"{instance}."
-    given = [Name(prefix + name) for name in inputs]
-
-    def inner(n: Name) -> Expression:
-        return Name(n.name.removeprefix(prefix), n.subscripts)
-
-    unconnected = {v.name.rpartition(".")[0] for v in flat.variables if v.flow and v.name.count(".") == 2}
-
-    def own(equations: Sequence[FlatEquation]) -> tuple[FlatEquation, ...]:
-        return tuple(
-            replace(e, left=map_names(e.left, inner), right=map_names(e.right, inner),
-                    component=e.component.removeprefix(prefix) if e.component != instance else "")
-            for e in equations
-            if (e.component == instance and e.left not in given)
-            or (e.component.startswith(prefix) and (e.origin != "flow" or e.component not in unconnected))
-        )  # fmt: skip
-
-    variables = tuple(
-        replace(v, name=v.name.removeprefix(prefix), binding=None if v.binding is None else map_names(v.binding, inner),
-                attributes={k: map_names(t, inner) for k, t in v.attributes.items()})
-        for v in flat.variables if v.name.startswith(prefix)
-    )  # fmt: skip
-    return replace(flat, name=instance, variables=variables, equations=own(flat.equations),
-                   initial_equations=own(flat.initial_equations))  # fmt: skip
+    return {law.id: component_of(flat, law.id, inputs[law.constraint]) for law in laws}
 
 
 def effect_block(flat: FlatModel, join: CombinationRule) -> FlatModel:
