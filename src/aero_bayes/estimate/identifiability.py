@@ -15,6 +15,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names, table_html
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.step_parameters import StepParameter
+from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 
@@ -44,7 +45,7 @@ class Combination:
 
     text: str
     members: tuple[str, ...]
-    relative_sd: float
+    sd_relative: float
 
 
 @dataclass(frozen=True)
@@ -118,9 +119,7 @@ class Identifiability:
     def to_dict(self, held: Sequence[str] = ()) -> dict[str, object]:
         """Return the ``identifiability`` entry of result.json; ``held`` as in :meth:`sentences`."""
         return {
-            "combinations": [
-                {"text": c.text, "members": list(c.members), "sd_relative": c.relative_sd} for c in self.combinations
-            ],
+            "combinations": plain(self.combinations),
             "unidentified": [n for n, s in self.status.items() if s is Status.UNIDENTIFIED or n in held],
             "flat": [direction.sentence for direction in self.flat],
             "text": list(self.sentences(held)),

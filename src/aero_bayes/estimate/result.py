@@ -270,7 +270,7 @@ class Fit(OtherTools):
                     "log_likelihood": self.log_likelihood,
                     "log_posterior": self.log_posterior,
                     "bic": self.bic,
-                    "stages": [s.to_dict() for s in self.stages],
+                    "stages": self.stages,
                     "pso": self.swarm,
                     "modes": self.modes,
                     "values": self.trials,

@@ -8,7 +8,6 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -24,14 +23,12 @@ from aero_bayes.report import (
     experiment,
     finding,
     findings,
+    fit_figures,
     forest,
-    listed_values,
     loop_figures,
     loop_story,
     overview,
     posterior_figures,
-    profile_figures,
-    residual_figures,
     words,
 )
 from aero_bayes.report.drawing import WIDE_WIDTH, Plate
@@ -220,17 +217,6 @@ def sensor_table(run: RunDirectory) -> Markup | None:
 SCRIPTS = ("data", "panel", "drawing", "figure", "save", "start")
 
 
-@dataclass(frozen=True)
-class RecordingPlates:
-    """Everything drawn of one recording."""
-
-    name: str
-    role: str
-    folded: bool
-    curves: Plate | None
-    statistics: list[Plate]
-
-
 def write_run_page(directory: Path | str) -> Path:
     """Draw ``DIR/report.html`` from the run's ``result.json``, ``series.npz`` and ``posterior.nc``."""
     run = RunDirectory.read(directory)
@@ -316,9 +302,9 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "parameters": parameter_table({n: p for n, p in result.parameters.items() if n not in aside}),
         "aside": parameter_table(aside, "Values of single recordings, and fixed parameters"),
         "priors": prior_table(result.parameters),
-        "listed_values": listed_values.listed_values_table(run),
+        "listed_values": findings.listed_values_table(run),
         "statuses": status_words(result.parameters), "identifiability": result.identifiability,
-        "profiles": profile_figures.profile_plates(run),
+        "profiles": fit_figures.profile_plates(run),
         "combinations": [c for c in result.identifiability.combinations if c.text not in c.members],
         "recordings": [_recording(run, name, scene) for name in run.recordings()],
         "errors": findings.errors_table(result), "noise": findings.noise_model_table(run),
@@ -331,18 +317,16 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _recording(run: RunDirectory, name: str, scene: curves.Scene | None) -> RecordingPlates:
+def _recording(run: RunDirectory, name: str, scene: curves.Scene | None) -> dict[str, Any]:
     """Return the figures of a recording; those of a fitted one are folded where another one was not fitted."""
     above = scene.output if scene is not None and scene.recording == name else ""
     whole = scene is not None and scene.stretch == run.span(name)
     unseen = any(run.unseen(other) is not None for other in run.recordings())
-    return RecordingPlates(
-        name,
-        curves.role_of(run, name),
-        unseen and run.unseen(name) is None,
-        curves.recording_plate(run, name, without=above if whole else ""),
-        residual_figures.statistics(run, name),
-    )
+    return {
+        "name": name, "role": curves.role_of(run, name), "folded": unseen and run.unseen(name) is None,
+        "curves": curves.recording_plate(run, name, without=above if whole else ""),
+        "statistics": fit_figures.statistics(run, name),
+    }  # fmt: skip
 
 
 def _prediction(run: RunDirectory) -> dict[str, Any] | None:
