@@ -293,7 +293,7 @@ def test_directory_without_a_result_is_an_input_error(tmp_path: Path) -> None:
         ),
         ("result.json", b"\xff\xfe\x00", "not UTF-8"),
         ("series.npz", b"not an archive", r"series\.npz: not a readable archive"),
-        ("posterior.nc", b"not a posterior", r"posterior\.nc: not a readable posterior"),
+        ("posterior.nc", b"not a posterior", r"posterior\.nc: is no posterior"),
     ],
 )
 def test_damaged_files_are_input_errors_in_one_line(name: str, content: bytes, message: str, tmp_path: Path) -> None:

@@ -261,7 +261,7 @@ def _after_experiment(path: Path, parameters: ParameterSet, own: Sequence[str]) 
     from aero_bayes.posterior.inferencedata import draws_in
 
     try:
-        return with_joint_prior(parameters, {name: d for name, d in draws_in(path).items() if name not in own})
+        return with_joint_prior(parameters, {name: d.ravel() for name, d in draws_in(path).items() if name not in own})
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

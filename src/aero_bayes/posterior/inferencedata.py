@@ -254,12 +254,15 @@ def save(posterior: PosteriorDraws, path: Path) -> Path:
 
 
 def draws_in(path: Path) -> dict[str, FloatArray]:
-    """Return the draws of each parameter in a file, all chains after each other; InputError if it has none."""
+    """Return the draws of each parameter in a file, shape (chains, draws); InputError if it has none."""
+    import xarray  # a second of imports that only a posterior needs
+
     try:
-        posterior = load(path)["posterior"]
+        with xarray.open_dataset(path, group="posterior") as group:
+            found = {str(name): values for name, values in group.items() if {*values.dims} == {"chain", "draw"}}
+            return {name: np.asarray(values.transpose("chain", "draw"), np.float64) for name, values in found.items()}
     except (OSError, KeyError, ValueError):
         raise InputError("is no posterior as aero-bayes or ArviZ writes it (netCDF with a group posterior)") from None
-    return {str(n): np.asarray(posterior[n], float).ravel() for n in posterior.data_vars if posterior[n].ndim == 2}
 
 
 def load(path: Path) -> Any:

@@ -20,7 +20,6 @@ from aero_bayes.report.schema_run import SCHEMA, RunJson
 
 if TYPE_CHECKING:
     import pandas
-    import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -228,31 +227,16 @@ def _read_series(path: Path) -> dict[str, FloatArray]:
         with np.load(path, allow_pickle=False) as archive:
             return {key: np.asarray(archive[key], dtype=np.float64) for key in archive.files}
     except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable archive of series ({_first_line(error)})") from None
+        why = next(iter(str(error).splitlines()), type(error).__name__)
+        raise InputError(f"{path}: not a readable archive of series ({why})") from None
 
 
 def _read_posterior(path: Path) -> dict[str, FloatArray]:
     if not path.is_file():
         return {}
+    from aero_bayes.posterior.inferencedata import draws_in
+
     try:
-        import xarray  # a second of imports that only a page with a posterior needs
-
-        with xarray.open_dataset(path, group="posterior") as group:
-            return {str(name): _flat for name, values in group.items() for name, _flat in _columns(str(name), values)}
-    except (ValueError, OSError, KeyError) as error:
-        raise InputError(f"{path}: not a readable posterior ({_first_line(error)})") from None
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
-
-
-def _columns(name: str, values: xarray.DataArray) -> list[tuple[str, FloatArray]]:
-    """Return a variable as matrices (ensembles, draws): one for a scalar, one an element for a vector."""
-    if not {"chain", "draw"} <= set(values.dims):
-        return []
-    draws = np.asarray(values.transpose("chain", "draw", ...).values, dtype=np.float64)
-    if draws.ndim == 2:
-        return [(name, draws)]
-    flat = draws.reshape(*draws.shape[:2], -1)
-    return [(f"{name}[{index}]", flat[:, :, index]) for index in range(flat.shape[2])]
+        return draws_in(path)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
