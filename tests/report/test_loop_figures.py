@@ -8,7 +8,7 @@ import pytest
 
 from aero_bayes.report.loop_figures import rounds_table
 from aero_bayes.report.loop_story import changed_equations
-from aero_bayes.report.schema_loop import CandidateJson, LoopJson, StepJson
+from aero_bayes.report.schema_run import CandidateJson, LoopJson, StepJson
 
 pytestmark = pytest.mark.fast
 

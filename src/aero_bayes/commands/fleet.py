@@ -36,8 +36,7 @@ from aero_bayes.files import write_whole
 from aero_bayes.report.fleet_page import write_fleet_page
 from aero_bayes.report.results import versions, write_json
 from aero_bayes.report.schema_estimate import ParameterJson
-from aero_bayes.report.schema_loop import EffectJson, LoopJson
-from aero_bayes.report.schema_run import FleetJson, RunJson
+from aero_bayes.report.schema_run import EffectJson, FleetJson, LoopJson, RunJson
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model

@@ -6,8 +6,7 @@ from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson
-from aero_bayes.report.schema_loop import RecordingErrorJson
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.schema_run import RecordingErrorJson, RunJson
 from aero_bayes.report.tables import Column, bar, html_table, ratio_glyph, status_pill
 from aero_bayes.report.text import (
     NO_VALUE,

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from aero_bayes.report.curves import largest
 from aero_bayes.report.drawing import Band, Line, Panel, Plate, plate
-from aero_bayes.report.schema_loop import CandidateJson, EffectJson, LoopJson, StepJson
+from aero_bayes.report.schema_run import CandidateJson, EffectJson, LoopJson, StepJson
 from aero_bayes.report.svg import ACCENT
 from aero_bayes.report.tables import bar, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit

@@ -7,7 +7,7 @@ from difflib import SequenceMatcher
 
 from markupsafe import Markup, escape
 
-from aero_bayes.report.schema_loop import LoopJson
+from aero_bayes.report.schema_run import LoopJson
 
 #: What begins a part of a class that holds no equations; the text of a documentation is none either.
 NO_EQUATIONS = ("end ", "public", "protected", "algorithm", "annotation")

@@ -34,8 +34,7 @@ from aero_bayes.report import (
 from aero_bayes.report.drawing import WIDE_WIDTH, Plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import ComponentJson, DiagramJson, ShapeJson
-from aero_bayes.report.schema_loop import LoopJson
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.schema_run import LoopJson, RunJson
 from aero_bayes.report.svg import ACCENT, INK, MUTED, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, generic_cell, html_table, parameter_table, prior_table, status_words
 from aero_bayes.report.text import greek_name, named_effect, pretty_unit, sentence, significant, symbol, tidy

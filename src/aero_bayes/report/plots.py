@@ -33,8 +33,7 @@ from aero_bayes.report.drawing import Band, Dots, Line, Panel
 from aero_bayes.report.loop_figures import fall, fall_text, rounds, short_label
 from aero_bayes.report.results import recording_row
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_loop import LoopJson
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.schema_run import LoopJson, RunJson
 from aero_bayes.report.series import band_series, fitted_series, loop_series, measured_series, only_measured
 from aero_bayes.report.thinning import band_envelope, column_means
 from aero_bayes.simulation.model import Model
