@@ -6,8 +6,7 @@ import re
 
 import pytest
 
-from aero_bayes.report.loop_figures import rounds_table
-from aero_bayes.report.loop_story import changed_equations
+from aero_bayes.report.loop_figures import changed_equations, rounds_table
 from aero_bayes.report.schema_run import CandidateJson, LoopJson, StepJson
 
 pytestmark = pytest.mark.fast

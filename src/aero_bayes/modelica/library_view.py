@@ -12,8 +12,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from aero_bayes.build_cache import user_cache
-from aero_bayes.files import write_whole
+from aero_bayes.files import user_cache, write_whole
 from aero_bayes.modelica.tokens import tokenize, without_comments
 
 _STANDARD = {"Modelica", "ModelicaServices", "Complex"}

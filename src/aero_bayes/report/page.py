@@ -26,7 +26,6 @@ from aero_bayes.report import (
     fit_figures,
     forest,
     loop_figures,
-    loop_story,
     overview,
     posterior_figures,
     words,
@@ -351,5 +350,5 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "story": loop.story,
         "rounds": loop_figures.rounds_table(loop, run.result.effect_words()),
         "separate": loop.separate,
-        "diff": loop_story.diff_lines(loop),
+        "diff": loop_figures.diff_lines(loop),
     }

@@ -11,11 +11,19 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.batches import Batches
 from aero_bayes.simulation.cosimulation_runs import WORDS, CosimulationEngine, linear_signals
-from aero_bayes.simulation.interface import DelayTarget, Engine, Outcome, Problem, Simulator, StartTarget, Trajectories
+from aero_bayes.simulation.interface import (
+    ClosedAtExit,
+    DelayTarget,
+    Engine,
+    Outcome,
+    Problem,
+    Simulator,
+    StartTarget,
+    Trajectories,
+)
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.problem_checks import (
     ReducedTrajectories,

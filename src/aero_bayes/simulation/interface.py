@@ -376,3 +376,17 @@ def reading_updates(
         covariance = covariance - np.outer(gain, gain) * variance
         found.append((h, gain, float(measured[k, o] - filtered.predicted[k, o]), variance))
     return found
+
+
+class ClosedAtExit:
+    """A context manager that closes itself."""
+
+    def close(self) -> None:
+        """Give back what is held."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
