@@ -30,7 +30,7 @@ SPEED = {
     "max_relative_error": ("largest error of an output, over its range", "≤ 1e-6"),
 }
 #: Rigs that README shows, and the marks between which its table stands.
-SHOWN = ("servo", "silverbox", "whiffle", "tank2006", "battery")
+SHOWN = ("aero_pulse", "battery", "coastdown", "silverbox", "tank2006", "whiffle")
 MARKS = ("<!-- results -->\n", "<!-- end of results -->\n")
 
 

@@ -27,7 +27,7 @@ def test_the_readme_keeps_its_table_until_there_is_a_new_one() -> None:
     text = f"above\n{MARKS[0]}old\n{MARKS[1]}below\n"
     assert readme(text, None) == text
     row = {
-        "key": "servo",
+        "key": "battery",
         "effects": [],
         "equivalent": [],
         "before": {"test": {"angle": 0.2}},
@@ -35,7 +35,7 @@ def test_the_readme_keeps_its_table_until_there_is_a_new_one() -> None:
     }
     new = readme(text, real_rigs.summary([row]))
     assert new.startswith(f"above\n{MARKS[0]}| rig ")
-    assert "| servo | nothing | 0.2 → 0.1 |" in new
+    assert "| battery | nothing | 0.2 → 0.1 |" in new
     assert new.endswith(f"{MARKS[1]}below\n")
     assert "old" not in new
 
