@@ -130,7 +130,8 @@ def run_options(command: Command) -> Command:
 
 def _taken(kind: type[Options], given: dict[str, Any]) -> Options:
     """Return options as one, and take them out of what a command was given."""
-    return kind(**{field.name: given.pop(field.name) for field in fields(kind) if field.name in given})
+    found: Options = kind(**{field.name: given.pop(field.name) for field in fields(kind) if field.name in given})
+    return found
 
 
 def _with_state_of_folder(command: Command) -> Command:

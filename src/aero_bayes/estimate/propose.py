@@ -218,8 +218,8 @@ def _best_design(
     slope = predictor.shared.jacobian(predictor.values)
     rows = np.stack([predictor.values, before * slope, after * slope, repeated * slope], axis=1).tolist()
     expected = tuple(
-        ExpectedParameter(item.name, item.unit, *row, j in aimed)
-        for j, (item, row) in enumerate(zip(predictor.shared, rows, strict=True))
+        ExpectedParameter(item.name, item.unit, value, now, later, again, j in aimed)
+        for j, (item, (value, now, later, again)) in enumerate(zip(predictor.shared, rows, strict=True))
     )
     return Design(
         predictor.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
