@@ -93,6 +93,7 @@ def decide(table: Table, required: Iterable[str] = ()) -> Decision:
     others = [tuple(sorted({*model, o} - {t})) for t, c in claims.items() for o, _ in c.alternatives]
     parts = [table.without(model, t) for t in claims]
     compared |= dict.fromkeys((model, *parts, *others))
+    refused += passed_over
     return Decision(model, claims, tuple(refused), tuple(compared), tuple(unseen))
 
 

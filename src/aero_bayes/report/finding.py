@@ -108,7 +108,7 @@ def rivals_table(effect: EffectJson) -> Markup | None:
         for other in effect.alternatives if other.id != effect.id
     ]  # fmt: skip
     caption = f"{'Other forms of' if effect.claim == 'law' else 'Not told from'} {effect.id}"
-    return html_table(("in its place", Column("left-out error", "right")), rows, caption) if rows else None
+    return html_table(("effect", Column("left-out error", "right")), rows, caption) if rows else None
 
 
 def _more(ratio: float | None) -> str:

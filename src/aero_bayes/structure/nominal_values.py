@@ -155,10 +155,7 @@ def port_nominals(
     range of each signal, ``v_low`` and ``v_high`` for ``v``, and the share of it that is visited twice, ``v_twice``."""
     ports = [p for p in ports if p.replaceable is None]
     structure, data = alias_structure(flat), calibration.data
-    opened, probes = flat, {p.id: f"pushed_{k}" for k, p in enumerate(ports) if p.balance is not None}
-    for port in ports:
-        opened = with_probe(opened, port, probes[port.id], -1.0) if port.id in probes else opened
-    outputs = _AddedOutputs(opened)
+    outputs = _AddedOutputs(flat)
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
     levels = {p.id: signal_expression(p.signals["h"]) for p in ports if p.kind == "storage"}
@@ -169,10 +166,10 @@ def port_nominals(
         acting[port.id] = [outputs.of(term) for term in _terms(flat, port)]
     warm = {p.id for p in ports if p.kind == "storage" and p.units.get("h") in KELVIN and "h_s" not in p.signals}
     with tempfile.TemporaryDirectory() as folder:
-        own = outputs.exported(calibration, Path(folder) / "watched.fmu")
+        own, probes = outputs.exported(calibration, ports, Path(folder) / "watched.fmu")
         found, rest = outputs.run(own, fit, open_simulator, undriven=bool(warm))
-        sizes = {id_: max((_size(found, n) for n in acting[id_]), default=0.0) for id_ in probes}
-        larger = _shortfall(own, {probes[id_]: size for id_, size in sizes.items()}, fit, open_simulator)
+        sizes = {name: max((_size(found, n) for n in acting[id_]), default=0.0) for id_, name in probes.items()}
+        larger = _shortfall(own, sizes, fit, open_simulator)
     found = {
         name: _recorded_over(structure, data, e, found[name]) for e, name in outputs.names.items() if name in found
     }
@@ -290,13 +287,22 @@ class _AddedOutputs:
             self.names[expression] = f"watched_{len(self.names)}"
         return self.names[expression]
 
-    def exported(self, calibration: Calibration, path: Path) -> Calibration:
-        """Return the calibration on the model that has them; expressions that cannot be exported are left out."""
+    def exported(
+        self, calibration: Calibration, ports: Sequence[Port], path: Path
+    ) -> tuple[Calibration, dict[str, str]]:
+        """Return the calibration on the model that has them, and inputs that add to the balances of ports, by their id.
+
+        Expressions, and inputs, with which the model cannot be exported are left out."""
+        probes = {p.id: f"pushed_{k}" for k, p in enumerate(ports) if p.balance is not None}
         try:
-            model = self._export(self.names, path)
+            model = self._export(self.names, path, [(p, probes[p.id]) for p in ports if p.id in probes])
         except InputError:
-            model = self._export([e for e in self.names if self._can_be_exported(e, path)], path)
-        return replace(calibration, simulated=replace(calibration.simulated, model=model))
+            probes = {}
+            try:
+                model = self._export(self.names, path)
+            except InputError:
+                model = self._export([e for e in self.names if self._can_be_exported(e, path)], path)
+        return replace(calibration, simulated=replace(calibration.simulated, model=model)), probes
 
     def run(
         self, own: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, undriven: bool
@@ -317,8 +323,10 @@ class _AddedOutputs:
                 rest = simulated_signals(_undriven(own), names, fit, open_simulator)
         return found, rest
 
-    def _export(self, expressions: Iterable[Expression], path: Path) -> Model:
+    def _export(self, expressions: Iterable[Expression], path: Path, probes: Sequence[tuple[Port, str]] = ()) -> Model:
         flat = self.flat
+        for port, name in probes:
+            flat = with_probe(flat, port, name, -1.0)
         for expression in expressions:
             flat = add_output(flat, self.names[expression], Call("+", (expression, NEGLIGIBLE_TERM)))
         return Model.load(export_flat(flat, path))
