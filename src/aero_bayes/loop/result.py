@@ -22,7 +22,7 @@ from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import FoundEffect, Limit
@@ -150,7 +150,7 @@ LoopOutcome = Literal["adequate", "extended", "unexplained"]
 
 
 @dataclass(frozen=True, eq=False)
-class LoopResult(FittedLoop):
+class LoopResult(FittedLoop, HasPage):
     """The outcome of a closed loop.
 
     Parameters
