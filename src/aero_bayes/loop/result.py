@@ -179,7 +179,6 @@ class LoopResult(FittedLoop, HasPage):
         One for each term that was chosen, and one for what was tried beside them.
     shifts : tuple of Shift
         How far parameters moved when the effects came in.
-        Of the model that came out; ``added`` are the new ones as they were searched.
     identifiability : Identifiability
         What the data say of each of them.
     noise : mapping of str to OutputNoise
@@ -193,6 +192,7 @@ class LoopResult(FittedLoop, HasPage):
     seconds : mapping of str to float
         By phase.
     added : tuple of Parameter
+        New parameters, as they were searched.
     diagnosis : Diagnosis
         Of the model as it stood: no effect is looked for in what another cause explains.
     words : mapping of str to str
