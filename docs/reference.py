@@ -23,7 +23,6 @@ from pydantic.fields import FieldInfo
 from aero_bayes import cli, declared
 from aero_bayes.commands.fleet_rigs import FleetFile
 from aero_bayes.config import Config
-from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.report.schema_run import FleetJson, RunJson
 from aero_bayes.structure.law import shipped_laws
 from aero_bayes.structure.law_places import LawPlaces
@@ -320,7 +319,7 @@ def laws() -> str:
 
 def effects() -> str:
     """Return the AERO's effects and the curves that are learned there."""
-    places = LawPlaces(DEFAULT_MODEL)
+    places = LawPlaces("Aero.Systems.OneDof")
     rows = [
         (
             f"`{c.id}`",

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
-from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.files import CHECKPOINT, RESULT
 
@@ -113,7 +112,7 @@ def main() -> None:
 def run_options(command: Command) -> Command:
     """Return the options that every command which simulates a model shares."""
     for option in (
-        click.option("--model", help=f"Modelica class or FMU file.  [default: {DEFAULT_MODEL}]"),
+        click.option("--model", help="Modelica class or FMU file, where no configuration names one."),
         click.option("--config", type=FILE, help="TOML file with the configuration."),
         click.option(
             "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result."
@@ -160,7 +159,7 @@ def _with_state_of_folder(command: Command) -> Command:
 
 @main.command("fmu")
 @click.option("--compiler", type=click.Choice(["auto", "omc", "embedded"]), default="auto", show_default=True)
-@click.option("--model", default=DEFAULT_MODEL, show_default=True, help="Modelica class.")
+@click.option("--model", required=True, help="Modelica class.")
 @click.option("--source", "sources", type=FILE, multiple=True, help="Further .mo files to load.")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
 @click.option(
@@ -286,7 +285,7 @@ def init_command(source: Path, data: Path, model: str | None, libraries: tuple[P
 
 
 @main.command("ports")
-@click.option("--model", help=f"Modelica class.  [default: {DEFAULT_MODEL}]")
+@click.option("--model", help="Modelica class or FMU file, where no configuration names one.")
 @click.option("--config", type=FILE, help="TOML file with the sources, and for --data columns and free parameters.")
 @click.option("--data", type=FILE, multiple=True, help="Recording; shows which ports are visible in it.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -318,12 +317,13 @@ def compare_command(directories: tuple[Path, ...], out: Path) -> None:
 
 @main.command("check")
 @click.argument("recordings", type=FILE, nargs=-1, required=True)
-@click.option("--config", type=FILE, help="TOML file with the mapping of columns.")
-def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
+@click.option("--model", help="Modelica class or FMU file, where no configuration names one.")
+@click.option("--config", type=FILE, help="TOML file with the model and the mapping of columns.")
+def check_command(recordings: tuple[Path, ...], model: str | None, config: Path | None) -> None:
     """Read, check and summarise recordings."""
     from aero_bayes.commands.commands import run_check
 
-    run_check(recordings, config)
+    run_check(recordings, config, model)
 
 
 @main.command("fleet")

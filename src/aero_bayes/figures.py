@@ -1,15 +1,44 @@
-"""Figures of results: how a result finds what draws it, and what every figure takes."""
+"""Figures and pages of results: how a result finds what draws it, and what every figure takes."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
+
+from aero_bayes.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+class HasPage:
+    """A result that has a page."""
+
+    def to_html(self, path: Path | str) -> Path:
+        """Write the page: a single file that loads nothing from elsewhere.
+
+        Parameters
+        ----------
+        path : path
+            Its folder is made where it is not there.
+
+        Returns
+        -------
+        Path
+
+        Examples
+        --------
+        >>> fit.to_html("fit.html").name
+        'fit.html'
+        """
+        page: str = import_module("aero_bayes.library").page_of(self)
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return write_whole(path, page)
 
 
 def drawn(name: str, *what: Any, figure: Figure | Axes | None, dark: bool) -> Figure:

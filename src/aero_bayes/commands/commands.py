@@ -23,7 +23,6 @@ from aero_bayes.commands.job import (
     Job,
     RunOptions,
     built_model,
-    check_default,
     layout_of,
     open_job,
     recordings_of,
@@ -157,15 +156,13 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         return _finish(final, "all", began, parts, series, found, _calibrated(final, found))
 
 
-def run_check(files: Sequence[Path], config_path: Path | None) -> None:
+def run_check(files: Sequence[Path], config_path: Path | None, model_name: str | None = None) -> None:
     """Run ``aero-bayes check``: summarise every recording; all are read before the first is printed."""
     config = load_config(config_path)
-    name, fmu = which_model(config, RunOptions(Path()))
+    name, fmu = which_model(config, RunOptions(Path(), model_name, config_path))
     declared = declaration_of(name, config.model.sources)
     model = None if declared.systems else built_model(config, name, fmu)
     layout = layout_of(config, model.declared if model is not None else declared, model)
-    if config_path is None:
-        check_default(files, layout)
     recordings = recordings_of(config, files, layout)
     tell_notes(recordings)
     if model is not None:

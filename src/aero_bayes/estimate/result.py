@@ -38,7 +38,7 @@ from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.stage_report import StageReport, band_factors, laplace_estimates
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
 from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import Outcome, Simulator, SmoothedStates
 
@@ -50,7 +50,7 @@ Json = dict[str, object]
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(OtherTools):
+class Fit(OtherTools, HasPage):
     """A fitted calibration.
 
     Parameters

@@ -22,7 +22,7 @@ from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import FoundEffect, Limit
@@ -150,7 +150,7 @@ LoopOutcome = Literal["adequate", "extended", "unexplained"]
 
 
 @dataclass(frozen=True, eq=False)
-class LoopResult(FittedLoop):
+class LoopResult(FittedLoop, HasPage):
     """The outcome of a closed loop.
 
     Parameters
@@ -179,7 +179,6 @@ class LoopResult(FittedLoop):
         One for each term that was chosen, and one for what was tried beside them.
     shifts : tuple of Shift
         How far parameters moved when the effects came in.
-        Of the model that came out; ``added`` are the new ones as they were searched.
     identifiability : Identifiability
         What the data say of each of them.
     noise : mapping of str to OutputNoise
@@ -193,6 +192,7 @@ class LoopResult(FittedLoop):
     seconds : mapping of str to float
         By phase.
     added : tuple of Parameter
+        New parameters, as they were searched.
     diagnosis : Diagnosis
         Of the model as it stood: no effect is looked for in what another cause explains.
     words : mapping of str to str

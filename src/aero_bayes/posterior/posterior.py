@@ -13,7 +13,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.identifiability import estimates_html
 from aero_bayes.estimate.other_tools import chosen_estimates, noise_table, process_noise_table
 from aero_bayes.estimate.prediction import FittedPredictor, FittedResult
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
 from aero_bayes.plain import picked, plain
 from aero_bayes.posterior.inferencedata import PosteriorDraws, save, to_inference_data
 from aero_bayes.posterior.modes import ModeDraws
@@ -27,7 +27,7 @@ Json = dict[str, object]
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior(PosteriorDraws, FittedResult):
+class Posterior(PosteriorDraws, FittedResult, HasPage):
     """Draws from the posterior of a fit.
 
     Parameters
@@ -113,14 +113,13 @@ class Posterior(PosteriorDraws, FittedResult):
         """Write ArviZ InferenceData (netCDF) to ``path``, whole or not at all."""
         return save(self, Path(path))
 
-    @property
-    def idata(self) -> Any:
-        """The draws as ArviZ takes them: InferenceData, from ArviZ 1.0 on a DataTree.
+    def to_arviz(self) -> Any:
+        """Return the draws as ArviZ takes them: InferenceData, from ArviZ 1.0 on a DataTree.
 
         Examples
         --------
         >>> import arviz
-        >>> arviz.summary(posterior.idata, var_names=["k", "d"]).index.to_list()
+        >>> arviz.summary(posterior.to_arviz(), var_names=["k", "d"]).index.to_list()
         ['k', 'd']
         """
         return to_inference_data(self)

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
 from aero_bayes.report.schema_run import SCHEMA, RunJson
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class RunDirectory:
+class RunDirectory(HasPage):
     """Files of a finished run: its result, curves and draws.
 
     Parameters
@@ -71,9 +71,8 @@ class RunDirectory:
         path = Path(directory)
         return cls(path, _read_result(path), _read_series(path / "series.npz"), _read_posterior(path / "posterior.nc"))
 
-    @property
-    def idata(self) -> Any:
-        """The draws as ArviZ opens them from ``posterior.nc``: InferenceData, from ArviZ 1.0 on a DataTree.
+    def to_arviz(self) -> Any:
+        """Return the draws as ArviZ opens them from ``posterior.nc``: InferenceData, from ArviZ 1.0 on a DataTree.
 
         Raises
         ------
@@ -82,7 +81,7 @@ class RunDirectory:
 
         Examples
         --------
-        >>> run.idata  # of a close-loop
+        >>> run.to_arviz()  # of a close-loop
         Traceback (most recent call last):
         aero_bayes.errors.InputError: ...: the run has no posterior.nc; aero-bayes posterior writes one
         """

@@ -44,8 +44,9 @@ int read_values(Run *r, double t, const double *x, double *y, int64_t stride)
             continue;
         }
         int whole = 0;
-        const fmi_get_integer get = e->output_kind[o] == 1 ? f->get_integer : f->get_boolean;
-        if (!get || is_error(status = get(f->instance, &e->output_reference[o], 1, &whole))) return FMI_ERROR;
+        int (*get)(fmi_component, const fmi_reference *, size_t, int *) =
+            e->output_kind[o] == 1 ? f->get_integer : f->get_boolean;
+        if (!get || is_error(get(f->instance, &e->output_reference[o], 1, &whole))) return FMI_ERROR;
         y[o * stride] = whole;
     }
     return FMI_OK;
@@ -92,12 +93,12 @@ static int read_sensitivities(Run *r, double t, const double *s, double *to, int
 /* Both at a fraction of the step. */
 static int read_outputs(Run *r, double t, double fraction, double *y, int64_t y_stride, double *s, int64_t s_stride)
 {
-    const int n = r->n, degree = method->dense;
+    const int n = r->n;
     const int64_t size = (int64_t)n * r->ld;
-    for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, degree, &fraction, 1, r->u + i);
+    for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, &fraction, 1, r->u + i);
     const int status = read_values(r, t, r->u, y, y_stride);
     if (is_error(status) || !r->q) return status;
-    kernels->dense_rows(r->su, r->sdense, size, degree, &fraction, 1, size, size);
+    kernels->dense_rows(r->su, r->sdense, size, &fraction, 1, size, size);
     return read_sensitivities(r, t, r->su, s, s_stride);
 }
 

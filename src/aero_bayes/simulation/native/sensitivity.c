@@ -256,7 +256,6 @@ static void combine_nodes(Run *r, double *out, const double *w, int64_t size)
 static void continuous_extension(Run *r, int all)
 {
     const int64_t ld = r->ld, size = (int64_t)r->n * ld;
-    const Method *m = method;
     double *c = r->sdense;
     for (int i = 0; i < r->n; i++) {
         int wanted = all || r->e->n_other > 0;
@@ -265,7 +264,7 @@ static void continuous_extension(Run *r, int all)
         double *row = c + i * ld;
         memset(row, 0, sizeof *row * (size_t)ld);
         for (int d = 0; d < 3; d++)
-            kernels->combine(row + (2 + d) * size, row, m->H[d], m->stages, r->sv + i * ld, size, ld);
+            kernels->combine(row + (2 + d) * size, row, rodas5p.H[d], STAGES, r->sv + i * ld, size, ld);
         const double *s = r->s + i * ld, *s1 = r->s1 + i * ld;
         for (int64_t j = 0; j < ld; j++) {
             const double k1 = row[2 * size + j], k2 = row[3 * size + j], k3 = row[4 * size + j];
@@ -283,14 +282,13 @@ static void continuous_extension(Run *r, int all)
  * failure. */
 double sensitivity_step(Run *r, double h, double root)
 {
-    const Method *m = method;
     const int n = r->n, ld = r->ld;
     const int64_t size = (int64_t)n * ld, alive = (r->acting + 3) / 4 * 4;
     static const double first[4] = {1.0, 0.0, 0.0, 0.0}, last[4] = {0.0, 0.0, 0.0, 1.0};
     r->status = FMI_OK;
     if (!r->acting) return 0.0;
     for (int k = 1; k < 3; k++) {
-        for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, m->dense, &node[k], 1, r->u + i);
+        for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, &node[k], 1, r->u + i);
         r->status = set_point(r, r->t + node[k] * h, r->u);
         if (is_error(r->status)) return NAN;
         r->status = sensitivity_node(r, k, r->t + node[k] * h, r->u, NULL);
@@ -303,36 +301,36 @@ double sensitivity_step(Run *r, double h, double root)
     interpolate_jacobian(r, entries, slope_at_0);
     kernels->multiply(r->g_dot, &r->a_now, r->s, alive, ld);
     const double *u = r->s;
-    for (int stage = 0; stage < m->stages; stage++) {
+    for (int stage = 0; stage < STAGES; stage++) {
         double *v = r->sv + stage * size;
         const double *b = r->b_now;
         if (stage == 0) {
             interpolate_jacobian(r, entries, first);
             b = r->b_node;
-        } else if (m->alpha[stage] == 1.0) {
-            if (m->alpha[stage - 1] != 1.0) interpolate_jacobian(r, entries, last);
+        } else if (rodas5p.alpha[stage] == 1.0) {
+            if (rodas5p.alpha[stage - 1] != 1.0) interpolate_jacobian(r, entries, last);
             b = r->b_node + 3 * size;
         } else {
-            cubic_weights(m->alpha[stage], w);
+            cubic_weights(rodas5p.alpha[stage], w);
             interpolate_jacobian(r, entries, w);
             combine_nodes(r, r->b_now, w, size);
         }
         if (stage) {
-            kernels->combine(r->su, r->s, m->a[stage], stage, r->sv, size, size);
+            kernels->combine(r->su, r->s, rodas5p.a[stage], stage, r->sv, size, size);
             u = r->su;
         }
-        for (int j = 0; j < stage; j++) w[j] = m->c[stage][j] / h;
+        for (int j = 0; j < stage; j++) w[j] = rodas5p.c[stage][j] / h;
         kernels->combine(v, b, w, stage, r->sv, size, size);
         kernels->multiply(v, &r->a_now, u, alive, ld);
-        if (m->d[stage] != 0.0) kernels->combine(v, v, &m->d[stage], 1, r->g_dot, 0, size);
+        if (rodas5p.d[stage] != 0.0) kernels->combine(v, v, &rodas5p.d[stage], 1, r->g_dot, 0, size);
         kernels->solve(&r->factors, r->pivot, v, alive, ld);
     }
-    const double *end = r->sv + (m->stages - 1) * size;
+    const double *end = r->sv + (STAGES - 1) * size;
     for (int64_t i = 0; i < size; i++) r->s1[i] = r->su[i] + end[i];
     const double error = sensitivity_error(r, end);
     if (!(error <= 1.0)) return error;
     continuous_extension(r, root < 1.0);
     for (int64_t i = 0; i < size && root < 1.0; i++)
-        kernels->horner(r->sdense + i, (int)size, m->dense, &root, 1, r->s1 + i);
+        kernels->horner(r->sdense + i, (int)size, &root, 1, r->s1 + i);
     return error;
 }

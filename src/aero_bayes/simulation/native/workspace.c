@@ -1,23 +1,10 @@
 /* The buffers of a run: one block of memory for each experiment of a problem, kept from run to run. */
 #include "engine.h"
 
-/* Hands out parts of one block, each on a 64-byte line; the first pass (base NULL) only measures. */
-typedef struct {
-    char *base;
-    size_t used;
-} Block;
+#define REALS(count) take(a, (size_t)(count), sizeof(double))
+#define PART(type, count) take(a, (size_t)(count), sizeof(type))
 
-static void *part(Block *p, size_t count, size_t size)
-{
-    const size_t at = p->used;
-    p->used += (count * size + 127) / 64 * 64;
-    return p->base ? p->base + at : NULL;
-}
-
-#define REALS(count) part(p, (size_t)(count), sizeof(double))
-#define PART(type, count) part(p, (size_t)(count), sizeof(type))
-
-static void lay_out(Run *r, Block *p)
+static void lay_out(Run *r, Arena *a)
 {
     const Problem *problem = r->problem;
     const Experiment *e = r->e;
@@ -81,20 +68,20 @@ Run *run_open(Problem *problem, Experiment *e, int q, const int64_t *active)
     r->rtol = problem->rtol;
     r->atol = problem->atol;
     int64_t *columns = malloc(sizeof *columns * (size_t)(q + 1));
-    Block block = {NULL, 0};
-    lay_out(r, &block);
+    Arena arena = {NULL, 0};
+    lay_out(r, &arena);
     void *memory = NULL;
-    if (!columns || posix_memalign(&memory, 64, block.used + 64)) {
+    if (!columns || posix_memalign(&memory, 64, arena.used + 64)) {
         free(columns);
         free(r);
         return NULL;
     }
-    memset(memory, 0, block.used + 64);
+    memset(memory, 0, arena.used + 64);
     if (q) memcpy(columns, active, sizeof *columns * (size_t)q);
     r->active = columns;
     r->memory = memory;
-    block = (Block){memory, 0};
-    lay_out(r, &block);
+    arena = (Arena){memory, 0};
+    lay_out(r, &arena);
     for (int64_t o = 0; o < e->m; o++)
         if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[r->n_other++] = e->output_reference[o];
     return r;
