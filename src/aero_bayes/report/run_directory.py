@@ -87,7 +87,7 @@ class RunDirectory:
         Traceback (most recent call last):
         aero_bayes.errors.InputError: ...: the run has no posterior.nc; aero-bayes posterior writes one
         """
-        from aero_bayes.posterior.inferencedata import load
+        from aero_bayes.posterior.posterior import load
 
         path = self.path / "posterior.nc"
         if not path.is_file():
