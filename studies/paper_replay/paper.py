@@ -13,7 +13,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.commands import versions, write_result, write_series
 from aero_bayes.data import Recording
 from aero_bayes.estimate.fit import declared_overrides, fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
@@ -21,8 +20,10 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
-from aero_bayes.report import SCHEMA, Line, Panel
+from aero_bayes.report.drawing import Line, Panel
 from aero_bayes.report.plots import draw_panels
+from aero_bayes.report.results import versions, write_result, write_series
+from aero_bayes.report.schema_run import SCHEMA
 from aero_bayes.report.svg import MEASURED, SERIES
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome

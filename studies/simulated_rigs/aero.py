@@ -18,7 +18,7 @@ from numpy.random import Generator
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, write_csv
 from aero_bayes.errors import InputError
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from simulated_rigs.assembly import Assembly
 from simulated_rigs.designs import InputDesign, equal_steps, random_levels
 from simulated_rigs.kinds.aero import AERO, Parameters
@@ -319,8 +319,7 @@ class SimulatedSet:
             "truth": self.truth.to_dict(),
             "noise": self.sensors.label,
         }
-        with whole_file(root / "simulated.json") as temporary:
-            temporary.write_text(json.dumps(label, indent=1) + "\n", encoding="utf-8")
+        write_whole(root / "simulated.json", json.dumps(label, indent=1) + "\n")
         return train, test
 
 

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
-from aero_bayes.report import write_comparison
+from aero_bayes.report.compare import write_comparison
 
 
 @pytest.fixture(scope="module")

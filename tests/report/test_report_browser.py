@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from headless_chromium import Browser
 
-from aero_bayes.report import write_comparison
+from aero_bayes.report.compare import write_comparison
 
 #: The figure of the recording ``train``, and of ``unseen`` the opening picture and the figure below.
 STACK, OPENING, BELOW = "look.of('train')[0]", "look.of('unseen')[0]", "look.of('unseen')[1]"

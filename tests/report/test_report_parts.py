@@ -13,31 +13,13 @@ import numpy as np
 import pytest
 
 from aero_bayes.estimate.whiteness import autocorrelation
-from aero_bayes.report import (
-    BITS,
-    Canvas,
-    Column,
-    Line,
-    Panel,
-    Source,
-    band_envelope,
-    column_means,
-    data_table,
-    draw,
-    duration,
-    envelope,
-    html_table,
-    most_correlated,
-    nice_ticks,
-    pack_series,
-    pretty_unit,
-    rounded_value,
-    sentence,
-    signed,
-    significant,
-    symbol,
-    tidy,
-)
+from aero_bayes.report.drawing import Line, Panel, Source, data_table, draw, nice_ticks
+from aero_bayes.report.page import BITS, pack_series
+from aero_bayes.report.posterior_figures import most_correlated
+from aero_bayes.report.svg import Canvas
+from aero_bayes.report.tables import Column, html_table
+from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
+from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
 pytestmark = pytest.mark.fast
 

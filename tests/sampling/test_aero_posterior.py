@@ -9,8 +9,9 @@ import arviz as az
 import h5py
 import numpy as np
 import pytest
+from aero_recordings import read_aero
 
-from aero_bayes.data import Recording, read_recording
+from aero_bayes.data import Recording
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
@@ -121,8 +122,8 @@ def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> 
 @pytest.mark.long
 @pytest.mark.skipif(not REAL.exists(), reason="the measured recordings are not here")
 def test_real_step_recording(models: dict[str, Model]) -> None:
-    found = fit(read_recording(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)
-    assert all(share >= 0.88 for share in found.predict(read_recording(REAL), draws=30).coverage.values())
+    found = fit(read_aero(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)
+    assert all(share >= 0.88 for share in found.predict(read_aero(REAL), draws=30).coverage.values())
     assert found.rms["theta"] < 0.0108
     assert found.noise["theta"].model_error
     assert 9.0 < found["R_a"].value < 10.5

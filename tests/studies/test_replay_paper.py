@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from aero_closed_form import linear_run
 
-from aero_bayes.report import RunJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.simulation.interface import Outcome
 from paper_replay import paper_recording, replay_paper, write_run
 from paper_replay.paper import JOINT, PAPER, RERUN, SCALED, run_result

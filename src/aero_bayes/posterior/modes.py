@@ -109,10 +109,6 @@ class ModeDraws:
     draws: int
     converged: bool
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the entry of ``mcmc.modes`` in result.json."""
-        return {"values": self.values, "share": self.share, "draws": self.draws, "converged": self.converged}
-
 
 def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:
     """Fit at each mode, the reported one first; ``simulator`` is of its calibration's problem.

@@ -27,9 +27,9 @@ from aero_bayes.estimate.other_tools import chosen_estimates, noise_table, proce
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.prediction import FittedPredictor, FittedResult, Predictive
 from aero_bayes.estimate.result import Fit
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
 from aero_bayes.files import whole_file
-from aero_bayes.plain import picked
+from aero_bayes.plain import picked, plain
 from aero_bayes.posterior.convergence import Convergence
 from aero_bayes.posterior.modes import ModeDraws
 from aero_bayes.simulation.interface import Outcome
@@ -42,7 +42,7 @@ Json = dict[str, object]
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior(FittedResult):
+class Posterior(FittedResult, HasPage):
     """Draws from the posterior of a fit.
 
     Parameters
@@ -185,9 +185,7 @@ class Posterior(FittedResult):
         base = self.fit.to_dict()
         failures = {o.key: self.fit.outcomes.get(o, 0) + self.outcomes.get(o, 0) for o in Outcome}
         return base | {
-            "parameters": {
-                name: e.to_dict() for name, e in (self.parameters | chosen_estimates(self.fit.trials)).items()
-            },
+            "parameters": plain(self.parameters | chosen_estimates(self.fit.trials)),
             "noise": noise_table(self.calibration.data, self.noise),
             "process_noise": process_noise_table(self.calibration.simulated.process, self.parameters),
             "mcmc": picked(
@@ -195,7 +193,7 @@ class Posterior(FittedResult):
                 "walkers tau r_hat_max ess_bulk_min ess_tail_min seconds converged reason acceptance evaluations",
                 ensembles=self.draws.shape[0],
                 draws=self.steps,
-                modes=[row.to_dict() for row in self.mode_draws],
+                modes=self.mode_draws,
                 per_parameter={n: picked(d, "r_hat ess_bulk ess_tail tau") for n, d in self.diagnoses.items()},
             ),
             "failures": failures,
@@ -207,14 +205,13 @@ class Posterior(FittedResult):
         """Write ArviZ InferenceData (netCDF) to ``path``, whole or not at all."""
         return save(self, Path(path))
 
-    @property
-    def idata(self) -> Any:
-        """The draws as ArviZ takes them: InferenceData, from ArviZ 1.0 on a DataTree.
+    def to_arviz(self) -> Any:
+        """Return the draws as ArviZ takes them: InferenceData, from ArviZ 1.0 on a DataTree.
 
         Examples
         --------
         >>> import arviz
-        >>> arviz.summary(posterior.idata, var_names=["k", "d"]).index.to_list()
+        >>> arviz.summary(posterior.to_arviz(), var_names=["k", "d"]).index.to_list()
         ['k', 'd']
         """
         return to_inference_data(self)
@@ -256,7 +253,7 @@ class Posterior(FittedResult):
         """
         units = {name: entry.unit for name, entry in self.parameters.items()}
         by_name = {name: self.draws[:, :, j] for j, name in enumerate(self.names)}
-        return drawn("pairs_figure", by_name, units, parameters, figure=ax or figure, dark=dark)
+        return drawn("pairs.pairs_figure", by_name, units, parameters, figure=ax or figure, dark=dark)
 
     @describe_figure_parameters
     def plot_bands(
@@ -278,7 +275,7 @@ class Posterior(FittedResult):
         --------
         >>> posterior.plot_bands().savefig("bands.png")
         """
-        return drawn("bands_figure", self, recording, figure=ax or figure, dark=dark)
+        return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"
@@ -367,12 +364,15 @@ def save(posterior: Posterior, path: Path) -> Path:
 
 
 def draws_in(path: Path) -> dict[str, FloatArray]:
-    """Return the draws of each parameter in a file, all chains after each other; InputError if it has none."""
+    """Return the draws of each parameter in a file, shape (chains, draws); InputError if it has none."""
+    import xarray  # a second of imports that only a posterior needs
+
     try:
-        posterior = load(path)["posterior"]
+        with xarray.open_dataset(path, group="posterior") as group:
+            found = {str(name): values for name, values in group.items() if {*values.dims} == {"chain", "draw"}}
+            return {name: np.asarray(values.transpose("chain", "draw"), np.float64) for name, values in found.items()}
     except (OSError, KeyError, ValueError):
         raise InputError("is no posterior as aero-bayes or ArviZ writes it (netCDF with a group posterior)") from None
-    return {str(n): np.asarray(posterior[n], float).ravel() for n in posterior.data_vars if posterior[n].ndim == 2}
 
 
 def load(path: Path) -> Any:

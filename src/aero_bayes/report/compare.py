@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import Line, Panel, Plate, Source, plate
 from aero_bayes.report.forest import forest_plate
@@ -40,10 +40,7 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
     }  # fmt: skip
     series = {f"{name}|{key}": values for name, run in runs.items() for key, values in run.series.items()}
     page = fill("compare.html.jinja", context, series, [run.result for run in runs.values()])
-    target = Path(out)
-    with whole_file(target) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return target
+    return write_whole(Path(out), page)
 
 
 def _names(directories: Sequence[Path]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -33,31 +33,18 @@ _TIME = "plan/time"
 DECISIVE = 3.0
 
 
-@dataclass(frozen=True)
-class ExperimentSection:
-    """What the page shows of a proposal."""
-
-    lead: Markup
-    file: str
-    signal: Plate | None
-    gains: Markup | None
-    models: Markup | None
-    expectation: Markup | None
-    families: Markup | None
-    limits: Markup | None
-
-
-def experiment(run: RunDirectory) -> ExperimentSection | None:
-    """Return the proposal of a run of ``aero-bayes design``; None for other runs."""
+def experiment(run: RunDirectory) -> dict[str, Any] | None:
+    """Return what the page shows of a run of ``aero-bayes design``; None for other runs."""
     plan, words = run.result.design, run.result.effect_words()
     if plan is None:
         return None
     separate = plan.kind == "separate"
-    return ExperimentSection(
-        _lead(plan, words), plan.file, _signal(run, plan), None if separate else _gains(plan),
-        _models(plan, words) if separate else None, _separation(plan, words) if separate else None,
-        _families(plan), _limits(run, plan),
-    )  # fmt: skip
+    return {
+        "lead": _lead(plan, words), "file": plan.file, "signal": _signal(run, plan),
+        "gains": None if separate else _gains(plan), "models": _models(plan, words) if separate else None,
+        "expectation": _separation(plan, words) if separate else None,
+        "families": _families(plan), "limits": _limits(run, plan),
+    }  # fmt: skip
 
 
 def _lead(plan: DesignJson, words: dict[str, str]) -> Markup:

@@ -6,9 +6,8 @@ from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson
-from aero_bayes.report.schema_loop import RecordingErrorJson
-from aero_bayes.report.schema_run import RunJson
-from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
+from aero_bayes.report.schema_run import RecordingErrorJson, RunJson
+from aero_bayes.report.tables import Column, bar, html_table, ratio_glyph, status_pill
 from aero_bayes.report.text import (
     NO_VALUE,
     count,
@@ -200,3 +199,29 @@ def left_out_table(run: RunDirectory) -> Markup | None:
         "unit", Column("predicted over fitted", "right"), Column("floor │ ○ fitted  ● predicted", "centre"),
     )  # fmt: skip
     return html_table(columns, rows, "RMS error of each recording, predicted from the others") if rows else None
+
+
+def listed_values_table(run: RunDirectory) -> Markup | None:
+    """List every combination of values with its probability, and how far its log-posterior is below the best."""
+    trials = run.result.fit.values
+    if not trials:
+        return None
+    names = list(trials[0].values)
+    rows = []
+    for trial in trials:
+        share = trial.share or 0.0
+        shown = NO_VALUE if trial.failed else f"{significant(100.0 * share)} %" if share >= 1e-3 else "< 0.1 %"
+        values = [_shown(trial.values[name]) for name in names]
+        worse = Markup("<small>{}</small>").format(trial.failed) if trial.failed else significant(trial.worse_by)
+        rows.append((*values, shown, bar(share, f"probability {shown}"), worse))
+    columns: tuple[Column | str, ...] = (
+        *(Column(symbol(name)) for name in names), Column("probability", "right"), "",
+        Column("log-posterior below the best", "right"),
+    )  # fmt: skip
+    return html_table(columns, rows, "Listed values, each fitted; the first are reported", [0])
+
+
+def _shown(value: bool | float | str) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return value if isinstance(value, str) else f"{value:.6g}"

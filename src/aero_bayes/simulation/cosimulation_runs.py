@@ -45,6 +45,13 @@ def signals_of_run(
     return tuple(signals)
 
 
+def parameters_of_run(problem: Problem, number: int, values: FloatArray) -> dict[str, float]:
+    """Return the parameters of one run that do not keep the model's own value."""
+    row = zip(problem.targets[number], values, strict=True)
+    fitted = {target.name: float(value) for target, value in row if isinstance(target, ParameterTarget)}
+    return {**problem.fixed, **problem.experiments[number].known, **fitted}
+
+
 def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
     """Compute an input at times of any shape."""
     at = np.asarray(time, dtype=float)
@@ -56,10 +63,7 @@ def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
 
 def value_at(signal: InputSignal, t: float, segment: float) -> float:
     """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
-    if signal.interpolation == "linear":
-        return float(np.interp(t, signal.time, signal.values))
-    cell = int(np.searchsorted(signal.time, segment + 1e-12 * max(1.0, abs(segment)), side="right")) - 1
-    return float(signal.values[max(cell, 0)])
+    return float(signal_values(signal, t if signal.interpolation == "linear" else segment))
 
 
 def linear_signals(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
@@ -227,11 +231,8 @@ class CosimulationRuns:
         self._stamp()
         fmu = self.instance.ready(new)
         fmu.setupExperiment(startTime=float(samples[0]))
-        for name, value in {**problem.fixed, **experiment.known}.items():
+        for name, value in parameters_of_run(problem, number, values).items():
             fmu.setReal([model.parameter(name).value_reference], [value])
-        for value, target in zip(values, problem.targets[number], strict=True):
-            if isinstance(target, ParameterTarget):
-                fmu.setReal([model.parameter(target.name).value_reference], [float(value)])
         self._apply(fmu, signals, float(samples[0]), float(samples[0]))
         fmu.enterInitializationMode()
         fmu.exitInitializationMode()

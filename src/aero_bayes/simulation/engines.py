@@ -6,16 +6,24 @@ import os
 import pickle
 import warnings
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.batches import Batches
 from aero_bayes.simulation.cosimulation_runs import WORDS, CosimulationEngine, linear_signals
-from aero_bayes.simulation.interface import DelayTarget, Outcome, Problem, Simulator, StartTarget, Trajectories
+from aero_bayes.simulation.interface import (
+    ClosedAtExit,
+    DelayTarget,
+    Engine,
+    Outcome,
+    Problem,
+    Simulator,
+    StartTarget,
+    Trajectories,
+)
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.problem_checks import (
     ReducedTrajectories,
@@ -151,9 +159,6 @@ def _check(problem: Problem) -> None:
         if any(isinstance(target, DelayTarget) for target in row):
             raise InputError(f"{model.path}: takes steps of one size only: an input delay needs others")
     check_problem(problem)
-
-
-Engine = Literal["native", "fmpy"]
 
 
 def open_simulator(

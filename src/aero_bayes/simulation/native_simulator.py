@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.simulation.batches import (
     BLOCK_BYTES,
@@ -26,6 +25,7 @@ from aero_bayes.simulation.batches import (
     Batches,
 )
 from aero_bayes.simulation.interface import (
+    ClosedAtExit,
     DelayTarget,
     DiffusionTarget,
     Experiment,

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.interface import (
+    ClosedAtExit,
     DelayTarget,
     DiffusionTarget,
     Experiment,

@@ -19,11 +19,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.files import ScratchFolder
 from aero_bayes.simulation import worker_main
-from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.interface import ClosedAtExit, Outcome
 from aero_bayes.simulation.model_description import ModelDescription
 from aero_bayes.simulation.worker_group import (
     INVALID_TASK,
