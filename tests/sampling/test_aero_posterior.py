@@ -18,9 +18,9 @@ from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.posterior.sample import sample
-from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.simulation.model import Model
 from simulated_rigs.aero import Truth, effect, simulate_recording
 from simulated_rigs.designs import paper_step

@@ -36,7 +36,7 @@ from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
-    from aero_bayes.posterior.settings import SampleSettings
+    from aero_bayes.posterior.convergence import SampleSettings
 
 
 Settings = TypeVar("Settings", bound=Any)
@@ -80,7 +80,7 @@ def _noise(job: Job) -> NoiseModel:
 
 def sample_settings(job: Job) -> SampleSettings:
     """Return how long the job wants its posterior sampled."""
-    from aero_bayes.posterior.settings import SampleSettings
+    from aero_bayes.posterior.convergence import SampleSettings
 
     return filled(SampleSettings(), job.config.posterior)
 

@@ -19,34 +19,29 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation import fmpy_fmu
-from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
-    InputTarget,
     Outcome,
     ParameterTarget,
     Problem,
     ProblemTarget,
 )
 from aero_bayes.simulation.model_description import ModelDescription
+from aero_bayes.simulation.worker_group import LoadError
 from aero_bayes.simulation.worker_main import JOB_WORDS, NOT_LOADED, SPENT
 
 
 def signals_of_run(
     experiment: Experiment, row: Sequence[ProblemTarget | None], values: FloatArray
 ) -> tuple[InputSignal, ...]:
-    """Apply one parameter vector's delays and additions to grid values to the input signals of an experiment."""
+    """Apply one parameter vector's delays to the input signals of an experiment."""
     signals = []
     for signal in experiment.inputs:
-        level, delay = signal.values.astype(float).copy(), 0.0
-        for value, target in zip(values, row, strict=True):
-            if isinstance(target, InputTarget) and target.input == signal.name:
-                level[target.index] += value
-            if isinstance(target, DelayTarget) and target.input in (None, signal.name):
-                delay += float(value)
-        signals.append(replace(signal, time=signal.time + delay, values=level))
+        delaying = (isinstance(t, DelayTarget) and t.input in (None, signal.name) for t in row)
+        delay = sum(float(value) for value, delays in zip(values, delaying, strict=True) if delays)
+        signals.append(replace(signal, time=signal.time + delay))
     return tuple(signals)
 
 

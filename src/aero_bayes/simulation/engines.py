@@ -117,14 +117,10 @@ class CosimulationSimulator(ReducedTrajectories, ClosedAtExit):
         found = batches.trajectories(values)
         if active is None:
             return found
-        experiments = self.problem.experiments
         slopes = tuple(np.zeros((*out.shape, len(columns))) for out in found.outputs)
         outcomes = found.outcomes.copy()
         for place, column in enumerate(columns):
-            scale = max(
-                target_scale(self.problem.model, experiment, row[column])
-                for experiment, row in zip(experiments, self.problem.targets, strict=True)
-            )
+            scale = max(target_scale(self.problem.model, row[column]) for row in self.problem.targets)
             size = np.where(values[:, column] != 0.0, np.abs(values[:, column]), scale)
             step = _RELATIVE_STEP * size
             sides = np.repeat(values, 2, axis=0)

@@ -20,9 +20,9 @@ from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder
 from aero_bayes.simulation import fmpy_fmu
 from aero_bayes.simulation.cosimulation_runs import parameters_of_run, signals_of_run, value_at
-from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.interface import InputSignal, Outcome, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.problem_checks import SingleRuns, check_problem
+from aero_bayes.simulation.worker_group import LoadError
 
 
 class _TimedOutError(Exception):

@@ -173,14 +173,6 @@ class DelayTarget:
 
 
 @dataclass(frozen=True)
-class InputTarget:
-    """A column that is added to one value of an input signal (the ``index``-th of its grid)."""
-
-    input: str
-    index: int
-
-
-@dataclass(frozen=True)
 class DiffusionTarget:
     """A column that sets the diffusion of a state, in the state's unit over the square root of a second."""
 
@@ -194,7 +186,7 @@ class ReadingNoiseTarget:
     output: str
 
 
-ProblemTarget = ParameterTarget | StartTarget | DelayTarget | InputTarget | DiffusionTarget | ReadingNoiseTarget
+ProblemTarget = ParameterTarget | StartTarget | DelayTarget | DiffusionTarget | ReadingNoiseTarget
 
 
 @dataclass(frozen=True)

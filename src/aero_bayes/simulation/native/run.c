@@ -104,7 +104,6 @@ static int cross_segment_end(Run *r, Segment *g)
         g->have_f = g->have_jac = g->have_node = 0;
         g->fresh = 1;
     }
-    if (r->sensitive && (jump || kink)) sensitivity_activate(r, r->t);
     if (shifts || watch || look) {
         if (is_error(status = rhs(r, r->t, r->x, r->f))) return outcome_of(r->fmu, status);
         g->have_f = 1;

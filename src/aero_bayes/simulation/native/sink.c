@@ -134,17 +134,10 @@ static void flush_trajectory(Run *r)
     for (int64_t o = 0; o < m; o++)
         for (int64_t i = 0; i < k->filled; i++)
             k->trajectory[(k->first + i) * m + o] = k->y[o * BLOCK + i];
-    int sorted = 1;
-    for (int j = 0; j < r->q; j++) sorted &= r->order[j] == j;
     for (int64_t o = 0; r->q && o < m; o++)
-        for (int64_t i = 0; i < k->filled; i++) {
-            const double *from = k->s + (o * BLOCK + i) * r->ld;
-            double *to = k->sensitivity + ((k->first + i) * m + o) * r->q;
-            if (sorted)
-                memcpy(to, from, sizeof *to * (size_t)r->q);
-            else
-                for (int j = 0; j < r->q; j++) to[r->order[j]] = from[j];
-        }
+        for (int64_t i = 0; i < k->filled; i++)
+            memcpy(k->sensitivity + ((k->first + i) * m + o) * r->q, k->s + (o * BLOCK + i) * r->ld,
+                   sizeof *k->s * (size_t)r->q);
 }
 
 static void flush_output(Run *r, int64_t o)
