@@ -36,6 +36,7 @@ def recordings(seed, sensors, delay, *effects, duration=30.0):
     ]
 
 
+@pytest.mark.long
 def test_friction_is_found_written_and_judged(fmus, tmp_path):
     train, test = recordings(11, white(1.0), 0.0, effect("pivot_coulomb_friction", tau_c=8e-4))
     found = close_aero([train], [test], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
@@ -66,6 +67,7 @@ def test_a_search_whose_time_is_up_is_judged_by_what_it_has_and_says_so(fmus):
     assert "1e-06 min" in found.sentence
 
 
+@pytest.mark.long
 def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_path):
     truth = effect("pivot_presliding_friction", tau_p=9e-4, theta_p=9e-4 / 0.15)
     train, test = recordings(15, white(1.0), 0.0, truth)
