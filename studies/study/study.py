@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 
 Row = dict[str, Any]
 #: Tasks by keys that no two share; a task can be pickled.
@@ -129,8 +129,7 @@ def code() -> str:
 
 def write_json(summary: Mapping[str, Any], path: Path) -> None:
     """Write a summary whole or not at all."""
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(summary, indent=1) + "\n")
 
 
 def keyed(tasks: Iterable[tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:

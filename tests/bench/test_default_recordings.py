@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from aero_recordings import read_aero
 
 import aero_bayes
-from aero_bayes.data import read_recording
 from simulate_aero import write_recordings
 from simulated_rigs.aero import default_recordings
 
@@ -26,7 +26,7 @@ def test_default_recordings(tmp_path: Path) -> None:
         text = path.read_text()
         assert "simul" not in text
         assert "coulomb" not in text
-        read = read_recording(path)
+        read = read_aero(path)
         np.testing.assert_array_equal(
             read.measured(("i_m", "omega_m", "theta")), recording.measured(("i_m", "omega_m", "theta"))
         )

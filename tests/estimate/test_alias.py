@@ -16,7 +16,7 @@ from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_m
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.interpolation import choose_interpolation
-from aero_bayes.estimate.levenberg_marquardt import GlobalSearchSettings
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
@@ -59,7 +59,7 @@ def test_a_resonance_is_not_taken_for_its_alias(tmp_path):
     free = parameters_from_model(model, overrides={name: Override() for name in ("m", "d", "a")})
     held = calibrate([record()], model, free, settings=CalibrationSettings(initial_states="estimated"))
     with open_simulator(held.problem(), workers=0) as simulator:
-        search = GlobalSearch(Objective(held, simulator), GlobalSearchSettings(swarm=None))
+        search = GlobalSearch(Objective(held, simulator), FitSettings(method="local"))
         columns = tuple(range(len(held.parameters)))
         there = held.parameters.start.copy()
         there[:3] = [MASS / 79.0, DAMPING / 79.0, SPRING]

@@ -9,17 +9,18 @@ import arviz as az
 import h5py
 import numpy as np
 import pytest
+from aero_recordings import read_aero
 
-from aero_bayes.data import Recording, read_recording
+from aero_bayes.data import Recording
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.posterior.sample import sample
-from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.simulation.model import Model
 from simulated_rigs.aero import HALF_QUAD, Truth, pivot_friction, simulate_recording
 from simulated_rigs.designs import paper_step
@@ -123,8 +124,8 @@ def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> 
 @pytest.mark.long
 @pytest.mark.skipif(not REAL.exists(), reason="the measured recordings are not here")
 def test_real_step_recording(models: dict[str, Model]) -> None:
-    found = fit(read_recording(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)
-    assert all(share >= 0.88 for share in found.predict(read_recording(REAL), draws=30).coverage.values())
+    found = fit(read_aero(REAL), models["HalfQuad"], settings=SETTINGS, workers=1)
+    assert all(share >= 0.88 for share in found.predict(read_aero(REAL), draws=30).coverage.values())
     assert found.rms["theta"] < 0.0108
     assert found.noise["theta"].model_error
     assert 9.0 < found["R_a"].value < 10.5

@@ -36,7 +36,8 @@ def adequate(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def invoke(*arguments: str) -> str:
-    result = CliRunner().invoke(main, [*arguments, "--quiet"])
+    model = [] if "--model" in arguments else ["--model", "Aero.Systems.OneDof"]
+    result = CliRunner().invoke(main, [*arguments, *model, "--quiet"])
     assert result.exit_code == 0, result.output
     return result.output
 
@@ -121,7 +122,7 @@ def test_loop_names_the_missing_friction(tmp_path: Path) -> None:
 
 
 def test_check_summarises(adequate: Path) -> None:
-    result = CliRunner().invoke(main, ["check", str(adequate)])
+    result = CliRunner().invoke(main, ["check", str(adequate), "--model", "Aero.Systems.OneDof"])
     assert result.exit_code == 0
     assert "50" in result.output
     assert "theta" in result.output

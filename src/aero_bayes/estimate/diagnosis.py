@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
 from aero_bayes.display import table_html
-from aero_bayes.plain import picked
 
 Cause = Literal["data", "solver", "search", "noise", "model"]
 #: In this order causes are looked at. The model comes last: it is blamed only where the others are clear.
@@ -17,6 +16,8 @@ CAUSES: tuple[Cause, ...] = ("data", "solver", "search", "noise", "model")
 @dataclass(frozen=True)
 class DiagnosisRow:
     """What was looked at and found of one cause."""
+
+    JSON_KEYS: ClassVar = "cause found what where done more"
 
     cause: Cause
     found: bool
@@ -31,10 +32,6 @@ class DiagnosisRow:
         """The row as text, with its first finding and how many there are beside it."""
         where = f" ({self.where})" if self.where else ""
         return f"{self.what.removesuffix('.')}{where}.{' ' if self.done else ''}{self.done}{more_words(self.more)}"
-
-    def to_dict(self) -> dict[str, object]:
-        """Return it as ``diagnosis`` in result.json holds it."""
-        return picked(self, "cause found what where done more")
 
 
 def more_words(more: Sequence[str]) -> str:
@@ -68,10 +65,6 @@ class Diagnosis:
     def line(self) -> str:
         """One line for a terminal: the state of each cause."""
         return "diagnosis: " + ", ".join(f"{row.cause} {'FOUND' if row.found else 'clear'}" for row in self.rows)
-
-    def to_list(self) -> list[dict[str, object]]:
-        """Return it as ``diagnosis`` in result.json holds it."""
-        return [row.to_dict() for row in self.rows]
 
     def _repr_html_(self) -> str:
         rows = [

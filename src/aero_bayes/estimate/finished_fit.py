@@ -144,9 +144,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
     objective, here = search.objective, result.optimum
     calibration = objective.calibration
     if settings.cost != "posterior":
-        search = GlobalSearch(
-            objective, replace(settings.global_search, cost="posterior", local=LocalSettings(iterations=0))
-        )
+        search = GlobalSearch(objective, replace(settings, cost="posterior", local=LocalSettings(iterations=0)))
         here = search.settle_noise(replace(here, noise=search.initial_noise()))
     optional = tuple(j for j, p in enumerate(calibration.parameters) if p.free_if_identified)
     verdict = verdict_on(objective, here, optional)

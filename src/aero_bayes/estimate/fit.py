@@ -285,7 +285,7 @@ def _without_outliers(
             cleaned = replace(found.calibration, data=data)
             with opened(cleaned.problem()) as simulator:
                 objective = objective_of(cleaned, simulator, result_cache=cache)
-                found = _refit_from(found, GlobalSearch(objective, settings.global_search, progress), settings)
+                found = _refit_from(found, GlobalSearch(objective, settings, progress), settings)
         structured = {o for o in removed if found.noise[o].model_error or is_correlated(found.series, found.optimum, o)}
         if not structured:
             return found
@@ -307,7 +307,7 @@ def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, 
     began = time.perf_counter()
     with opened(first.calibration.problem()) as simulator:
         objective = objective_of(first.calibration, simulator)
-        found = refit_with_spread(GlobalSearch(objective, settings.global_search, progress), first.optimum, models)
+        found = refit_with_spread(GlobalSearch(objective, settings, progress), first.optimum, models)
         if found is None:
             return first
         search, optimum = found
@@ -358,16 +358,14 @@ def fit_calibration(
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         simulator = stack.enter_context(open_simulator(calibration.problem()))
-        search = GlobalSearch(
-            objective_of(calibration, simulator, result_cache=checkpoint), settings.global_search, progress
-        )
+        search = GlobalSearch(objective_of(calibration, simulator, result_cache=checkpoint), settings, progress)
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.free_if_identified)
         result = search.run(free, open_simulator, rng)
         chosen = settings.calibration.interpolation == "auto" and not search.progress.asked_to_end
         linear = choose_interpolation(search, result, open_simulator, rng) if chosen else None
         if linear is not None:
             simulator = stack.enter_context(open_simulator(linear[0].problem()))
-            search = GlobalSearch(search.objective.with_calibration(linear[0], simulator), settings.global_search)
+            search = GlobalSearch(search.objective.with_calibration(linear[0], simulator), settings)
             result = replace(result, optimum=search.refit(linear[1].coordinates, free, linear[1].noise))
         wider = with_identified(search.objective, result.optimum)
         if wider != free:

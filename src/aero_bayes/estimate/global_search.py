@@ -18,7 +18,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.delays import better_delays, delay_columns, scan_delays, with_few_samples, with_loose_solver
 from aero_bayes.estimate.laplace import with_robust_covariance
-from aero_bayes.estimate.levenberg_marquardt import GlobalSearchSettings, Stage, stages_by_effect
+from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stage, stages_by_effect
 from aero_bayes.estimate.local_fit import (
     LocalFitSettings,
     OpenSimulator,
@@ -118,7 +118,7 @@ class GlobalSearchResult:
 class GlobalSearch:
     """A global search of one objective, with the kind of noise that each output may have."""
 
-    def __init__(self, objective: Objective, settings: GlobalSearchSettings, progress: Progress | None = None) -> None:
+    def __init__(self, objective: Objective, settings: FitSettings, progress: Progress | None = None) -> None:
         self.objective, self.settings = objective, settings
         self.progress = progress if isinstance(progress, Watched) else Watched(progress)
         calibration = objective.calibration
@@ -137,7 +137,7 @@ class GlobalSearch:
     def local_settings(self) -> LocalFitSettings:
         eq6 = self.settings.cost == "eq6"
         return LocalFitSettings(
-            self.settings.local, self.kinds, self.objective.calibration.data.floors,
+            self.settings.last_search, self.kinds, self.objective.calibration.data.floors,
             hold_noise=eq6, prior=self.settings.cost == "posterior",
         )  # fmt: skip
 
@@ -286,7 +286,7 @@ class GlobalSearch:
         This is a multi-start search; one more start comes from fitting progressively longer horizons."""
         assert self.settings.swarm is not None
         calibration, simulator = self.objective.calibration, self.objective.simulator
-        reduced = with_loose_solver(with_few_samples(calibration, simulator, self.settings.samples))
+        reduced = with_loose_solver(with_few_samples(calibration, simulator, self.settings.swarm_samples))
         limit = self.settings.swarm.iterations
         values = self.objective.parameters.from_search(start)
         with open_simulator(reduced.problem()) as simulator:

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes
 from aero_bayes.estimate.noise_estimation import whiten
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
+from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.interface import DelayTarget, Experiment, InputSignal, ParameterTarget, Problem, Simulator
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Engine,
+    Experiment,
+    InputSignal,
+    ParameterTarget,
+    Problem,
+    Simulator,
+)
 from aero_bayes.simulation.workers import WorkerPool
-
-Engine = Literal["native", "fmpy"]
 
 #: Largest number of samples in the sum of the information. More are thinned, and their white noise is scaled.
 MAX_SAMPLES = 1500
@@ -45,25 +50,6 @@ class Limits:
                 raise InputError(f"limit of {name}: {value:g} is not a positive number")
 
 
-class GaussianFit(Protocol):
-    """A fit with a Gaussian posterior. ``covariance`` is in search coordinates, those in ``free`` first."""
-
-    @property
-    def calibration(self) -> Calibration: ...
-
-    @property
-    def values(self) -> FloatArray: ...
-
-    @property
-    def free(self) -> tuple[int, ...]: ...
-
-    @property
-    def noise(self) -> Mapping[str, OutputNoise]: ...
-
-    @property
-    def covariance(self) -> FloatArray: ...
-
-
 @dataclass(frozen=True, eq=False)
 class PredictedExperiment:
     """Prediction of a candidate experiment.
@@ -82,7 +68,7 @@ class ExperimentPredictor:
 
     def __init__(
         self,
-        fit: GaussianFit,
+        fit: Fit,
         time: FloatArray,
         limits: Limits,
         engine: Engine = "native",

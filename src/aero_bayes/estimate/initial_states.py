@@ -19,6 +19,7 @@ from aero_bayes.data.read import column_names
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import screen_all
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.measured_data import readings_of
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogNormal, Normal
@@ -319,7 +320,7 @@ def process_parameters(
         for name, state in zip(wanted, states, strict=True)
     ]  # fmt: skip
     for column, output in enumerate(experiments[0].outputs):
-        values = np.concatenate([_measured(e)[:, column] for e in experiments])
+        values = np.concatenate([readings_of(e)[:, column] for e in experiments])
         found.append(
             _parameter(
                 f"noise.{output}.sd_white", model.units[output], READING_SHARE * _range_of_process_noise(values),
@@ -347,7 +348,7 @@ def uncertain_start(
     for column, output in enumerate(experiment.outputs):
         state = state_of(model, output)
         if state is not None and state.name in start:
-            sd[state.name] = MAX_SPREAD_SHARE * _range_of_process_noise(_measured(experiment)[:, column])
+            sd[state.name] = MAX_SPREAD_SHARE * _range_of_process_noise(readings_of(experiment)[:, column])
     for name, value in given.items():
         state_name = model.states[model.state_index(name)].name
         mean.pop(state_name, None)
@@ -357,12 +358,6 @@ def uncertain_start(
 
 def _range_of_process_noise(values: FloatArray) -> float:
     return float(np.nanmax(values) - np.nanmin(values)) or 1.0
-
-
-def _measured(experiment: Experiment) -> FloatArray:
-    if experiment.measured is None:
-        raise InputError("an experiment without measurements cannot be fitted")
-    return experiment.measured
 
 
 def _parameter(

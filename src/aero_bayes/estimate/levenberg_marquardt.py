@@ -11,13 +11,13 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import SettingsDisplay
-from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.listed_values import ListedValue
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.step_rule import CostShape, StepRule
 from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.simulation.interface import Engine
 
 
 class Stop(Enum):
@@ -276,22 +276,6 @@ CostKind = Literal["posterior", "weighted", "eq6"]
 WHOLE_MODEL_LOCAL = LocalSettings(tolerance=1e-4, max_rejections=15, min_decrease=0.005)
 
 
-@dataclass(frozen=True)
-class GlobalSearchSettings:
-    """Settings of the global search."""
-
-    cost: CostKind = "posterior"
-    staged: bool = True
-    stages: tuple[Stage, ...] | None = None
-    swarm: pso.SwarmSettings | None = field(default_factory=pso.SwarmSettings)
-    local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
-    samples: int = 600
-    starts: int = 3
-
-
-Engine = Literal["native", "fmpy"]
-
-
 @dataclass(frozen=True, repr=False)
 class FitSettings(SettingsDisplay):
     """How a fit is done.
@@ -326,8 +310,10 @@ class FitSettings(SettingsDisplay):
 
     Examples
     --------
-    >>> aero_bayes.FitSettings(method="local").global_search.swarm is None  # no particle swarm first
+    >>> aero_bayes.FitSettings(method="local").swarm is None  # no particle swarm first
     True
+    >>> aero_bayes.FitSettings(method="pso").last_search.iterations
+    0
     """
 
     method: Literal["pso+local", "pso", "local"] = "pso+local"
@@ -345,8 +331,11 @@ class FitSettings(SettingsDisplay):
     values: Mapping[str, Sequence[ListedValue]] = field(default_factory=dict)
 
     @property
-    def global_search(self) -> GlobalSearchSettings:
-        """Settings of the search for the optimum."""
-        swarm = self.pso if self.method != "local" else None
-        local = self.local if self.method != "pso" else replace(self.local, iterations=0)
-        return GlobalSearchSettings(self.cost, self.staged, self.stages, swarm, local, self.swarm_samples, self.starts)
+    def swarm(self) -> SwarmSettings | None:
+        """Settings of the swarm; None where there is none."""
+        return self.pso if self.method != "local" else None
+
+    @property
+    def last_search(self) -> LocalSettings:
+        """Settings of the local search from the swarm's best particles."""
+        return self.local if self.method != "pso" else replace(self.local, iterations=0)

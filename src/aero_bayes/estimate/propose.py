@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,11 +18,10 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.identifiability import Status
-from aero_bayes.estimate.information import ExperimentPredictor, GaussianFit, Limits, PredictedExperiment, posterior_sd
+from aero_bayes.estimate.information import ExperimentPredictor, Limits, PredictedExperiment, posterior_sd
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
-from aero_bayes.estimate.signal_search import BestSignal, SearchSettings, best_signals
-from aero_bayes.files import whole_file
-from aero_bayes.plain import picked
+from aero_bayes.estimate.signal_search import SearchSettings, best_signals
+from aero_bayes.files import write_whole
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -42,10 +41,11 @@ class ProposedInput:
     values: FloatArray
     family: str
 
-    def table(self) -> tuple[FloatArray, FloatArray]:
-        """Return times (k,) and values (k,) at which the input changes."""
+    @property
+    def table(self) -> dict[str, FloatArray]:
+        """Times (k,) at which the input changes, and its values (k,) from then on."""
         changes = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
-        return self.time[changes], self.values[changes]
+        return {"time": self.time[changes], self.input: self.values[changes]}
 
     @property
     def duration(self) -> float:
@@ -59,11 +59,8 @@ class ProposedInput:
 
     def write_csv(self, path: Path | str) -> Path:
         """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""
-        path = Path(path)
         rows = [f"time,{self.input}"] + [f"{t:.9g},{v:.6g}" for t, v in zip(self.time, self.values, strict=True)]
-        with whole_file(path) as temporary:
-            temporary.write_text("\n".join(rows) + "\n", encoding="utf-8")
-        return path
+        return write_whole(Path(path), "\n".join(rows) + "\n")
 
 
 #: Posterior draws over which the proposal's travel must stay within its limit.
@@ -77,6 +74,8 @@ class ExpectedParameter:
     """What a parameter's standard deviation is, and would be: SI units, and as a share of the value.
 
     ``repeated`` is what as long a recording of the present input would leave."""
+
+    JSON_KEYS: ClassVar = "value unit sd_before sd_after sd_repeated gain target"
 
     name: str
     unit: str
@@ -96,6 +95,8 @@ class ExpectedParameter:
 class Design(ProposedInput):
     """A proposed experiment."""
 
+    JSON_KEYS: ClassVar = "input family families duration rate_hz gain travel limits seed unit parameters table"
+
     families: Mapping[str, float]
     expected: tuple[ExpectedParameter, ...]
     travel: Mapping[str, float]
@@ -113,14 +114,10 @@ class Design(ProposedInput):
         """How many times narrower the targets' intervals would be (geometric mean)."""
         return float(np.exp(np.mean([np.log(e.gain) for e in self.expected if e.target])))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return everything as plain numbers and text."""
-        time, values = self.table()
-        told = "value unit sd_before sd_after sd_repeated gain target"
-        return picked(
-            self, "input family families duration rate_hz gain travel limits seed",
-            parameters={e.name: picked(e, told) for e in self.expected}, table={"time": time, self.input: values},
-        )  # fmt: skip
+    @property
+    def parameters(self) -> dict[str, ExpectedParameter]:
+        """Parameters by name."""
+        return {e.name: e for e in self.expected}
 
     def __repr__(self) -> str:
         aims = ", ".join(self.targets)
@@ -204,28 +201,34 @@ def _best_design(
     rng, amplifier = np.random.default_rng(settings.seed), predictor.limits.amplifier
     aimed, known = _targets(fit, predictor, targets), predictor.precision()
     before = posterior_sd(known)
-    found = best_signals(partial(_scores, predictor, known, before, aimed), time, rng, settings, watched)
+
+    def score(signals: Sequence[FloatArray]) -> FloatArray:
+        predicted = predictor.predict([amplifier * s for s in signals])
+        return np.array([_score(p, known, before, aimed, predictor.limits) for p in predicted])
+
+    found = best_signals(score, time, rng, settings, watched)
     if not np.isfinite(found[0].score):
         raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
     values, travel = within_travel(predictor, amplifier * found[0].values, rng)
-    after, repeated = _sd_after(predictor, known, values, _present(fit, predictor, time))
-    return _design(predictor, found, values, travel, (before, after, repeated), aimed, settings.seed)
-
-
-def _sd_after(
-    predictor: ExperimentPredictor, known: FloatArray, values: FloatArray, present: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Compute standard deviations after the proposed input (n,), and after as long a recording of the present one."""
-    proposed, same = predictor.predict([values, present])
+    proposed, same = predictor.predict([values, _present(fit, predictor, time)])
     if proposed is None:
         raise CannotFinishError("the proposed experiment could not be simulated")
     after = posterior_sd(known + proposed.information)
-    if same is None:
-        return after, np.full(after.shape, np.nan)
-    return after, posterior_sd(known + same.information)
+    repeated = posterior_sd(known + same.information) if same is not None else np.full(after.shape, np.nan)
+    slope = predictor.shared.jacobian(predictor.values)
+    rows = np.stack([predictor.values, before * slope, after * slope, repeated * slope], axis=1).tolist()
+    expected = tuple(
+        ExpectedParameter(item.name, item.unit, value, now, later, again, j in aimed)
+        for j, (item, (value, now, later, again)) in enumerate(zip(predictor.shared, rows, strict=True))
+    )
+    return Design(
+        predictor.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
+        predictor.limits, float(1.0 / (time[1] - time[0])), settings.seed,
+        fit.calibration.model.units[predictor.input],
+    )  # fmt: skip
 
 
-def default_limits(fit: GaussianFit) -> Limits:
+def default_limits(fit: Fit) -> Limits:
     """Return what the model's package allows, for those outputs that it has; else inputs as large as those recorded."""
     model, declared = fit.calibration.model, fit.calibration.model.declared.limits
     known = {v.name for v in model.outputs}
@@ -234,7 +237,7 @@ def default_limits(fit: GaussianFit) -> Limits:
     return Limits(declared.input or largest or 1.0, {n: v for n, v in declared.travel.items() if n in known})
 
 
-def experiment_times(fit: GaussianFit, duration: float, rate_hz: float | None) -> FloatArray:
+def experiment_times(fit: Fit, duration: float, rate_hz: float | None) -> FloatArray:
     """Return sample times of the new recording, shape (n,)."""
     if rate_hz is None:
         rate_hz = 1.0 / fit.calibration.data.intervals[0]
@@ -277,19 +280,6 @@ def _targets(fit: Fit, predictor: ExperimentPredictor, targets: Sequence[str] | 
     return [j for j in sought if table[names[j]].status is not Status.IDENTIFIED] or sought
 
 
-def _scores(
-    predictor: ExperimentPredictor,
-    known: FloatArray,
-    before: FloatArray,
-    aimed: list[int],
-    signals: Sequence[FloatArray],
-) -> FloatArray:
-    """Score signals of size one (k,)."""
-    limits = predictor.limits
-    predicted = predictor.predict([limits.amplifier * s for s in signals])
-    return np.array([_score(p, known, before, aimed, limits) for p in predicted])
-
-
 def _score(
     predicted: PredictedExperiment | None, known: FloatArray, before: FloatArray, aimed: list[int], limits: Limits
 ) -> float:
@@ -307,29 +297,3 @@ def _present(fit: Fit, predictor: ExperimentPredictor, time: FloatArray) -> Floa
     within = span[0] + np.mod(time, span[-1] - span[0])
     index = np.clip(np.searchsorted(signal.time, within, side="right") - 1, 0, signal.time.size - 1)
     return np.asarray(signal.values[index])
-
-
-def _design(
-    predictor: ExperimentPredictor,
-    found: Sequence[BestSignal],
-    values: FloatArray,
-    travel: Mapping[str, float],
-    spreads: tuple[FloatArray, FloatArray, FloatArray],
-    aimed: list[int],
-    seed: int,
-) -> Design:
-    slope = predictor.shared.jacobian(predictor.values)
-    before, after, repeated = (sd * slope for sd in spreads)
-    expected = tuple(
-        ExpectedParameter(
-            item.name, item.unit, float(predictor.values[j]), float(before[j]), float(after[j]), float(repeated[j]),
-            j in aimed,
-        )
-        for j, item in enumerate(predictor.shared)
-    )  # fmt: skip
-    time = predictor.full_time
-    unit = predictor.fit.calibration.model.units[predictor.input]
-    return Design(
-        predictor.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
-        predictor.limits, float(1.0 / (time[1] - time[0])), seed, unit,
-    )  # fmt: skip

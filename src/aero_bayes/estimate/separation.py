@@ -1,15 +1,16 @@
-"""The outputs that are expected of a proposed experiment, with their uncertainty."""
+"""The experiment that tells two models apart, and the outputs that are expected of a proposed experiment."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.information import Engine, ExperimentPredictor, GaussianFit, Limits, PredictedExperiment
+from aero_bayes.estimate.information import ExperimentPredictor, Limits, PredictedExperiment
 from aero_bayes.estimate.propose import (
     TRAVEL_SHARE,
     Design,
@@ -20,8 +21,8 @@ from aero_bayes.estimate.propose import (
 )
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.signal_search import SearchSettings, best_signals
-from aero_bayes.plain import picked
 from aero_bayes.progress import Progress
+from aero_bayes.simulation.interface import Engine
 from aero_bayes.simulation.workers import WorkerPool
 
 
@@ -31,6 +32,8 @@ class Separation(ProposedInput):
 
     ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
     three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal."""
+
+    JSON_KEYS: ClassVar = "input family families duration log_evidence first_true second_true travel limits seed table"
 
     families: Mapping[str, float]
     first_true: float
@@ -44,16 +47,10 @@ class Separation(ProposedInput):
         """Expected difference in log-evidence, whichever model is true."""
         return min(self.first_true, self.second_true)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return everything as plain numbers and text."""
-        time, values = self.table()
-        told = "input family families duration log_evidence first_true second_true travel limits seed"
-        return picked(self, told, table={"time": time, self.input: values})
-
 
 def separating_experiment(
-    first: GaussianFit,
-    second: GaussianFit,
+    first: Fit,
+    second: Fit,
     *,
     duration: float = 30.0,
     rate_hz: float | None = None,
@@ -123,18 +120,6 @@ def _unexplained(
     return 0.5 * max(square - float(follow @ moved), 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class ExpectedOutputs:
-    """Expected outputs at the times of a proposal, without sensor noise.
-
-    ``middle``, ``lower`` and ``upper`` (n, m) are the median and the 90 % band over the posterior of the parameters."""
-
-    outputs: tuple[str, ...]
-    middle: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-
-
 def expected_outputs(
     proposal: Design | Separation,
     fit: Fit,
@@ -143,8 +128,10 @@ def expected_outputs(
     seed: int = 1,
     engine: Engine = "native",
     workers: int | None = None,
-) -> ExpectedOutputs:
-    """Return the outputs that a fitted model expects of a proposed experiment."""
+) -> dict[str, FloatArray]:
+    """Return 5 %, 50 % and 95 % quantiles (3, n) of each output at the times of a proposal, without sensor noise.
+
+    They are over the posterior of the parameters of a fitted model."""
     predictor = ExperimentPredictor(fit, proposal.time, proposal.limits, engine, workers)
     values = predictor.draws(draws, np.random.default_rng(seed))
     rows = np.column_stack([values, np.full(draws, predictor.delay_value)])
@@ -154,5 +141,5 @@ def expected_outputs(
     usable = result.outputs[0][result.outcomes[:, 0] == 0]
     if not len(usable):
         raise CannotFinishError("the proposed experiment could not be simulated")
-    low, middle, high = np.quantile(usable, (0.05, 0.5, 0.95), axis=0)
-    return ExpectedOutputs(predictor.outputs, middle, low, high)
+    quantiles = np.quantile(usable, (0.05, 0.5, 0.95), axis=0)
+    return {output: quantiles[:, :, k] for k, output in enumerate(predictor.outputs)}

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.estimate.information import Engine
 from aero_bayes.progress import Progress, Watched
+from aero_bayes.simulation.interface import Engine
 
 #: Steps a staircase takes, and sines a sum has.
 STEPS, SINES = 8, 10

@@ -26,7 +26,6 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.whiteness import residual_correlation_time
-from aero_bayes.plain import picked
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, StartTarget
 
 #: Share of new readings that a band holds.
@@ -162,17 +161,12 @@ def _off_rest(item: Parameter, value: float, sd: float | None) -> str:
 
 
 @dataclass(frozen=True)
-class StageReport:
+class StageReport(Stage):
     """Where a stage of the local search ended: cost, values and RMS error by output."""
 
-    stage: Stage
     cost: float
     values: Mapping[str, float]
     rms: Mapping[str, float]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the entry of result.json."""
-        return picked(self.stage, "parameters outputs") | picked(self, "cost values rms")
 
 
 def stage_report(fitted: FittedStage, parameters: ParameterSet, series: Sequence[Series]) -> StageReport:
@@ -183,4 +177,5 @@ def stage_report(fitted: FittedStage, parameters: ParameterSet, series: Sequence
         residuals.setdefault(s.output, []).append(residual)
     rms = {o: float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) for o, parts in residuals.items()}
     values = parameters.from_search(fitted.optimum.coordinates)
-    return StageReport(fitted.stage, fitted.cost, dict(zip(parameters.names, values.tolist(), strict=True)), rms)
+    found = dict(zip(parameters.names, values.tolist(), strict=True))
+    return StageReport(fitted.stage.parameters, fitted.stage.outputs, fitted.cost, found, rms)

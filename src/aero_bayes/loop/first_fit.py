@@ -285,7 +285,7 @@ def refitted(context: LoopContext, calibration: Calibration, values: FloatArray,
     began = time.perf_counter()
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
-        search = GlobalSearch(objective, context.settings.fitting.global_search)
+        search = GlobalSearch(objective, context.settings.fitting)
         end = search.refit(objective.parameters.to_search(values), like.free, like.noise)
         result = GlobalSearchResult(end, None, (), search.iterations)
         return finished_fit(search, result, context.settings.fitting, time.perf_counter() - began)
