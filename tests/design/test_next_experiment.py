@@ -36,7 +36,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
 
 @pytest.fixture(scope="module")
 def short_pulse():
-    truth = bench.Truth("one_dof", bench.Parameters(), (), 0.006)
+    truth = bench.Truth((), 0.006)
     return bench.simulate_recording(
         truth, pulse(6.0, 1.0, 3.0), bench.white(1.0), np.random.default_rng(1), duration=6.0, rate_hz=50.0
     )
@@ -151,7 +151,7 @@ def test_separating_experiment_tells_two_thrust_laws_apart(model, short_pulse, f
     apart = separating_experiment(fitted, other, duration=6.0, settings=replace(QUICK, seed=2), workers=0)
     assert np.max(np.abs(apart.values)) <= 24.0
     assert apart.travel["theta"] <= 1.0
-    truth = bench.Truth("one_dof", bench.Parameters(), (), 0.006)
+    truth = bench.Truth((), 0.006)
     volts = Levels(tuple(apart.time), tuple(apart.values))
     new = bench.simulate_recording(truth, volts, bench.white(1.0), np.random.default_rng(4), duration=6.0, rate_hz=50.0)
     both = [replace(short_pulse, name="old"), replace(new, name="new")]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson
+from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson, QuantilesJson
 from aero_bayes.report.schema_run import RecordingErrorJson, RunJson
-from aero_bayes.report.tables import Column, bar, html_table, ratio_glyph, status_pill
+from aero_bayes.report.tables import Column, bar, html_table, intervals_glyph, ratio_glyph, status_pill
 from aero_bayes.report.text import (
     NO_VALUE,
     count,
@@ -19,6 +19,7 @@ from aero_bayes.report.text import (
     significant,
     symbol,
 )
+from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 #: Above this, ensembles do not agree.
 R_HAT_LIMIT = 1.01
@@ -85,6 +86,29 @@ def _check(row: DiagnosisJson | None) -> Markup:
         return Markup(NO_VALUE)
     found = Markup("").join(Markup("<p>{}</p>").format(sentence(text)) for text in row.more)
     return Markup("{}<small>{} {}</small>").format(sentence(row.what), sentence(row.where), sentence(row.done)) + found
+
+
+def shifts_table(result: RunJson) -> Markup | None:
+    """Write parameters before and after the model was extended, and how far each moved; None for another run."""
+    loop, rows = result.loop, []
+    for name, moved in loop.shifts.items() if loop is not None and loop.effects else ():
+        now = result.parameters.get(name) or _spread(moved.after, moved.after_sd)
+        drawn = intervals_glyph(name, [_spread(moved.before, moved.before_sd), now], ("warm", "accent"))
+        change = NO_VALUE
+        if moved.before and moved.after is not None:
+            change = f"{signed(100 * (moved.after - moved.before) / abs(moved.before), 1)}\u00a0%"
+        about = Markup("{}<small>{}</small>").format(symbol(name), now.description)
+        rows.append((about, drawn, change, significant(moved.in_sd, 2)))
+    heads = ("parameter", "before (upper line), after (lower line)", Column("change", "right"),
+             Column("in combined standard deviations", "right"))  # fmt: skip
+    caption = "How far the parameters moved: 90 % intervals, a scale for each row"
+    return html_table(heads, rows, caption) if rows else None
+
+
+def _spread(value: float | None, sd: float | None) -> QuantilesJson:
+    if value is None or sd is None:
+        return QuantilesJson(value=value)
+    return QuantilesJson(value=value, q05=value - NORMAL_HALF_WIDTH * sd, q95=value + NORMAL_HALF_WIDTH * sd)
 
 
 def noise_model_table(run: RunDirectory) -> Markup | None:

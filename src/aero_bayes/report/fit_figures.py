@@ -10,7 +10,7 @@ from markupsafe import Markup
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.whiteness import autocorrelation
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
-from aero_bayes.report.drawing import SMALL_WIDTH, Band, Dots, Layer, Line, Panel, Plate, plate
+from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import ProfileJson
 from aero_bayes.report.svg import ACCENT, INK, MEASURED
@@ -25,7 +25,7 @@ def statistics(run: RunDirectory, recording: str) -> list[Plate]:
     """Return the residual's autocorrelation with its whiteness band, output by output, then the histograms."""
     time = run.time(recording)
     found = [(name, left_over(run, recording, name, FINAL_SERIES)) for name in run.signals("measured", recording)]
-    shown = [(n, pair[0]) for n, pair in found if pair and np.count_nonzero(np.isfinite(pair[0])) >= _MIN_SAMPLES]
+    shown = [(n, left) for n, left in found if left is not None and np.isfinite(left).sum() >= _MIN_SAMPLES]
     memory = [_autocorrelation_plate(time, values, recording, name) for name, values in shown]
     return memory + [_histogram_plate(run, values, recording, name) for name, values in shown]
 
@@ -48,7 +48,7 @@ def _autocorrelation_plate(time: FloatArray, values: FloatArray, recording: str,
     share = significant(100 * outside, 2)
     alt = f"Autocorrelation of the {greek_name(name)} residual, recording {recording}: {share} % of lags outside."
     caption = f"{share} % of lags lie outside the shaded band; for white noise 5 % would."
-    return plate([panel], alt, f"lag ({unit})", caption, width=SMALL_WIDTH)
+    return plate([panel], alt, f"lag ({unit})", caption, small=True)
 
 
 def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name: str) -> Plate:
@@ -71,7 +71,7 @@ def _histogram_plate(run: RunDirectory, values: FloatArray, recording: str, name
     words = f"RMS {significant(factor * float(np.sqrt(np.mean(finite**2))))} {unit}."
     if floor:
         words += f" Line: noise alone, {significant(factor * floor)} {unit}, over the same area."
-    return plate([panel], alt, f"residual ({unit})" if unit else "residual", words, width=SMALL_WIDTH)
+    return plate([panel], alt, f"residual ({unit})" if unit else "residual", words, small=True)
 
 
 def profile_plates(run: RunDirectory) -> list[Plate]:
@@ -106,7 +106,7 @@ def _plate(name: str, entry: ProfileJson, level: float | None) -> Plate | None:
     )  # fmt: skip
     words = _interval_words(entry)
     alt = f"Profile of {name}: {words}."
-    return plate([panel], alt, "fixed value", Markup("{}: {}.").format(symbol(name), words), width=300)
+    return plate([panel], alt, "fixed value", Markup("{}: {}.").format(symbol(name), words), small=True)
 
 
 def _interval_words(entry: ProfileJson) -> str:

@@ -47,7 +47,7 @@ def write_fleet_page(directory: Path, result: FleetJson, rows: Sequence[Mapping[
                  "failures": result.failed - len(result.failures)},
         "rigs": _rig_table(result, rows, words),
     }  # fmt: skip
-    page = fill("fleet.html.jinja", context, {}, [RunJson(words=words)], ())
+    page = fill("fleet.html.jinja", context, [RunJson(words=words)], ())
     return write_whole(directory / "report.html", page)
 
 

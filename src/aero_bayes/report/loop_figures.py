@@ -18,7 +18,6 @@ from aero_bayes.report.tables import bar, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
-PORT = 430.0
 _MOST_ROWS = 24
 #: Letters of a candidate's label beside a bar.
 LABEL_LETTERS = 52
@@ -102,13 +101,8 @@ def curve_plate(effect: EffectJson) -> Plate | None:
     # The band is wide where there are no data; showing all of it would flatten the curve.
     room = 0.3 * float(np.ptp(value)) or 1.0
     limits = (float(value.min() - room) * up, float(value.max() + room) * up)
-    return plate(
-        [Panel(title, layers, 220, y_limits=limits)],
-        alt,
-        label,
-        "The band is wide where there are no data.",
-        width=PORT,
-    )
+    panel = Panel(title, layers, 220, y_limits=limits)
+    return plate([panel], alt, label, "The band is wide where there are no data.", small=True)
 
 
 #: What begins a part of a class that holds no equations; the text of a documentation is none either.

@@ -24,13 +24,12 @@ from aero_bayes.report import (
     finding,
     findings,
     fit_figures,
-    forest,
     loop_figures,
     overview,
     posterior_figures,
     words,
 )
-from aero_bayes.report.drawing import WIDE_WIDTH, Plate
+from aero_bayes.report.drawing import Plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import ComponentJson, DiagramJson, ShapeJson
 from aero_bayes.report.schema_run import LoopJson, RunJson
@@ -69,9 +68,8 @@ def diagram_plate(diagram: DiagramJson) -> Plate | None:
         diagram.title,
         f"Marked: the place where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
     )
-    return Plate(
-        canvas.svg(), None, alt, caption, (), html_table(("part", "what it is", "connected to", ""), rows, alt)
-    )
+    table = html_table(("part", "what it is", "connected to", ""), rows, alt)
+    return Plate(canvas.svg(), alt, caption, table=table)
 
 
 def _neighbours(diagram: DiagramJson, name: str) -> list[str]:
@@ -212,7 +210,7 @@ def sensor_table(run: RunDirectory) -> Markup | None:
     return html_table(("output", Column("one count", "right"), "unit", "effect on the noise"), rows, "Encoders")
 
 
-SCRIPTS = ("data", "panel", "drawing", "figure", "save", "start")
+SCRIPTS = ("data", "panel", "figure", "save", "start")
 
 
 def write_run_page(directory: Path | str) -> Path:
@@ -223,15 +221,11 @@ def write_run_page(directory: Path | str) -> Path:
 
 def render(run: RunDirectory) -> str:
     """Return the page's text. The same run always gives the same page."""
-    return fill("page.html.jinja", _context(run), run.series, [run.result])
+    return fill("page.html.jinja", _context(run), [run.result])
 
 
 def fill(
-    template: str,
-    context: Mapping[str, Any],
-    series: Mapping[str, FloatArray],
-    results: Sequence[RunJson],
-    scripts: Sequence[str] = SCRIPTS,
+    template: str, context: Mapping[str, Any], results: Sequence[RunJson], scripts: Sequence[str] = SCRIPTS
 ) -> str:
     """Return a page from its template."""
     environment = _environment().overlay()
@@ -242,10 +236,10 @@ def fill(
         "effect": partial(named_effect, words=words),
     }  # fmt: skip
     script = _script(tuple(scripts))
-    keys = sorted({key for plate in _plates(context.values()) for key in plate.keys})
+    series = {key: values for plate in _plates(context.values()) for key, values in plate.series.items()}
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return environment.get_template(template).render(
-        context, script=Markup(script), script_hash=digest, series=embedded({key: series[key] for key in keys})
+        context, script=Markup(script), script_hash=digest, series=embedded(series)
     )
 
 
@@ -291,12 +285,12 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
         "verdict": verdict, "said": words.short_verdict(result),
         "simulated": result.simulated, "finding": head,
-        "opening": curves.scene_plate(run, scene, WIDE_WIDTH) if scene else None,
+        "opening": curves.scene_plate(run, scene) if scene else None,
         "opening_words": curves.stretch_words(run, scene) if scene else "",
         "diagrams": [plate for plate in plates if plate],
         "warnings": overview.warnings(result), "readings": overview.readings(result),
         "checks": words.checks_line(result), "diagnosis": findings.checks_table(result, verdict.text),
-        "moved": forest.before_and_after(result),
+        "moved": findings.shifts_table(result),
         "parameters": parameter_table({n: p for n, p in result.parameters.items() if n not in aside}),
         "aside": parameter_table(aside, "Values of single recordings, and fixed parameters"),
         "priors": prior_table(result.parameters),

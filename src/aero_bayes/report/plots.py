@@ -29,7 +29,7 @@ from aero_bayes.loop.result import LoopResult
 from aero_bayes.plain import plain
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.report.curves import legend, opening_scene, recording_panels, scene_panels, stretch_words
-from aero_bayes.report.drawing import Band, Dots, Line, Panel
+from aero_bayes.report.drawing import Band, Dots, Line, Panel, limits_of_x
 from aero_bayes.report.loop_figures import fall, fall_text, rounds, short_label
 from aero_bayes.report.results import recording_row
 from aero_bayes.report.run_directory import RunDirectory
@@ -144,8 +144,7 @@ def draw_panels(
         for axes, panel in zip(grid[:, 0], panels, strict=True):
             _draw(axes, panel, colours)
         grid[-1, 0].set_xlabel(x_label)
-        limits = next((panel.x_limits for panel in panels if panel.x_limits), None)
-        grid[-1, 0].set_xlim(*(limits or _reach(panels)))
+        grid[-1, 0].set_xlim(*limits_of_x(panels))
         figure.align_ylabels(grid[:, 0])
         if title:
             figure.suptitle(title, x=0.01, ha="left", fontsize=10.5)
@@ -162,11 +161,6 @@ def _key(colour: str, words: str) -> Artist:
     return Line2D([], [], color=colour, linewidth=3, label=words)
 
 
-def _reach(panels: Sequence[Panel]) -> tuple[float, float]:
-    ends = [(float(np.min(layer.x)), float(np.max(layer.x))) for panel in panels for layer in panel.layers]
-    return min(low for low, _ in ends), max(high for _, high in ends)
-
-
 def _draw(axes: Axes, panel: Panel, colours: Mapping[str, str]) -> None:
     unit = re.search(r"\(([^()]*)\)$", panel.title)
     axes.set_title(mathematics(panel.title), color=colours["ink"])
@@ -179,8 +173,8 @@ def _draw(axes: Axes, panel: Panel, colours: Mapping[str, str]) -> None:
             case Band():
                 axes.fill_between(layer.x, layer.low, layer.high, color=colour, alpha=layer.opacity, linewidth=0)
             case Dots():
-                low, high = axes.get_ylim() if layer.source else (-np.inf, np.inf)
-                size = layer.size if layer.source else 2 * layer.size
+                low, high = axes.get_ylim() if layer.at_edge else (-np.inf, np.inf)
+                size = layer.size if layer.at_edge else 2 * layer.size
                 axes.plot(layer.x, np.clip(layer.y, low, high), ".", color=colour, markersize=size, alpha=layer.opacity)
     for level in panel.levels:
         axes.axhline(level, color=colours["muted"], linewidth=0.8, dashes=(4, 3))
