@@ -26,7 +26,7 @@ from aero_bayes.modelica.syntax import Array
 from aero_bayes.modelica.tokens import without_indices
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.simulation.start_parameters import start_parameters
+from aero_bayes.simulation.probed_facts import start_parameters
 
 #: Values of one element, or of the elements of an array.
 ParameterValues = float | str | list["ParameterValues"]
