@@ -14,10 +14,10 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.candidates import place_laws
 from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.placed_law import place_laws
 from aero_bayes.structure.redeclare import load_with_redeclarations
 
 TIME = np.linspace(0.0, 4.0, 201)
@@ -120,9 +120,8 @@ end Slide;
 """
 
 
-def test_friction_attached_to_a_mass_slows_it_as_the_closed_form_says(here, tmp_path: Path) -> None:
-    source = tmp_path / "Slide.mo"
-    source.write_text(SLIDE)
+def test_friction_attached_to_a_mass_slows_it_as_the_closed_form_says(here, modelica, tmp_path: Path) -> None:
+    source = modelica(SLIDE)
     model = family("Slide", tmp_path, source).with_candidates(["viscous_friction@v"]).model
     assert [v.name for v in model.parameters] == ["m", "d"]
     outputs, slopes = run(model, {"d": 0.8}, here, level=0.0)
@@ -143,9 +142,10 @@ end Dependent;
 """
 
 
-def test_the_derivative_of_an_output_is_its_own_where_a_parameter_depends_on_others(here, tmp_path: Path) -> None:
-    source = tmp_path / "Dependent.mo"
-    source.write_text(DEPENDENT)
+def test_the_derivative_of_an_output_is_its_own_where_a_parameter_depends_on_others(
+    here, modelica, tmp_path: Path
+) -> None:
+    source = modelica(DEPENDENT)
     model = Model.load(export_embedded("Dependent", tmp_path / "d.fmu", [source]))
     _, slopes = run(model, {"k": 3.0}, here)
     np.testing.assert_allclose(slopes[:, 0, 0], 2.0 * np.exp(-TIME), rtol=1e-6)

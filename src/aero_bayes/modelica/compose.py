@@ -1,12 +1,4 @@
-"""Builds one flat model from others without a compiler: pure functions, milliseconds each.
-
-A candidate extension of a model is made by adding the equations of a law under an instance name and tying it in:
-
->>> from aero_bayes.modelica.compose import add_term, equate, instantiate  # doctest: +SKIP
->>> wider = instantiate(flat, friction, "pivot_friction")  # doctest: +SKIP
->>> wider = equate(wider, "pivot_friction.v", Name("body.omega"))  # doctest: +SKIP
->>> wider = add_term(wider, 17, Call("neg", (Name("pivot_friction.f"),)))  # doctest: +SKIP
-"""
+"""Builds one flat model from others without a compiler: pure functions, milliseconds each."""
 
 from __future__ import annotations
 
@@ -14,13 +6,12 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import cast
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.arrays import Value, mapped, scalars
+from aero_bayes.modelica.arrays import Value, scalars
 from aero_bayes.modelica.expression import Builder
-from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable, element_names
 from aero_bayes.modelica.scope import Scope
 from aero_bayes.modelica.syntax import (
     Array,
@@ -44,11 +35,6 @@ _DEFAULTS = {"min": -math.inf, "max": math.inf, "nominal": 1.0, "start": 0.0, "f
 TRUE_SUFFIX, ACTING_SUFFIX = "_true", "_acting"
 
 Change = Callable[[Name], Expression]
-
-
-def rename_model(flat: FlatModel, name: str) -> FlatModel:
-    """Return the same model under another name."""
-    return replace(flat, name=name)
 
 
 def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
@@ -228,29 +214,19 @@ def separate_elements(flat: FlatModel, element: str) -> FlatModel:
     return flat
 
 
-def element_names(name: str, sizes: Sequence[int]) -> list[str]:
-    """``x[1]``, ``x[2]``, ... row by row."""
-    return [f"{name}[{','.join(map(str, k))}]" for k in product(*(range(1, n + 1) for n in sizes))] if sizes else []
-
-
 def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
-    """Return a number of a parameter or variable."""
-    values = values or {}
-    if attribute == "value" and name in values:
-        return float(values[name])
+    """Return a number of a parameter or variable, with other ``values`` of parameters."""
     known = {v.name: v for v in flat.variables}
     base, subscripts = _split(name)
     v = known.get(name) or known.get(base)
     if v is None:
         raise InputError(f"{flat.name}: no variable {name!r}")
-    tree = v.binding if attribute == "value" else v.attributes.get(attribute)
-    if attribute == "value" and tree is None:
-        tree = v.attributes.get("start")
+    tree = v.value if attribute == "value" else v.attributes.get(attribute)
     if tree is None:
         if attribute not in _DEFAULTS:
             raise InputError(f"{flat.name}: {name!r} has no {attribute}")
         return _DEFAULTS[attribute]
-    found = _evaluated(flat, name, attribute, tree, values)
+    found = _evaluated(flat, name, attribute, tree, values or {})
     for k in subscripts:
         found = found[k - 1] if isinstance(found, list) else found
     items = scalars(found)
@@ -263,33 +239,25 @@ def _evaluated(flat: FlatModel, name: str, attribute: str, tree: Expression, val
     """Evaluate an attribute after everything that it depends on."""
     known = {v.name: v for v in flat.variables}
     b = Builder()
-    scope = Scope(b, flat.functions, {}, f"{name}.{attribute}", records=flat.records)
+    start: dict[str, Value] = {n: b.const(x) for n, x in values.items()}
+    scope = Scope(b, flat.functions, start, f"{name}.{attribute}", records=flat.records)
     open_: set[str] = set()
 
     def need(expression: Expression) -> None:
         for n in names_in(expression):
             if n in scope.values or n not in known:
                 continue
-            inner = known[n]
-            binding = inner.binding if inner.binding is not None else inner.attributes.get("start")
-            if not inner.constant or binding is None or n in open_:
+            binding = known[n].value
+            if not known[n].constant or binding is None or n in open_:
                 raise InputError(
                     f"{flat.name}: {attribute} of {name!r} depends on {n!r}, which has no value of its own"
                 )
             open_.add(n)
             need(binding)
-            scope.values[n] = b.const(values[n]) if n in values else _overridden(scope, n, binding, values)
+            scope.values[n] = scope.value(binding)
 
     need(tree)
     return scope.value(tree)
-
-
-def _overridden(scope: Scope, name: str, binding: Expression, values: Mapping[str, float]) -> Value:
-    value = scope.value(binding)
-    if not isinstance(value, list) or not any(n.startswith(f"{name}[") for n in values):
-        return value
-    places = iter(f"{name}[{k + 1}]" for k in range(len(scalars(value))))
-    return mapped(lambda n: scope.builder.const(values.get(next(places), n.value)), value)
 
 
 def _split(name: str) -> tuple[str, list[int]]:

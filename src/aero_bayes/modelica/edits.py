@@ -57,7 +57,7 @@ def add_declarations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Te
     public += [c.end for c in cls.classes if _section_of(cls, c.start) == "public"]
     if public:
         last = max(public)
-        indent = indentation(text, _first_of_line(text, last))
+        indent = indentation(text, last)
         at = _rest_of_line(text, last, cls.close)
     else:
         at = _rest_of_line(text, cls.body, cls.close)
@@ -145,14 +145,6 @@ def text_of(text: str, tokens: Sequence[Token]) -> str:
 
 def _section_of(cls: ClassText, at: int) -> str:
     return next((name for name, start, end in cls.sections if start <= at < end), "")
-
-
-def _first_of_line(text: str, at: int) -> int:
-    """Find the first character that is no white space on the line of ``at``."""
-    begin = text.rfind("\n", 0, at) + 1
-    while begin < at and text[begin] in " \t":
-        begin += 1
-    return begin
 
 
 def _rest_of_line(text: str, at: int, limit: int) -> int:

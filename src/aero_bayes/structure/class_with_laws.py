@@ -24,8 +24,8 @@ from aero_bayes.modelica.parse import evaluate_expression, parse_expression, par
 from aero_bayes.modelica.sources import SourceFile, Sources, inline_base_classes, standalone_text
 from aero_bayes.modelica.syntax import summands
 from aero_bayes.modelica.tokens import Token, one_line, skip_group, words_of
+from aero_bayes.structure.candidates import PlacedLaw, identifier
 from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law
-from aero_bayes.structure.placed_law import PlacedLaw, identifier
 
 
 @dataclass

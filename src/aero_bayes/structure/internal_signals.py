@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 
 from aero_bayes.modelica.flat import FlatEquation, FlatModel
+from aero_bayes.modelica.graphs import reachable
 from aero_bayes.modelica.syntax import Name, names_in
 from aero_bayes.structure.aliases import AliasStructure, derived_in, is_derivative
-from aero_bayes.structure.balance import Port
+from aero_bayes.structure.balance import Port, signal_port
 
 #: Index of an equation in the model, the variables in it, and the alias classes that it determines.
 Determined = tuple[int, set[str], set[str]]
@@ -28,20 +29,9 @@ def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
         acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
         within = reached & {*s.states}
         first = {head for of, names, heads in told if of != index and name in names for head in heads}
-        if within and acts and (reached & inputs or not within & _reachable(first, onward)):
-            unit = flat.variable(name).unit
-            states = tuple(x for x in s.states if x in reached)
-            yield Port(
-                name,
-                "input",
-                "signal",
-                unit,
-                {"u": unit, "y": unit},
-                e.place,
-                states,
-                {"u": name},
-                defining_equation=index,
-            )
+        if within and acts and (reached & inputs or not within & reachable(first, lambda x: onward.get(x, ())).keys()):
+            states, unit = tuple(x for x in s.states if x in reached), flat.variable(name).unit
+            yield signal_port("input", "signal", name, unit, e.place, states=states, defining_equation=index)
 
 
 def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
@@ -53,11 +43,9 @@ def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
                     if _is_component_signal(s, inner, "input") and _is_component_signal(s, outer, "output"):
                         unit = s.variables[inner].unit or s.variables[outer].unit
                         states = tuple(s.states_in(Name(outer)))
-                        signals = {"u": unit, "y": unit}
-                        yield Port(
-                            inner, "input", "signal", unit, signals, e.place, states, {"u": inner},
-                            defining_equation=index,
-                        )  # fmt: skip
+                        yield signal_port(
+                            "input", "signal", inner, unit, e.place, states=states, defining_equation=index
+                        )
 
 
 def _determined(s: AliasStructure, given: Collection[str]) -> list[Determined]:
@@ -82,16 +70,6 @@ def _dependents(s: AliasStructure, told: Sequence[Determined]) -> dict[str, set[
     for _, names, heads in told:
         for name in names:
             found.setdefault(s.of(name), set()).update(heads)
-    return found
-
-
-def _reachable(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
-    """Find some classes, and all that they act on directly or indirectly (reachability in the dependency graph)."""
-    found, waiting = {*begin}, [*begin]
-    while waiting:
-        new = onward.get(waiting.pop(), set()) - found
-        found |= new
-        waiting += new
     return found
 
 

@@ -65,6 +65,12 @@ class LawParameter:
     nominal: Expression
     declared_unit: str = ""
 
+    def check(self, nominals: Mapping[str, float]) -> None:
+        """Raise InputError for an attribute that is no expression in nominal values."""
+        for term in (self.default, self.minimum, self.maximum, self.nominal):
+            if term is not None:
+                evaluate_expression(term, nominals)
+
     def value(self, of: ParameterAttribute, nominals: Mapping[str, float]) -> float:
         """Return the number of one attribute. A bound that is not declared is infinite."""
         term = getattr(self, of)
@@ -182,9 +188,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         raise InputError("a law needs a parameter with the attribute nominal")
     nominals = {c.name: evaluate_expression(parse_expression(c.binding), {}) for c in inherited if _is_nominal(c)}
     for p in fitted:
-        for term in (p.default, p.minimum, p.maximum, p.nominal):
-            if term is not None:
-                evaluate_expression(term, dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
+        p.check(dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
     words = {t.word for s in cls.equations for t in s.tokens if t.kind == "name"}
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
     (extends,) = (s for s in cls.declarations if s.first == "extends")

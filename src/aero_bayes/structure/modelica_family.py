@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
-import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -13,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.declared import DeclaredEffect
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import declared_overrides
@@ -23,14 +20,21 @@ from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.library import declared_members
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.simulation.interface import DelayTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.structure.attach import OpenModel, attached
-from aero_bayes.structure.candidates import is_possible, ports_with_laws
+from aero_bayes.structure.attach import AlgebraicLoopError, LawBlocks, attached, can_be_attached
+from aero_bayes.structure.candidates import (
+    PlacedLaw,
+    PlacedTerms,
+    at_same_ports,
+    describe_law,
+    is_possible,
+    place_law,
+    place_laws,
+    ports_with_laws,
+    with_moved_input,
+)
 from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.law import START_PREFIX
-from aero_bayes.structure.law_blocks import AlgebraicLoopError, LawBlocks, can_be_attached
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.model_family import (
     CandidateTerm,
@@ -39,11 +43,13 @@ from aero_bayes.structure.model_family import (
     ModelWithCandidates,
     OpenSimulator,
     calibration_on,
-    effect_parameter,
-    to_significant_digits,
+    fitted_parameters,
+    refinements,
+    starting_values,
 )
 from aero_bayes.structure.nominal_values import port_nominals, signal_nominal, simulated_signals
 from aero_bayes.structure.open_ports import (
+    OpenModel,
     curve_basis,
     curve_variable,
     isolated_curve,
@@ -53,99 +59,8 @@ from aero_bayes.structure.open_ports import (
     states_by_base_name,
     with_curve_inputs,
 )
-from aero_bayes.structure.placed_law import (
-    PlacedLaw,
-    PlacedTerms,
-    at_same_ports,
-    describe_law,
-    place_law,
-    place_laws,
-    with_moved_input,
-)
 from aero_bayes.structure.redeclare import load_with_redeclarations, split_by_replaceable
 from aero_bayes.structure.write_model import WrittenModel, write_laws
-
-
-def refinements(placed: Mapping[str, PlacedLaw]) -> dict[str, str]:
-    """Return, for each law that refines another one at the same port, the id of that one."""
-    known = {(p.law.id, p.port.id): id_ for id_, p in placed.items()}
-    coarse = {id_: known.get((p.law.refines, p.port.id)) for id_, p in placed.items()}
-    return {id_: of for id_, of in coarse.items() if of is not None}
-
-
-#: Magnitudes to start from, in nominal values: of a law with further parameters, and of a law with the magnitude only.
-#: The latter may act only beyond a threshold, which a coarse grid would step over.
-START_MAGNITUDES, START_MAGNITUDES_WITHOUT_SHAPE = (
-    (1.0, 0.2, 5.0),
-    (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0),
-)
-#: Values of further parameters in nominal values, where their bounds are less than a factor apart.
-START_LEVELS, NARROW_BOUND_RATIO = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
-
-
-def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
-    """Return the parameters of a placed law with their priors, the magnitude first."""
-    found = []
-    for p in placed.parameters():
-        limits = placed.limits(p)
-        bounds = limits.get("min", -1e3 * limits["nominal"]), limits.get("max", 1e3 * limits["nominal"])
-        default = p.value("default", placed.all_nominals)
-        about = p.description if placed.port.replaceable is not None else f"{p.description} at {placed.port.id}"
-        one = effect_parameter(placed.names[p.name], placed.unit(p), about, bounds, limits["nominal"], default)
-        if placed.moved_input:
-            one = replace(one, target=DelayTarget(placed.moved_input))
-        elif p in placed.law.starts:
-            one = replace(one, starts=(f"{placed.instance}.{p.name.removeprefix(START_PREFIX)}",))
-        found.append(one)
-    return found
-
-
-def starting_values(
-    placed: PlacedLaw, effect: DeclaredEffect | None = None, highest: float = 1.0
-) -> tuple[tuple[float, ...], ...]:
-    """Return starting values of the parameters of a law: all combinations of a few values of each.
-
-    Magnitudes have both signs where the bounds allow it."""
-    if placed.law.curve_input:
-        return ()
-    if effect is not None and (effect.starts or effect.inverse_shares):
-        return _declared(placed, effect, highest)
-    choices: list[Collection[float]] = []
-    parameters = [p for p in placed.parameters() if p not in placed.law.starts]
-    for k, p in enumerate(parameters):
-        limits = placed.limits(p)
-        low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
-        scale = limits["nominal"]
-        if k == 0:
-            static = len(parameters) == 1 and low >= 0.0 and not placed.has_states
-            sizes = [
-                m * scale
-                for m in (START_MAGNITUDES_WITHOUT_SHAPE if static or placed.law.threshold else START_MAGNITUDES)
-            ]
-            values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
-        elif low > 0.0 and high < NARROW_BOUND_RATIO * low:
-            values = [m * scale for m in START_LEVELS if low < m * scale < high]
-        elif low > 0.0:
-            values = [scale, math.sqrt(scale * low), math.sqrt(scale * high)]
-        else:
-            values = [scale] if low >= 0.0 else [scale, -scale]
-        choices.append(values)
-    return tuple(itertools.product(*choices))
-
-
-def _declared(placed: PlacedLaw, effect: DeclaredEffect, highest: float) -> tuple[tuple[float, ...], ...]:
-    choices: list[tuple[float, ...]] = []
-    parameters = [p for p in placed.parameters() if p not in placed.law.starts]
-    for p in parameters:
-        limits = placed.limits(p)
-        values = effect.starts.get(p.name, (limits["nominal"],))
-        if len(parameters) == 1 and limits.get("min", -math.inf) >= 0.0:
-            values = (*values, 0.2 * min(values))
-        if p.name in effect.inverse_shares:
-            values = tuple(1.0 / (share * max(highest, 1e-3)) for share in effect.inverse_shares[p.name])
-        choices.append(values)
-    return tuple(itertools.product(*choices))
-
 
 #: Nominal values of the signals at ports, by the ids of the ports.
 PortNominals = Mapping[str, Mapping[str, float]]
@@ -219,9 +134,7 @@ class ModelicaFamily:
     def basis(self, id_: str) -> CurveBasis:
         """Return the basis functions of a learned curve."""
         (placed,) = self._sized([id_])
-        if placed.port.replaceable is None:
-            return curve_basis(placed, self.places.law_models)
-        return curve_basis(*isolated_curve(self._redeclared([placed]), placed))
+        return curve_basis(*isolated_curve(placed, self.places.law_models))
 
     def parameters(self, id_: str) -> tuple[Parameter, ...]:
         """Return the parameters of a candidate, by their names in a model with candidates."""
@@ -234,12 +147,11 @@ class ModelicaFamily:
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
         """Return the model with some laws, switched off."""
         placed_laws = self._ordered(id_ for id_ in self.terms.placed if id_ in ids)
-        model = self._simulated(placed_laws)
-        own = [
+        terms = [
             (CandidateTerm(u.id, self.places.port_name(u.port), self.starts(u.id)), self.parameters(u.id))
             for u in placed_laws
         ]
-        return ModelWithCandidates(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
+        return ModelWithCandidates(self._simulated(placed_laws), terms)
 
     @cached_property
     def blocks(self) -> LawBlocks:
@@ -336,17 +248,8 @@ class ModelicaFamily:
         names: dict[str, tuple[tuple[str, str], ...]] = {}
         for old in self._ordered(ids):
             known = {p.name: values[old.names[p.name]] for p in old.parameters() if old.names[p.name] in values}
-            own = {name: to_significant_digits(value, 6) for name, value in known.items()}
-            placed = place_law(
-                old.law,
-                old.port,
-                taken,
-                nominals=old.nominals,
-                values=own,
-                neighbour=old.neighbour,
-                alias=old.alias,
-                with_starts=True,
-            )
+            own = {name: float(f"{value:.6g}") for name, value in known.items()}
+            placed = place_law(old, taken, nominals=old.nominals, values=own, with_starts=True)
             taken |= {placed.instance, *placed.names.values()}
             placed_laws.append(replace(placed, moved_input=old.moved_input))
             self.terms.note_outputs(placed)
@@ -356,7 +259,7 @@ class ModelicaFamily:
             model = self._simulated(placed_laws)
         parameters = tuple(p for placed in placed_laws for p in fitted_parameters(placed))
         widths = {u.id: u.law.widths for u in placed_laws}
-        return ExtendedModel(written.name, written.path, written.text, written.diff, model, parameters, names, widths)
+        return ExtendedModel(**vars(written), model=model, parameters=parameters, names=names, widths=widths)
 
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
