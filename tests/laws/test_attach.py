@@ -35,14 +35,14 @@ def family(name: str, folder: Path, *sources: Path) -> ModelicaFamily:
     found = ModelicaFamily(LawPlaces(name, sources), folder / "built")
     sizes = {p.id: SIZES for p in found.places.ports}
     for placed in place_laws(found.places.candidates, found.places.taken_names(), sizes):
-        found.terms.add(placed, ())
+        found.placed[placed.id] = placed
     return found
 
 
 def values_of(found: ModelicaFamily, ids: Sequence[str]) -> dict[str, float]:
     """Of the parameters of laws: the magnitudes at their nominal values, the others at their defaults."""
     given = {}
-    for placed in (found.terms.placed[id_] for id_ in ids):
+    for placed in (found.placed[id_] for id_ in ids):
         for k, p in enumerate(placed.parameters()):
             given[placed.names[p.name]] = placed.limits(p)["nominal"] if k == 0 else placed.value(p)
     return given
@@ -83,9 +83,9 @@ def assert_equal(one, other, tolerance: float = 1e-7) -> None:
 )
 def test_an_attached_law_is_the_law_in_the_equations(rig: str, ids: list[str], here, tmp_path: Path) -> None:
     found = family(rig, tmp_path, RIGS / f"{rig}.mo")
-    ids = [id_ for id_ in found.terms.placed if id_ in ids]
+    ids = [id_ for id_ in found.placed if id_ in ids]
     offer = found.with_candidates(ids)
-    placed_laws = [found.terms.placed[id_] for id_ in ids]
+    placed_laws = [found.placed[id_] for id_ in ids]
     assert len(offer.model.states) == len(found.base_model().states) + sum(
         len(found.blocks.model(placed).states) for placed in placed_laws
     )
@@ -99,7 +99,7 @@ def test_laws_in_replaceable_models_are_attached_at_each_component(here, tmp_pat
     base = "Aero.Systems.OneDof"
     found = family(base, tmp_path)
     ids = ["amplifier_deadzone", "thrust_lag", "pitch_delay", "pivot_coulomb_friction"]
-    placed_laws = [found.terms.placed[id_] for id_ in ids]
+    placed_laws = [found.placed[id_] for id_ in ids]
     given = values_of(found, ids) | {"R_a": 8.4, "k_t": 1e-7}
     attached = found.with_candidates(ids).model
     assert len(attached.states) == 6 + 2 + 2

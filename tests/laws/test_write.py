@@ -497,7 +497,7 @@ end Filter;
 """
     )
     places = LawPlaces("Filter.Rig", (tmp_path / "Filter.mo",))
-    tried = places.writable_candidates()
+    tried = places.candidates_for(None)
     assert {"lag@u", "offset@y"} <= {c.id for c in tried}
     for c in tried:
         placed = place_law(c, {v.name for v in places.flat.variables}, nominals={})

@@ -170,7 +170,7 @@ def _port_responses(family: ModelicaFamily, found: Fit) -> tuple[dict[str, float
         objective = Objective(calibration, simulator)
         run = objective.evaluate(at, [*free, *range(own, own + len(probes))])
         if run is None:
-            raise InputError(f"{family.base}: cannot be simulated with probes at its ports")
+            raise InputError(f"{family.places.base}: cannot be simulated with probes at its ports")
         assert run.slopes is not None
         late, whose = _delay_responses(objective, run.predicted, ports, sizes)
         slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, late, strict=True))

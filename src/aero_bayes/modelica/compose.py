@@ -34,25 +34,23 @@ _DEFAULTS = {"min": -math.inf, "max": math.inf, "nominal": 1.0, "start": 0.0, "f
 #: the model behind an input law.
 TRUE_SUFFIX, ACTING_SUFFIX = "_true", "_acting"
 
-Change = Callable[[Name], Expression]
-
 
 def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
     """Add all variables and equations of a law under the prefix ``instance.``.
 
     The law's inputs become plain variables, which equations have to bind (:func:`equate`); its outputs are not those
     of the whole."""
-    taken = {v.name for v in flat.variables}
-    own = {v.name for v in law.variables}
-    own |= {r for r in law.records if any(n.startswith(f"{r}.") for n in own)}
-    clash = next((v.name for v in law.variables if f"{instance}.{v.name}" in taken), None)
-    if clash is not None:
+    taken, own = {v.name for v in flat.variables}, {v.name for v in law.variables}
+    if any(f"{instance}.{name}" in taken for name in own):
         raise InputError(f"{flat.name}: the instance {instance!r} is there already")
 
     def moved(n: Name) -> Name:
         return Name(f"{instance}.{n.name}", n.subscripts) if n.name in own else n
 
-    inside = _changed(law, moved, moved)
+    def under(e: FlatEquation) -> FlatEquation:
+        component = f"{instance}.{e.component}" if e.component else instance
+        return replace(e, left=map_names(e.left, moved), right=map_names(e.right, moved), component=component)
+
     variables = tuple(
         replace(
             v,
@@ -66,19 +64,10 @@ def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
     return replace(
         flat,
         variables=flat.variables + variables,
-        equations=flat.equations + tuple(_under(e, instance) for e in inside.equations),
-        initial_equations=flat.initial_equations + tuple(_under(e, instance) for e in inside.initial_equations),
-        algorithms=flat.algorithms + inside.algorithms,
-        initial_algorithms=flat.initial_algorithms + inside.initial_algorithms,
-        whens=flat.whens + inside.whens,
-        assertions=flat.assertions + inside.assertions,
+        equations=flat.equations + tuple(map(under, law.equations)),
+        initial_equations=flat.initial_equations + tuple(map(under, law.initial_equations)),
         functions={**law.functions, **flat.functions},
-        records={**flat.records, **{moved(Name(n)).name if n in own else n: f for n, f in law.records.items()}},
     )
-
-
-def _under(e: FlatEquation, instance: str) -> FlatEquation:
-    return replace(e, component=f"{instance}.{e.component}" if e.component else instance)
 
 
 def equate(flat: FlatModel, name: str, expression: Expression) -> FlatModel:
@@ -94,13 +83,12 @@ def add_variable(flat: FlatModel, name: str, unit: str = "", description: str = 
     return _with(flat, v)
 
 
-def add_input(flat: FlatModel, name: str, unit: str = "", description: str = "") -> FlatModel:
-    """Add an input of the whole model, zero at the start."""
+def add_input(flat: FlatModel, name: str, unit: str = "", description: str = "", start: float = 0.0) -> FlatModel:
+    """Add an input of the whole model."""
     if "." in name:
         raise InputError(f"the input {name!r}: an input of the whole model has a name without dots")
-    v = FlatVariable(
-        name, causality="input", unit=unit, description=description, attributes=_attributes({"start": 0.0})
-    )
+    given = _attributes({"start": start})
+    v = FlatVariable(name, causality="input", unit=unit, description=description, attributes=given)
     return _with(flat, v)
 
 
@@ -185,7 +173,7 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
             return by
         return Name(by.name, n.subscripts) if isinstance(by, Name) and not by.subscripts else Index(by, n.subscripts)
 
-    changed = _changed(flat, change, lambda n: n)
+    changed = _changed(flat, change)
     kept = set(keep_equations)
     equations = tuple(
         old if i in kept else new for i, (old, new) in enumerate(zip(flat.equations, changed.equations, strict=True))
@@ -282,29 +270,22 @@ def _with(flat: FlatModel, v: FlatVariable) -> FlatModel:
     return replace(flat, variables=(*flat.variables, v))
 
 
-def _changed(flat: FlatModel, change: Change, target: Callable[[Name], Name]) -> FlatModel:
-    """Equations, algorithms and events with every name changed; declarations as they are."""
+def _changed(flat: FlatModel, change: Callable[[Name], Expression]) -> FlatModel:
+    """Equations, algorithms and events with every name changed; declarations, and what is assigned, as they are."""
 
     def both(e: FlatEquation) -> FlatEquation:
         left, right = map_names(e.left, change), map_names(e.right, change)
         return e if left == e.left and right == e.right else replace(e, left=left, right=right)
 
     def statements(body: tuple[Statement, ...]) -> tuple[Statement, ...]:
-        return tuple(map_names_in_statement(s, change, target) for s in body)
-
-    def outputs(names: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(target(Name(n)).name for n in names)
+        return tuple(map_names_in_statement(s, change) for s in body)
 
     return replace(
         flat,
         equations=tuple(map(both, flat.equations)),
         initial_equations=tuple(map(both, flat.initial_equations)),
-        algorithms=tuple(
-            replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.algorithms
-        ),
-        initial_algorithms=tuple(
-            replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.initial_algorithms
-        ),
+        algorithms=tuple(replace(a, statements=statements(a.statements)) for a in flat.algorithms),
+        initial_algorithms=tuple(replace(a, statements=statements(a.statements)) for a in flat.initial_algorithms),
         whens=tuple(replace(w, statement=cast(WhenStatement, statements((w.statement,))[0])) for w in flat.whens),
         assertions=tuple(replace(a, condition=map_names(a.condition, change)) for a in flat.assertions),
     )

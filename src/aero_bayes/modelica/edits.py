@@ -126,16 +126,12 @@ def replace_names(
             before -= 1
         opened = before >= 0 and tokens[before].word in ("(", ",")
         after = tokens[k + 1].word if k + 1 < len(tokens) else ""
-        if opened and (after == "=" or (after == "(" and not functions)) and _in_parentheses(tokens, k):
+        if opened and (after == "=" or (after == "(" and not functions)) and any(t.word == "(" for t in tokens[:k]):
             continue
         text = new(token.word)
         if text is not None:
             edits.append(TextEdit(token.start, token.end, text))
     return edits
-
-
-def _in_parentheses(tokens: Sequence[Token], at: int) -> bool:
-    return any(t.word == "(" for t in tokens[:at])
 
 
 def text_of(text: str, tokens: Sequence[Token]) -> str:

@@ -292,34 +292,12 @@ def identifier(path: str) -> str:
 
 def describe_law(law: Law, port: Port) -> str:
     """Return a phrase about a law and its port."""
-    about, place = f"{law.description[:1].lower()}{law.description[1:]}", port.replaceable
+    about, place = in_sentence(law.description), port.replaceable
     if place is None or not place.description:
         return f"{about} at {port.id}"
-    return f"{about} ({place.description[:1].lower()}{place.description[1:]})"
+    return f"{about} ({in_sentence(place.description)})"
 
 
-#: Starting points of the parameters of a candidate.
-Starts = tuple[tuple[float, ...], ...]
-
-
-@dataclass(frozen=True)
-class PlacedTerms:
-    """The laws that were placed as candidates of a loop, by id. They change while it goes on.
-
-    ``starts`` are starting values of their parameters; ``read`` names the output on which a law acts, by the variable
-    that the law reads in its place."""
-
-    placed: dict[str, PlacedLaw] = field(default_factory=dict)
-    starts: dict[str, Starts] = field(default_factory=dict)
-    read: dict[str, str] = field(default_factory=dict)
-
-    def add(self, placed: PlacedLaw, starts: Starts) -> None:
-        """Add a candidate."""
-        self.placed[placed.id] = placed
-        self.starts[placed.id] = starts
-        self.note_outputs(placed)
-
-    def note_outputs(self, placed: PlacedLaw) -> None:
-        """Keep the output on which a law acts."""
-        if placed.port.attachment == "output":
-            self.read[f"{placed.instance}.u"] = placed.port.signals["u"]
+def in_sentence(description: str) -> str:
+    """Return a description as it stands within a sentence."""
+    return description[:1].lower() + description[1:]

@@ -283,27 +283,17 @@ class _Table:
             group = ET.SubElement(root, "UnitDefinitions")
             for unit in units:
                 ET.SubElement(group, "Unit", name=unit)
-        place, pattern = {s.name: k for k, s in enumerate(self.shown)}, self._pattern()
+        place = {s.name: k for k, s in enumerate(self.shown)}
         add_variables(root, [
             DescribedVariable(
                 s.name, place[s.alias_of or s.name], s.causality, s.variability, s.initial, s.v.description,
                 **_attributes(s.v), start=s.start, derivative_of=s.derivative_of,
-                depends=pattern.get(s.derivative_of) if s.derivative_of else s.depends,
+                depends=s.depends,
             )
             for s in self.shown
         ])  # fmt: skip
         ET.indent(root)
         return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'.encode()
-
-    def _pattern(self) -> dict[str, tuple[str, ...]]:
-        """Return what each derivative depends on, where the base says it and no law changes it; empty for: all."""
-        base = self.coupling.base
-        if base.jacobian_pattern is None or self.coupling.laws:
-            return {}
-        inputs = tuple(self.coupling.inputs)
-        names = [s.name for s in base.states]
-        rows = [tuple(n for j, n in enumerate(names) if row in base.jacobian_pattern[j]) for row in range(len(names))]
-        return {name: row + inputs for name, row in zip(names, rows, strict=True)}
 
 
 def _rate(s: Variable, name: str, part: int, reference: int) -> _Shown:

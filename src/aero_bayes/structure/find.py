@@ -15,7 +15,6 @@ from aero_bayes.modelica.graphs import assign, reachable
 from aero_bayes.modelica.syntax import Call, Expression, Name, children, names_in, parse_reference, short_text
 from aero_bayes.modelica.units import dimension_of_unit
 from aero_bayes.structure.aliases import AliasStructure, alias_structure, derived_names, is_derivative
-from aero_bayes.structure.ambient import ambient_differences
 from aero_bayes.structure.balance import (
     Balance,
     Port,
@@ -26,7 +25,7 @@ from aero_bayes.structure.balance import (
     signal_port,
 )
 from aero_bayes.structure.insertion_point import Driver
-from aero_bayes.structure.internal_signals import connected_inputs, internal_signals
+from aero_bayes.structure.internal_signals import ambient_differences, connected_inputs, internal_signals
 from aero_bayes.structure.relative_motion import (
     SPEEDS,
     branch_ports,

@@ -261,7 +261,7 @@ class FmuFamily(ModelicaFamily):
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
         """Write ``NAME.mo`` and ``NAME.ssp`` for other tools, and ``NAME.fmu``."""
-        name = "_".join([self.title, *(u.instance for u in placed_laws)])
+        name = "_".join([self.places.title, *(u.instance for u in placed_laws)])
         coupling, none = (self.places.coupling(laws) for laws in (placed_laws, ()))
         values = {**self._fixed_values, **values}
         text = wrapper_text(self.places.inner, coupling, placed_laws, values, name)
@@ -274,9 +274,9 @@ class FmuFamily(ModelicaFamily):
         couple(attached(self._opened(), placed_laws, self.blocks), folder / f"{name}.fmu")
         write_ssp(self.places.inner, laws, coupling, values, folder / f"{name}.ssp")
         before = wrapper_text(self.places.inner, none, (), values, name)
-        return WrittenModel(name, path, text, unified_diff(before, text, f"{self.title}.mo", path.name)), Model.load(
-            folder / f"{name}.fmu"
-        )
+        return WrittenModel(
+            name, path, text, unified_diff(before, text, f"{self.places.title}.mo", path.name)
+        ), Model.load(folder / f"{name}.fmu")
 
     def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
         """Return names in a coupled model of states that are outputs, which may have others there."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.modelica.compose import add_output
-from aero_bayes.modelica.flat import FlatModel, FlatVariable
+from aero_bayes.modelica.compose import add_input, add_output
+from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.syntax import Name, Number
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
@@ -162,24 +162,18 @@ class FmuPlaces(LawPlaces):
         for v in self.inner.inputs:
             name = self.names[v.name]
             inputs.append((v, name, f"{name}_acts"))
-            flat = _input(flat, name, v, v.start or 0.0)
+            flat = add_input(flat, name, v.unit, v.description, v.start or 0.0)
             flat = add_output(flat, f"{name}_acts", Name(name), v.unit)
         for v in self.inner.outputs:
             name = self.names[v.name]
             if v.kind == "real" and name in read:
                 outputs.append((v, f"{name}_unread", name))
-                flat = _input(flat, f"{name}_unread", v, v.start or 0.0)
+                flat = add_input(flat, f"{name}_unread", v.unit, v.description, v.start or 0.0)
                 flat = add_output(flat, name, Name(f"{name}_unread"), v.unit)
         for v in self.inner.states:
             if self.state_signal(v) in read:
                 states.append((v, self.state_signal(v)))
-                flat = _input(flat, self.state_signal(v), v, v.start or 0.0)
+                flat = add_input(flat, self.state_signal(v), v.unit, v.description, v.start or 0.0)
         return LawCoupling(
             compose_laws(flat, placed_laws, self.law_models), tuple(inputs), tuple(outputs), tuple(states)
         )
-
-
-def _input(flat: FlatModel, name: str, v: Variable, start: float) -> FlatModel:
-    attributes = {"start": Number(start)}
-    variable = FlatVariable(name, causality="input", unit=v.unit, description=v.description, attributes=attributes)
-    return FlatModel(flat.name, (*flat.variables, variable), flat.equations)

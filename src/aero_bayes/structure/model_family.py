@@ -31,13 +31,17 @@ OpenSimulator = Callable[[Problem], Simulator]
 MAGNITUDE_PRIOR_FACTOR = 3.0
 
 
+#: Starting points of the parameters of a candidate.
+Starts = tuple[tuple[float, ...], ...]
+
+
 @dataclass(frozen=True)
 class CandidateTerm:
     """A term that the model may lack."""
 
     id: str
     port: str
-    starts: tuple[tuple[float, ...], ...]
+    starts: Starts
     columns: tuple[int, ...] = ()
 
 
@@ -92,13 +96,6 @@ def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, s
     return replace(calibration, data=data, simulated=simulated, parameters=ParameterSet(parameters))
 
 
-def refinements(placed: Mapping[str, PlacedLaw]) -> dict[str, str]:
-    """Return, for each law that refines another one at the same port, the id of that one."""
-    known = {(p.law.id, p.port.id): id_ for id_, p in placed.items()}
-    coarse = {id_: known.get((p.law.refines, p.port.id)) for id_, p in placed.items()}
-    return {id_: of for id_, of in coarse.items() if of is not None}
-
-
 #: Magnitudes to start from, in nominal values: of a law with further parameters, and of a law with the magnitude only.
 #: The latter may act only beyond a threshold, which a coarse grid would step over.
 START_MAGNITUDES, START_MAGNITUDES_WITHOUT_SHAPE = (
@@ -130,9 +127,7 @@ def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
     return found
 
 
-def starting_values(
-    placed: PlacedLaw, effect: DeclaredEffect | None = None, highest: float = 1.0
-) -> tuple[tuple[float, ...], ...]:
+def starting_values(placed: PlacedLaw, effect: DeclaredEffect | None = None, highest: float = 1.0) -> Starts:
     """Return starting values of the parameters of a law: all combinations of a few values of each.
 
     Magnitudes have both signs where the bounds allow it."""
@@ -163,7 +158,7 @@ def starting_values(
     return tuple(itertools.product(*choices))
 
 
-def _declared(placed: PlacedLaw, effect: DeclaredEffect, highest: float) -> tuple[tuple[float, ...], ...]:
+def _declared(placed: PlacedLaw, effect: DeclaredEffect, highest: float) -> Starts:
     choices: list[tuple[float, ...]] = []
     parameters = [p for p in placed.parameters() if p not in placed.law.starts]
     for p in parameters:

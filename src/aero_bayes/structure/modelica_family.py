@@ -13,9 +13,8 @@ import numpy as np
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.parameters import Override, Parameter
+from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.library import declared_members
@@ -24,7 +23,6 @@ from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.structure.attach import AlgebraicLoopError, LawBlocks, attached, can_be_attached
 from aero_bayes.structure.candidates import (
     PlacedLaw,
-    PlacedTerms,
     at_same_ports,
     describe_law,
     is_possible,
@@ -42,9 +40,9 @@ from aero_bayes.structure.model_family import (
     ExtendedModel,
     ModelWithCandidates,
     OpenSimulator,
+    Starts,
     calibration_on,
     fitted_parameters,
-    refinements,
     starting_values,
 )
 from aero_bayes.structure.nominal_values import port_nominals, signal_nominal, simulated_signals
@@ -72,34 +70,18 @@ class ModelicaFamily:
 
     places: LawPlaces
     folder: Path
+    placed: dict[str, PlacedLaw] = field(default_factory=dict, compare=False, repr=False)
+    _starts: dict[str, Starts] = field(default_factory=dict, compare=False, repr=False)
+    _written: list[PlacedLaw] = field(default_factory=list, compare=False, repr=False)
     _open: list[OpenModel] = field(default_factory=list, compare=False, repr=False)
-    terms: PlacedTerms = field(default_factory=PlacedTerms, compare=False, repr=False)
     _curve_nominals_pending: list[Callable[[], Mapping[str, float]]] = field(
         default_factory=list, compare=False, repr=False
     )
 
-    @property
-    def base(self) -> str:
-        """Name of the Modelica class."""
-        return self.places.base
-
-    @property
-    def title(self) -> str:
-        """Last part of the name."""
-        return self.places.title
-
-    def check(self) -> None:
-        """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""
-        self.places.check()
-
     def base_model(self) -> Model:
         """Return the model without any law added."""
-        source = ModelicaSource(self.base, self.places.sources, self.places.libraries)
+        source = ModelicaSource(self.places.base, self.places.sources, self.places.libraries)
         return replace(self._export(self.places.flat, "plain"), source=source)
-
-    def overrides(self, model: Model) -> Mapping[str, Override]:
-        """Return the declared priors."""
-        return declared_overrides(model)
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
@@ -110,26 +92,29 @@ class ModelicaFamily:
         kept = [c for c in kept if c.id in required or is_possible(c.law, nominals.get(c.port.id, {}))]
         experiments = calibration.data.experiments
         highest = max((float(np.abs(s.values).max()) for e in experiments for s in e.inputs), default=1.0)
-        self.terms.placed.clear()
+        self.placed.clear()
         self._open.clear()
         recorded = set.intersection(*({s.name for s in e.inputs} for e in experiments))
         laws = place_laws(kept, self.places.taken_names(), nominals, free_starts=True)
         for placed in (with_moved_input(p, recorded) for p in laws):
             declared = self.places.declared.effects.get(placed.id)
-            self.terms.add(placed, starting_values(placed, declared, highest))
+            self.placed[placed.id] = placed
+            self._starts[placed.id] = starting_values(placed, declared, highest)
         self._curve_nominals_pending[:] = [partial(self._curve_nominals, calibration, fit, open_simulator)]
-        return tuple(self.terms.placed)
+        return tuple(self.placed)
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
         return port_nominals(self.places.flat, self.places.ports, calibration, fit, open_simulator)
 
-    def refinements(self) -> Mapping[str, str]:
-        """Return, for each law that refines another one at the same port, that one."""
-        return refinements(self.terms.placed)
+    def refinements(self) -> dict[str, str]:
+        """Return, for each law that refines another one at the same port, the id of that one."""
+        known = {(p.law.id, p.port.id): id_ for id_, p in self.placed.items()}
+        coarse = {id_: known.get((p.law.refines, p.port.id)) for id_, p in self.placed.items()}
+        return {id_: of for id_, of in coarse.items() if of is not None}
 
     def curves(self) -> Mapping[str, str]:
         """Return learned curves, and the variable over which each is learned."""
-        return {id_: curve_variable(placed) for id_, placed in self.terms.placed.items() if placed.law.curve_input}
+        return {id_: curve_variable(placed) for id_, placed in self.placed.items() if placed.law.curve_input}
 
     def basis(self, id_: str) -> CurveBasis:
         """Return the basis functions of a learned curve."""
@@ -138,15 +123,15 @@ class ModelicaFamily:
 
     def parameters(self, id_: str) -> tuple[Parameter, ...]:
         """Return the parameters of a candidate, by their names in a model with candidates."""
-        return tuple(fitted_parameters(self.terms.placed[id_]))
+        return tuple(fitted_parameters(self.placed[id_]))
 
-    def starts(self, id_: str) -> tuple[tuple[float, ...], ...]:
+    def starts(self, id_: str) -> Starts:
         """Return starting values of the parameters of a candidate; none for a learned curve."""
-        return self.terms.starts[id_]
+        return self._starts.get(id_, ())
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
         """Return the model with some laws, switched off."""
-        placed_laws = self._ordered(id_ for id_ in self.terms.placed if id_ in ids)
+        placed_laws = self._ordered(id_ for id_ in self.placed if id_ in ids)
         terms = [
             (CandidateTerm(u.id, self.places.port_name(u.port), self.starts(u.id)), self.parameters(u.id))
             for u in placed_laws
@@ -160,7 +145,7 @@ class ModelicaFamily:
     def _opened(self) -> OpenModel:
         """Return the model with its ports open for all laws that are placed and can be attached."""
         if not self._open:
-            placed_laws = [p for p in self.terms.placed.values() if can_be_attached(p)]
+            placed_laws = [p for p in self.placed.values() if can_be_attached(p)]
             export = partial(self._export, what="open")
             self._open.append(open_model(self.base_model(), placed_laws, self.places.flat, export))
         return self._open[0]
@@ -172,7 +157,7 @@ class ModelicaFamily:
         base = self._opened()
         given = [(u.id, u.instance, u.names, u.all_nominals) for u in placed_laws]
         key = hashlib.sha256(f"{base.model.sha256}{given}".encode()).hexdigest()[:16]
-        out = self.folder / f"{self.title}-attached-{key}.fmu"
+        out = self.folder / f"{self.places.title}-attached-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
             couple(attached(base, placed_laws, self.blocks), out)
@@ -199,7 +184,7 @@ class ModelicaFamily:
         if not placed_laws:
             return self.places.flat
         return load_with_redeclarations(
-            self.base, f"{self.title}_candidates", placed_laws, self.places.sources, self.places.libraries
+            self.places.base, f"{self.places.title}_candidates", placed_laws, self.places.sources, self.places.libraries
         )
 
     def _sized(self, ids: Iterable[str]) -> list[PlacedLaw]:
@@ -207,12 +192,12 @@ class ModelicaFamily:
         wanted = list(ids)
         if self._curve_nominals_pending and {placed.id for placed in self._curves()} & set(wanted):
             for id_, size in self._curve_nominals_pending.pop()().items():
-                self.terms.placed[id_] = replace(self.terms.placed[id_], nominals={"x_n": size})
-        return [self.terms.placed[id_] for id_ in wanted]
+                self.placed[id_] = replace(self.placed[id_], nominals={"x_n": size})
+        return [self.placed[id_] for id_ in wanted]
 
     def _curves(self) -> list[PlacedLaw]:
         """Return learned curves in replaceable models."""
-        every = self.terms.placed.values()
+        every = self.placed.values()
         return [placed for placed in every if placed.port.replaceable is not None and placed.law.curve_input]
 
     def _curve_nominals(
@@ -233,7 +218,7 @@ class ModelicaFamily:
 
         Those in replaceable models come first, in their own order. Of the others, laws that need the derivative of a
         reading are the innermost."""
-        places = {id_: k for k, id_ in enumerate(self.terms.placed)}
+        places = {id_: k for k, id_ in enumerate(self.placed)}
         inside, others = split_by_replaceable(self._sized(ids))
         inside = sorted(inside, key=lambda u: places[u.id])
         return [*inside, *sorted(others, key=lambda u: not u.law.needs_derivative)]
@@ -252,8 +237,8 @@ class ModelicaFamily:
             placed = place_law(old, taken, nominals=old.nominals, values=own, with_starts=True)
             taken |= {placed.instance, *placed.names.values()}
             placed_laws.append(replace(placed, moved_input=old.moved_input))
-            self.terms.note_outputs(placed)
             names[old.id] = tuple((old.names[p.name], placed.names[p.name]) for p in old.parameters())
+        self._written.extend(placed_laws)
         written, model = self._write(placed_laws, values, folder)
         if any(placed.moved_input for placed in placed_laws):
             model = self._simulated(placed_laws)
@@ -265,7 +250,7 @@ class ModelicaFamily:
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
         """Return the written model and its FMU. ``values`` of the fit go by the names of the model with candidates."""
-        written = write_laws(self.places.sources, self.base, self.places.flat, placed_laws, folder)
+        written = write_laws(self.places.sources, self.places.base, self.places.flat, placed_laws, folder)
         flat = load_flat(written.name, (*self.places.sources, written.path), self.places.libraries)
         return written, self._export(flat, written.name)
 
@@ -275,7 +260,10 @@ class ModelicaFamily:
 
     def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
         """Return names in another model of states of a base model."""
-        there = states_by_base_name(model, self.places.structure, self._aliases, self.terms.read)
+        # the output on which a law acts is known by what the law reads in its place
+        acting = [p for p in (*self.placed.values(), *self._written) if p.port.attachment == "output"]
+        read = {f"{p.instance}.u": p.port.signals["u"] for p in acting}
+        there = states_by_base_name(model, self.places.structure, self._aliases, read)
         return state_names(base, self.places.structure, there)
 
     @cached_property
@@ -284,13 +272,13 @@ class ModelicaFamily:
 
     def describe(self, id_: str) -> str:
         """Return a sentence about a law and its port."""
-        return describe_law(self.terms.placed[id_].law, self.terms.placed[id_].port)
+        return describe_law(self.placed[id_].law, self.placed[id_].port)
 
     def _export(self, flat: FlatModel, what: str) -> Model:
         """Return the FMU of a flat model. The hash of the flat model is part of the file name."""
         key = hashlib.sha256(repr(flat).encode()).hexdigest()[:16]
-        out = self.folder / f"{self.title}-{what}-{key}.fmu"
+        out = self.folder / f"{self.places.title}-{what}-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            export_flat(flat, out, members=declared_members(self.base, self.places.sources))
+            export_flat(flat, out, members=declared_members(self.places.base, self.places.sources))
         return Model.load(out)

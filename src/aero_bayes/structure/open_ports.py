@@ -24,7 +24,7 @@ from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_names
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
 from aero_bayes.structure.balance import DIFFERENCE, CombinationRule, ReplaceableModel
-from aero_bayes.structure.candidates import PlacedLaw, identifier
+from aero_bayes.structure.candidates import PlacedLaw, identifier, in_sentence
 from aero_bayes.structure.compose import LawModels, with_probe
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
 from aero_bayes.structure.model_family import CurveBasis
@@ -181,7 +181,7 @@ def curve_variable(placed: PlacedLaw) -> str:
     if placed.port.replaceable is None:
         return placed.port.signals.get(placed.law.curve_input, placed.port.id)
     about = next((c.description for c in placed.law.cls.components() if c.name == placed.law.curve_input), "")
-    return f"{about[:1].lower()}{about[1:]}" or placed.port.id
+    return in_sentence(about) or placed.port.id
 
 
 def isolated_curve(placed: PlacedLaw, models: LawModels) -> tuple[PlacedLaw, LawModels]:

@@ -10,7 +10,7 @@ from aero_bayes.files import ScratchFolder
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.structure.balance import CombinationRule, ReplaceableModel
-from aero_bayes.structure.candidates import PlacedLaw
+from aero_bayes.structure.candidates import PlacedLaw, in_sentence
 
 
 def split_by_replaceable(placed_laws: Iterable[PlacedLaw]) -> tuple[list[PlacedLaw], list[PlacedLaw]]:
@@ -52,7 +52,7 @@ def redeclaring_class(base: str, name: str, placed_laws: Sequence[PlacedLaw]) ->
             modified.setdefault(owner, []).append(f"{component}({', '.join(inner)})")
     arguments = redeclared + modified.pop("", [])
     arguments += [_nested(owner.split("."), items) for owner, items in modified.items()]
-    what = " and ".join(dict.fromkeys(_in_words(placed) for placed in placed_laws))
+    what = " and ".join(dict.fromkeys(in_sentence(placed.law.description) for placed in placed_laws))
     about = f"{base.rpartition('.')[2]} with {what if len(what) <= 100 else 'several effects'}"
     return [
         f'model {name} "{about}"',
@@ -74,11 +74,6 @@ def component_path(placed: PlacedLaw, placed_laws: Sequence[PlacedLaw]) -> str:
 def _place(placed: PlacedLaw) -> ReplaceableModel:
     assert placed.port.replaceable is not None
     return placed.port.replaceable
-
-
-def _in_words(placed: PlacedLaw) -> str:
-    about = placed.law.description
-    return about[:1].lower() + about[1:]
 
 
 def _modifiers(placed: PlacedLaw) -> list[str]:
