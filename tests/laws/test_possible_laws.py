@@ -116,5 +116,5 @@ def test_thresholds_lie_within_what_is_visited(laws: tuple[Law, ...]) -> None:
         ("motion", "presliding_friction", "x_p"), ("motion", "backlash", "x_b"),
     ):  # fmt: skip
         (parameter,) = (p for p in of(laws, kind, id_).parameters if p.name == name)
-        assert parameter.value("maximum", sizes) <= 1.0
-        assert parameter.value("nominal", sizes) < parameter.value("maximum", sizes)
+        assert parameter.value("max", sizes) <= 1.0
+        assert parameter.value("nominal", sizes) < parameter.value("max", sizes)

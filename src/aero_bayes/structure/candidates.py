@@ -13,7 +13,7 @@ from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.units import Dimension, dimension_of_unit
 from aero_bayes.structure.balance import DIFFERENCE, KELVIN, Port
 from aero_bayes.structure.find import find_ports
-from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law, LawParameter, ParameterAttribute
+from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law, LawParameter
 from aero_bayes.unknown_names import closest_name
 
 
@@ -152,9 +152,6 @@ def declared_candidates(found: Sequence[Candidate], declared: PackageDeclaration
     return (*named, *(c for c in found if c.port.replaceable is not None and c.law.curve_input))
 
 
-_LIMITS: tuple[tuple[str, ParameterAttribute], ...] = (("min", "minimum"), ("max", "maximum"), ("nominal", "nominal"))
-
-
 @dataclass(frozen=True)
 class PlacedLaw(Candidate):
     """A law at a port, under names in a model."""
@@ -192,7 +189,7 @@ class PlacedLaw(Candidate):
 
     def limits(self, p: LawParameter) -> dict[str, float]:
         """Return the attributes ``min``, ``max`` and ``nominal``, as far as they are declared."""
-        found = {attribute: p.value(of, self.all_nominals) for attribute, of in _LIMITS}
+        found = {k: p.value(k, self.all_nominals) for k in ("min", "max", "nominal") if k in p.terms}
         return {k: v for k, v in found.items() if math.isfinite(v)}
 
     def about(self, p: LawParameter) -> str:

@@ -20,7 +20,6 @@ from aero_bayes.modelica.units import dimension, in_base_units_if_scaled, unit_f
 LawKind = Literal[
     "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
 ]  # fmt: skip
-ParameterAttribute = Literal["default", "minimum", "maximum", "nominal"]
 
 
 @dataclass(frozen=True)
@@ -52,31 +51,24 @@ SIGNAL_DEFAULTS: Mapping[str, str] = {"h_s": "h_0"}
 
 @dataclass(frozen=True)
 class LawParameter:
-    """A parameter that is fitted. Its attributes are expressions in the nominal values of the port.
+    """A parameter that is fitted.
 
-    ``nominal`` is the magnitude at which a search starts. ``declared_unit`` is the unit in the declaration, or empty.
-    """
+    ``terms`` are its default and its attributes ``min``, ``max`` and ``nominal``, as far as they are declared, in the
+    nominal values of the port; at ``nominal`` a search starts."""
 
     name: str
     description: str
-    default: Expression
-    minimum: Expression | None
-    maximum: Expression | None
-    nominal: Expression
+    terms: Mapping[str, Expression]
     declared_unit: str = ""
 
     def check(self, nominals: Mapping[str, float]) -> None:
         """Raise InputError for an attribute that is no expression in nominal values."""
-        for term in (self.default, self.minimum, self.maximum, self.nominal):
-            if term is not None:
-                evaluate_expression(term, nominals)
+        for of in self.terms:
+            self.value(of, nominals)
 
-    def value(self, of: ParameterAttribute, nominals: Mapping[str, float]) -> float:
-        """Return the number of one attribute. A bound that is not declared is infinite."""
-        term = getattr(self, of)
-        if term is None:
-            return float("-inf") if of == "minimum" else float("inf")
-        return evaluate_expression(term, nominals)
+    def value(self, of: str, nominals: Mapping[str, float]) -> float:
+        """Return the number of the default or an attribute."""
+        return evaluate_expression(self.terms[of], nominals)
 
     def unit(self, nominal_units: Mapping[str, str]) -> str:
         """Return the declared unit; else the one that follows from the units of the nominal values.
@@ -84,10 +76,10 @@ class LawParameter:
         Empty if unknown."""
         if self.declared_unit:
             return self.declared_unit
-        if not names_in(self.nominal):
+        if not names_in(self.terms["nominal"]):
             return "1"
         factors = {name: unit_factors(unit) for name, unit in nominal_units.items()}
-        return unit_text(in_base_units_if_scaled(dimension(self.nominal, factors.get)))
+        return unit_text(in_base_units_if_scaled(dimension(self.terms["nominal"], factors.get)))
 
 
 @dataclass(frozen=True)
@@ -231,13 +223,11 @@ def _is_nominal(c: ComponentDeclaration) -> bool:
 
 def law_parameter(c: ComponentDeclaration) -> LawParameter:
     """Return the fitted parameter of a declaration. Raises InputError if it has no default."""
-    terms = {name: parse_expression(tokens) for name, tokens in c.modifiers}
     if not c.binding:
         raise InputError(f"the parameter {c.name!r} needs a default")
-    return LawParameter(
-        c.name, c.description, parse_expression(c.binding), terms.get("min"), terms.get("max"), terms["nominal"],
-        _text(terms.get("unit")),
-    )  # fmt: skip
+    given = {name: parse_expression(tokens) for name, tokens in (("default", c.binding), *c.modifiers)}
+    terms = {name: given[name] for name in ("default", "min", "max", "nominal") if name in given}
+    return LawParameter(c.name, c.description, terms, _text(given.get("unit")))
 
 
 def annotation_text(annotation: Sequence[Token], word: str) -> str:
