@@ -23,9 +23,9 @@ from aero_bayes.simulation.interface import (
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.attach import OpenModel, attached
+from aero_bayes.structure.attach import LawBlocks, attached
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.law_blocks import LawBlocks
+from aero_bayes.structure.open_ports import OpenModel
 
 pytestmark = pytest.mark.fast
 

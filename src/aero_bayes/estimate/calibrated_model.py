@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,7 +19,7 @@ from aero_bayes.estimate.calibration import Calibration, values_of_recordings
 from aero_bayes.estimate.fittable import expression_text
 from aero_bayes.files import ScratchFolder, write_whole
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.modelica.compose import rename_model, set_elements
+from aero_bayes.modelica.compose import set_elements
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Array
@@ -97,7 +97,7 @@ class CalibratedModel:
                     raise
             # The embedded compiler cannot give components that are declared with `each` values of their own: they
             # are set after the model has been made flat.
-            flat = rename_model(load_flat(self.base.name, sources, libraries), self.name)
+            flat = replace(load_flat(self.base.name, sources, libraries), name=self.name)
             return export_flat(set_elements(flat, numbers), path, stop=self.stop)
 
 
