@@ -20,9 +20,16 @@ from aero_bayes.config import load_config
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.information import Limits
-from aero_bayes.estimate.propose import Design, ProposedInput, default_limits, propose_experiment
+from aero_bayes.estimate.propose import (
+    Design,
+    Proposal,
+    Separation,
+    default_limits,
+    expected_outputs,
+    propose_experiment,
+    separating_experiment,
+)
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.separation import Separation, expected_outputs, separating_experiment
 from aero_bayes.estimate.signal_search import SearchSettings
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report.page import write_run_page
@@ -55,30 +62,30 @@ class DesignOptions:
     travel: Mapping[str, float] | None = None
 
 
-@dataclass(frozen=True)
-class Rivals:
-    """Two effects to tell apart."""
-
-    first: str
-    second: str
-
-
 def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions) -> None:
     """Fit, propose the experiment, and write signal, result and page."""
     began = time.perf_counter()
     Limits(1.0 if wanted.amplifier is None else wanted.amplifier, dict(wanted.travel or {}))
-    rivals = _rivals(wanted, options)
+    _check_rivals(wanted, options)
     job = open_job(files, options)
-    _check_request(job, wanted, rivals)
+    _check_request(job, wanted)
     with resumable(job, "design") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             base = fit_job(job, progress, checkpoint)
-            limits = _limits(base, wanted)
-            part, plan, signal = (
-                _narrow(job, base, limits, wanted, progress)
-                if rivals is None
-                else _separate(job, base, rivals, limits, wanted, progress)
-            )
+            usual = default_limits(base)
+            given: Json = {
+                "duration": wanted.duration,
+                "rate_hz": wanted.rate_hz,
+                "limits": Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})}),
+                "settings": SearchSettings(seed=options.seed, engine=job.engine),
+                "workers": options.workers,
+                "progress": progress,
+            }
+            if wanted.separate is None:
+                part, plan, signal = _narrow(base, wanted.aim, given)
+            else:
+                part, plan, signal = _separate(job, base, wanted.separate, given)
+        part["design"] |= {"file": SIGNAL_FILE, "unit": base.calibration.model.units[signal.input]}
         result, series = fit_part(job, base)
         closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
         write_series(options.out, only_measured(series) | plan)
@@ -91,47 +98,29 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
         click.echo(f"wrote {options.out / SIGNAL_FILE}, {options.out / 'result.json'} and {page}")
 
 
-def _narrow(
-    job: Job, base: Fit, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, ProposedInput]:
+def _narrow(base: Fit, aim: Sequence[str], given: Json) -> tuple[Json, Series, Proposal]:
     """Return the experiment for parameters."""
-    design = propose_experiment(
-        base, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, targets=wanted.aim or None,
-        settings=_effort(job), workers=job.options.workers, progress=progress,
-    )  # fmt: skip
-    found = design.to_dict() | {"kind": "narrow", "file": SIGNAL_FILE, "unit": design.unit}
-    return {"design": found, "verdict": _narrow_verdict(design)}, _plan(design, {"expected": base}, job), design
+    design = propose_experiment(base, targets=aim or None, **given)
+    found = design.to_dict() | {"kind": "narrow"}
+    return {"design": found, "verdict": _narrow_verdict(design)}, _plan(design, {"expected": base}, given), design
 
 
-def _effort(job: Job) -> SearchSettings:
-    return SearchSettings(seed=job.options.seed, engine=job.engine)
-
-
-def _separate(
-    job: Job, base: Fit, rivals: Rivals, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, ProposedInput]:
+def _separate(job: Job, base: Fit, ids: tuple[str, str], given: Json) -> tuple[Json, Series, Proposal]:
     """Return the experiment for two effects."""
-    section, ids = job.config.model, (rivals.first, rivals.second)
-    folder, narrowed = job.options.out / "fmu", CandidateFilter(effects=ids)
+    section, folder, narrowed = job.config.model, job.options.out / "fmu", CandidateFilter(effects=ids)
     family = ModelicaFamily(LawPlaces(job.name, section.sources, section.libraries, narrowed), folder)
     family.prepare(base.calibration, base.optimum, open_simulator)
-    first, of_first = _with_effect(job, base, family, rivals.first, progress)
-    second, of_second = _with_effect(job, base, family, rivals.second, progress)
-    apart = separating_experiment(
-        first, second, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, settings=_effort(job),
-        workers=job.options.workers, progress=progress,
-    )  # fmt: skip
+    (first, own), (second, others) = (_with_effect(job, base, family, name, given["progress"]) for name in ids)
+    apart = separating_experiment(first, second, **given)
     found = apart.to_dict() | {
         "kind": "separate",
-        "file": SIGNAL_FILE,
-        "unit": base.calibration.model.units[apart.input],
-        "effects": [rivals.first, rivals.second],
+        "effects": list(ids),
         "log_posterior_now": [first.log_posterior, second.log_posterior],
-        "models": [_effect_entry(rivals.first, first, of_first), _effect_entry(rivals.second, second, of_second)],
+        "models": [_effect_entry(ids[0], first, own), _effect_entry(ids[1], second, others)],
     }
-    plan = _plan(apart, {rivals.first: first, rivals.second: second}, job)
     words = {id_: family.describe(id_) for id_ in ids}
-    return {"design": found, "verdict": _separate_verdict(rivals, apart), "words": words}, plan, apart
+    plan = _plan(apart, dict(zip(ids, (first, second), strict=True)), given)
+    return {"design": found, "verdict": _separate_verdict(ids, apart), "words": words}, plan, apart
 
 
 def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
@@ -171,22 +160,20 @@ def _with_effect(
     return max(found, key=lambda candidate: candidate.log_posterior), [here[n] for n in own]
 
 
-def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) -> Series:
+def _plan(proposal: Proposal, models: Mapping[str, Fit], given: Json) -> Series:
     """Return ``plan/...``: the signal and the prediction of each model."""
     series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
     for label, found in models.items():
-        seen = expected_outputs(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
-        for k, output in enumerate(seen.outputs):
-            series[f"plan/middle/{label}/{output}"] = seen.middle[:, k]
-            series[f"plan/lower/{label}/{output}"] = seen.lower[:, k]
-            series[f"plan/upper/{label}/{output}"] = seen.upper[:, k]
+        for output, band in expected_outputs(proposal, found, given["settings"], given["workers"]).items():
+            for part, values in zip(("lower", "middle", "upper"), band, strict=True):
+                series[f"plan/{part}/{label}/{output}"] = values
     return series
 
 
-def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
-    """Return which effects to tell apart, if any."""
+def _check_rivals(wanted: DesignOptions, options: RunOptions) -> None:
+    """Check the effects to tell apart, if any."""
     if wanted.separate is None:
-        return None
+        return
     if wanted.aim:
         raise InputError("--aim and --separate exclude each other: give one of them")
     config = load_config(options.config)
@@ -203,10 +190,9 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
             raise InputError(f"--separate: unknown effect {id_!r}; did you mean {', '.join(near) or 'none'}?")
     if first == second:
         raise InputError(f"--separate {first} {second}: expected two different effects")
-    return Rivals(first, second)
 
 
-def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> None:
+def _check_request(job: Job, wanted: DesignOptions) -> None:
     """Check the request before the first simulation."""
     known = {v.name for v in job.model.outputs}
     for name in wanted.travel or ():
@@ -215,16 +201,11 @@ def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> No
     for name in wanted.aim:
         if name not in job.parameters:
             raise InputError(f"--aim {name}: no parameter of the fit; it has {', '.join(job.parameters.names)}")
-    if rivals is not None and not job.modelica:
+    if wanted.separate is not None and not job.modelica:
         raise InputError(f"{job.model.path}: effects are written into Modelica source; --model must name a class")
     rate = wanted.rate_hz or job.recordings[0].rate_hz
     if not wanted.duration * rate >= 10.0:
         raise InputError(f"an experiment of {wanted.duration:g} s at {rate:g} Hz has fewer than ten samples")
-
-
-def _limits(base: Fit, wanted: DesignOptions) -> Limits:
-    usual = default_limits(base)
-    return Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})})
 
 
 def _narrow_verdict(design: Design) -> Json:
@@ -234,8 +215,8 @@ def _narrow_verdict(design: Design) -> Json:
     return {"level": "good" if design.gain > 1.1 else "warning", "text": text}
 
 
-def _separate_verdict(rivals: Rivals, apart: Separation) -> Json:
-    pair = f"`{rivals.first}` and `{rivals.second}`"
+def _separate_verdict(ids: tuple[str, str], apart: Separation) -> Json:
+    pair = f"`{ids[0]}` and `{ids[1]}`"
     if apart.log_evidence < 1.0:
         return {
             "level": "warning",

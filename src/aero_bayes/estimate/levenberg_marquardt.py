@@ -18,6 +18,7 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.step_rule import CostShape, StepRule
 from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.simulation.engines import Engine
 
 
 class Stop(Enum):
@@ -287,9 +288,6 @@ class GlobalSearchSettings:
     local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
     samples: int = 600
     starts: int = 3
-
-
-Engine = Literal["native", "fmpy"]
 
 
 @dataclass(frozen=True, repr=False)
