@@ -11,7 +11,6 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, to_experiment
-from aero_bayes.estimate.cost import eq6
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, Problem, Simulator, SolverSettings
 from aero_bayes.simulation.model import Model
@@ -53,8 +52,7 @@ class ModelEvaluator:
         """Compute Eq. 6 of one output for a batch (n, p): shape (n,), infinite where a run failed."""
         k = self.outputs.index(output)
         runs = self.simulate(values)[:, :, k]
-        costs = [eq6([(self.measured[:, k] - y)[:, None]]) if np.isfinite(y).all() else np.inf for y in runs]
-        return np.array(costs)
+        return np.array([np.nansum((self.measured[:, k] - y) ** 2) if np.isfinite(y).all() else np.inf for y in runs])
 
 
 def paper_recording(seed: int = 0) -> Recording:

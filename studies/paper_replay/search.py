@@ -17,7 +17,8 @@ from scipy.optimize import Bounds, least_squares, minimize
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.levenberg_marquardt import Stage
-from aero_bayes.estimate.swarm import Swarm, SwarmSettings
+from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.estimate.swarm import minimise as swarm_minimise
 from paper_replay.models import ModelEvaluator
 from paper_replay.published import BOX, PAPER_STAGES
 
@@ -79,10 +80,9 @@ def swarm_stage(
     """Search the parameters of one stage with a particle swarm, all others held at ``base``."""
     cost = _StageCost(evaluator, stage, base)
     to_si: Callable[[FloatArray], FloatArray] = np.exp if axes == "log" else np.asarray
-    swarm = Swarm(*cost.box(axes), rng, SwarmSettings(particles=PARTICLES, reflect=False))
-    for _ in range(ITERATIONS):
-        swarm.tell(cost(to_si(swarm.ask())))
-    return cost.end(to_si(swarm.own[swarm.best]), float(swarm.own_cost[swarm.best]))
+    settings = SwarmSettings(particles=PARTICLES, iterations=ITERATIONS, patience=ITERATIONS, reflect=False)
+    found = swarm_minimise(lambda points: cost(to_si(points)), *cost.box(axes), rng, settings)
+    return cost.end(to_si(found.best), found.cost)
 
 
 def coarse_stage(evaluator: ModelEvaluator, stage: Stage, base: Mapping[str, float]) -> StageEnd:

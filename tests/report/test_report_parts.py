@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from aero_bayes.estimate.whiteness import autocorrelation
+from aero_bayes.estimate.noise import autocorrelation
 from aero_bayes.report import (
     BITS,
     Canvas,

@@ -81,10 +81,14 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
                 "workers": options.workers,
                 "progress": progress,
             }
+            signal: Proposal
             if wanted.separate is None:
-                part, plan, signal = _narrow(base, wanted.aim, given)
+                signal = design = propose_experiment(base, targets=wanted.aim or None, **given)
+                part: Json = {"design": design.to_dict() | {"kind": "narrow"}, "verdict": _narrow_verdict(design)}
+                models = {"expected": base}
             else:
-                part, plan, signal = _separate(job, base, wanted.separate, given)
+                signal, models, part = _separate(job, base, wanted.separate, given)
+            plan = _plan(signal, models, given)
         part["design"] |= {"file": SIGNAL_FILE, "unit": base.calibration.model.units[signal.input]}
         result, series = fit_part(job, base)
         closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
@@ -98,15 +102,8 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
         click.echo(f"wrote {options.out / SIGNAL_FILE}, {options.out / 'result.json'} and {page}")
 
 
-def _narrow(base: Fit, aim: Sequence[str], given: Json) -> tuple[Json, Series, Proposal]:
-    """Return the experiment for parameters."""
-    design = propose_experiment(base, targets=aim or None, **given)
-    found = design.to_dict() | {"kind": "narrow"}
-    return {"design": found, "verdict": _narrow_verdict(design)}, _plan(design, {"expected": base}, given), design
-
-
-def _separate(job: Job, base: Fit, ids: tuple[str, str], given: Json) -> tuple[Json, Series, Proposal]:
-    """Return the experiment for two effects."""
+def _separate(job: Job, base: Fit, ids: tuple[str, str], given: Json) -> tuple[Separation, dict[str, Fit], Json]:
+    """Return the experiment for two effects, the models with each, and what result.json has of them."""
     section, folder, narrowed = job.config.model, job.options.out / "fmu", CandidateFilter(effects=ids)
     family = ModelicaFamily(LawPlaces(job.name, section.sources, section.libraries, narrowed), folder)
     family.prepare(base.calibration, base.optimum, open_simulator)
@@ -119,8 +116,8 @@ def _separate(job: Job, base: Fit, ids: tuple[str, str], given: Json) -> tuple[J
         "models": [_effect_entry(ids[0], first, own), _effect_entry(ids[1], second, others)],
     }
     words = {id_: family.describe(id_) for id_ in ids}
-    plan = _plan(apart, dict(zip(ids, (first, second), strict=True)), given)
-    return {"design": found, "verdict": _separate_verdict(ids, apart), "words": words}, plan, apart
+    part: Json = {"design": found, "verdict": _separate_verdict(ids, apart), "words": words}
+    return apart, {ids[0]: first, ids[1]: second}, part
 
 
 def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:

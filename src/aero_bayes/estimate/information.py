@@ -136,8 +136,8 @@ class ExperimentPredictor:
             experiments.append(Experiment(self.time if time is None else time, self.outputs, (signal,)))
         targets = (*(p.target for p in self.shared), DelayTarget())
         problem = Problem(
-            calibration.model, tuple(experiments), (targets,) * len(experiments), dict(calibration.simulated.fixed),
-            calibration.simulated.solver,
+            calibration.model, tuple(experiments), (targets,) * len(experiments), dict(calibration.fixed),
+            calibration.solver,
         )  # fmt: skip
         return open_simulator(problem, *self._run_by)
 

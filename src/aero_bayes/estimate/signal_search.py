@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.swarm import latin_hypercube
 from aero_bayes.progress import Progress, Watched
 from aero_bayes.simulation.engines import Engine
 
@@ -138,7 +139,7 @@ def best_signals(
     steps = len(FAMILIES) + settings.rounds * settings.families
     found = []
     for k, family in enumerate(FAMILIES):
-        cube = _latin(settings.start, family.size, rng)
+        cube = latin_hypercube(settings.start, family.size, rng)
         found.append(_best(score, family, cube, time))
         if tell("candidates", (k + 1) / steps, family.name):
             break
@@ -161,9 +162,3 @@ def _best(score: Score, family: SignalFamily, cube: FloatArray, time: FloatArray
     scores = score(signals)
     best = int(np.argmin(scores))
     return BestSignal(family, cube[best], signals[best], float(scores[best]))
-
-
-def _latin(count: int, size: int, rng: np.random.Generator) -> FloatArray:
-    """Return a Latin hypercube, shape (count, size)."""
-    cells = np.stack([rng.permutation(count) for _ in range(size)], axis=1)
-    return np.asarray((cells + rng.random((count, size))) / count)

@@ -217,9 +217,8 @@ class FirstFit:
         items = tuple(
             replace(p, free_if_identified=p.free_if_identified and p.name not in freed) for p in moved.parameters
         )
-        fixed = {n: v for n, v in moved.simulated.fixed.items() if n not in freed}
-        simulated = replace(moved.simulated, fixed=fixed)
-        return replace(moved, simulated=simulated, parameters=ParameterSet(items).extended(own.items))
+        fixed = {n: v for n, v in moved.fixed.items() if n not in freed}
+        return replace(moved, fixed=fixed, parameters=ParameterSet(items).extended(own.items))
 
 
 def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
@@ -285,7 +284,7 @@ def refitted(context: LoopContext, calibration: Calibration, values: FloatArray,
     began = time.perf_counter()
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
-        search = GlobalSearch(objective, context.settings.fitting.global_search)
+        search = GlobalSearch(objective, context.settings.fitting)
         end = search.refit(objective.parameters.to_search(values), like.free, like.noise)
         result = GlobalSearchResult(end, None, (), search.iterations)
         return finished_fit(search, result, context.settings.fitting, time.perf_counter() - began)

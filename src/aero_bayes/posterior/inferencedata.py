@@ -24,11 +24,10 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Estimate, Status, status_of
-from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.noise import OutputNoise, autocovariance, integrated_time
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.prediction import Predictive
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.whiteness import autocovariance, integrated_time
 from aero_bayes.files import whole_file
 
 

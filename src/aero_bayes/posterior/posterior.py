@@ -97,7 +97,7 @@ class Posterior(PosteriorDraws, FittedResult):
                 name: e.to_dict() for name, e in (self.parameters | chosen_estimates(self.fit.trials)).items()
             },
             "noise": noise_table(self.calibration.data, self.noise),
-            "process_noise": process_noise_table(self.calibration.simulated.process, self.parameters),
+            "process_noise": process_noise_table(self.calibration.process, self.parameters),
             "mcmc": picked(
                 self,
                 "walkers tau r_hat_max ess_bulk_min ess_tail_min seconds converged reason acceptance evaluations",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.estimate.whiteness import autocorrelation
+from aero_bayes.estimate.noise import autocorrelation
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import SMALL_WIDTH, Band, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
