@@ -1,7 +1,6 @@
 """Simulated rigs of many kinds with a law that their model lacks."""
 
-from simulated_rigs.fleet import write_fleet
-from simulated_rigs.trial import DEVELOPMENT, MODELS, REPORT, RigTrial, RigTruth, draw_rig_trial, rig_kinds, write_trial
+from simulated_rigs.trial import DEVELOPMENT, MODELS, REPORT, RigTrial, draw_rig_trial, write_trial
 from simulated_rigs.truth import LawPlace, LawTruth, law_places, simulate_rig
 
 __all__ = [
@@ -11,11 +10,8 @@ __all__ = [
     "LawPlace",
     "LawTruth",
     "RigTrial",
-    "RigTruth",
     "draw_rig_trial",
     "law_places",
-    "rig_kinds",
     "simulate_rig",
-    "write_fleet",
     "write_trial",
 ]

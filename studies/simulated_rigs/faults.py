@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import exp, log, pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -48,17 +49,12 @@ class Faulty:
     second: Recording | None = None
 
 
-def without_fault(trial: RigTrial) -> Faulty:
-    """Return the training recording as it is."""
-    return Faulty(trial.train)
-
-
 def with_fault(trial: RigTrial, fault: str, rng: Generator) -> Faulty | None:
     """Give a rig whose model is complete one of :data:`FAULTS`; None where the fault makes no sense for this rig.
 
     ``rng`` draws where and how large.
     """
-    right = without_fault(trial)
+    right = Faulty(trial.train)
     if fault == "solver":
         return replace(right, tolerance=exp(rng.uniform(*np.log(TOLERANCES))))
     if fault == "gap":
@@ -88,7 +84,7 @@ def with_fault(trial: RigTrial, fault: str, rng: Generator) -> Faulty | None:
 def _readings(trial: RigTrial, fault: str, name: str, rng: Generator) -> FloatArray | None:
     """Return the readings of an output with a fault; None where it makes no sense."""
     seen, clean = trial.train.outputs[name].copy(), trial.noise_free["train"].outputs[name]
-    sd = trial.truth.noise[name].white
+    sd = trial.noise[name].white
     if fault == "impossible":
         seen[rng.choice(seen.size, 3, replace=False)] = -999.0
     elif fault == "outliers":
@@ -126,17 +122,15 @@ def _other_channels(recording: Recording, fault: str, rng: Generator) -> Recordi
         pairs = [(a, b) for a in columns for b in columns if a < b and recording.units[a] == recording.units[b]]
         if fault == "sign" and names:
             name = str(rng.choice(names))
-            return _with_columns(recording, side, {name: -columns[name]})
-        if fault == "swapped" and pairs:
+            columns[name] = -columns[name]
+        elif fault == "swapped" and pairs:
             a, b = pairs[int(rng.integers(len(pairs)))]
-            return _with_columns(recording, side, {a: columns[b], b: columns[a]})
+            columns[a], columns[b] = columns[b], columns[a]
+        else:
+            continue
+        new: dict[str, Any] = {side: columns}
+        return replace(recording, **new, sha256="")
     return None
-
-
-def _with_columns(recording: Recording, side: str, new: Mapping[str, FloatArray]) -> Recording:
-    if side == "inputs":
-        return replace(recording, inputs={**recording.inputs, **new}, sha256="")
-    return replace(recording, outputs={**recording.outputs, **new}, sha256="")
 
 
 def _with_noise(fault: str, clean: FloatArray, sd: float, rng: Generator) -> FloatArray | None:
@@ -156,7 +150,7 @@ def _with_noise(fault: str, clean: FloatArray, sd: float, rng: Generator) -> Flo
 
 def _white(trial: RigTrial, rng: Generator, run: str = "train", factor: float = 1.0) -> dict[str, FloatArray]:
     return {
-        name: values + factor * trial.truth.noise[name].white * rng.standard_normal(values.size)
+        name: values + factor * trial.noise[name].white * rng.standard_normal(values.size)
         for name, values in trial.noise_free[run].outputs.items()
     }
 

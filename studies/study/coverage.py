@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,48 +19,28 @@ from scipy.stats import kstest
 
 import aero_bayes
 from study.repeated import repeated_rigs
-from study.study import Row, Study, markdown, number, percent
+from study.study import Row, Study, Tasks, Told, keyed, number, percent
 
 #: Kinds of noise, and how many recordings are fitted together in every trial.
 NOISES, RECORDINGS = ("white", "correlated"), (1, 2)
-#: Trials of each rig, noise and number of recordings, and the seed of all.
-COUNT, SEED = 35, 1
+#: Trials of each rig, noise and number of recordings.
+COUNT = 35
 SETTINGS = aero_bayes.SampleSettings(ess=400.0, max_steps=1000, max_minutes=2.0, predictive=0)
 
 
-@dataclass(frozen=True)
-class CoverageTask:
-    """One trial."""
-
-    seed: int
-    rig: str
-    noise: str
-    recordings: int
-    number: int
-
-    @property
-    def key(self) -> str:
-        """Seed, rig, noise, recordings, number."""
-        return f"{self.seed}/{self.rig}/{self.noise}/{self.recordings}/{self.number}"
-
-
-def tasks(options: Namespace) -> list[CoverageTask]:
+def tasks(options: Namespace) -> Tasks:
     """List all trials, cells in turn."""
-    return [
-        CoverageTask(options.seed + SEED - 1, rig, noise, recordings, number)
-        for number in range(COUNT)
-        for rig in repeated_rigs()
-        for noise in NOISES
-        for recordings in RECORDINGS
-    ]
+    cells = product(range(COUNT), repeated_rigs(), NOISES, RECORDINGS)
+    return keyed((options.seed, rig, noise, recordings, number) for number, rig, noise, recordings in cells)
 
 
-def attempt(task: CoverageTask) -> Row:
+def attempt(task: tuple[int, str, str, int, int]) -> Row:
     """Rank the truth in the posterior; everything random follows from the task."""
-    rig, cell = repeated_rigs()[task.rig], [*task.rig.encode(), NOISES.index(task.noise), task.recordings]
-    rng = np.random.default_rng([task.seed, task.number, *cell])
+    seed, name, noise, recordings, number = task
+    rig = repeated_rigs()[name]
+    rng = np.random.default_rng([seed, number, *name.encode(), NOISES.index(noise), recordings])
     truth = rig.draw(rng)
-    made = [rig.record(truth, rng, f"r{k}", correlated=task.noise == "correlated") for k in range(task.recordings)]
+    made = [rig.record(truth, rng, f"r{k}", correlated=noise == "correlated") for k in range(recordings)]
     with tempfile.TemporaryDirectory(prefix="coverage-") as folder:
         fit = rig.fit(made, rig.build(Path(folder)))
         posterior = aero_bayes.sample(fit, settings=SETTINGS, seed=int(rng.integers(2**31)), workers=0)
@@ -73,49 +53,53 @@ def attempt(task: CoverageTask) -> Row:
 
 
 def summary(rows: Sequence[Row]) -> Row:
-    """Return the shares within the intervals by kind of noise, and by rig and parameter."""
-    good = [{**row, "cell": row["key"].split("/")} for row in rows if "ranks" in row]
-    entries = []
-    for noise in NOISES:
-        for rig in repeated_rigs():
-            of = [row for row in good if row["cell"][1:3] == [rig, noise]]
-            for name in {name: None for row in of for name in row["ranks"]}:
-                ranks = [row["ranks"][name] for row in of if name in row["ranks"]]
-                entries.append({"noise": noise, "rig": rig, "parameter": name, "trials": len(ranks), **held(ranks)})
-    every = {noise: [r for row in good if row["cell"][2] == noise for r in row["ranks"].values()] for noise in NOISES}
+    """Return the shares within the intervals by kind of noise, and how uniform ranks are by rig and parameter."""
+    cells: dict[tuple[str, str, str], list[float]] = {}
+    good = [row for row in rows if "ranks" in row]
+    for row in good:
+        _, rig, noise, _, _ = row["key"].split("/")
+        for name, rank in row["ranks"].items():
+            cells.setdefault((noise, rig, name), []).append(rank)
+    every = {noise: [r for cell, ranks in cells.items() if cell[0] == noise for r in ranks] for noise in NOISES}
     return {
-        "recordings": sum(int(row["cell"][3]) for row in good),
-        "trials": len(good),
+        "recordings": sum(int(row["key"].split("/")[3]) for row in good),
         "failed": len(rows) - len(good),
-        **{noise: {key: held(ranks)[key] for key in ("50", "90")} for noise, ranks in every.items()},
-        "rank_uniformity_p_min": min((entry["p"] for entry in entries if entry["p"] is not None), default=None),
-        "rank_uniformity_tests": len(entries),
-        "rows": entries,
+        "noises": {noise: held(ranks) for noise, ranks in every.items()},
+        "cells": [[*cell, held(ranks)] for cell, ranks in cells.items()],
     }
 
 
 def held(ranks: Sequence[float]) -> Row:
     """Return the shares of ranks (n,) within central intervals, and how probable ranks less uniform are."""
     if not ranks:
-        return {"50": None, "90": None, "p": None}
-    away, p = np.abs(np.array(ranks) - 0.5), kstest(ranks, "uniform").pvalue
-    return {"50": float(np.mean(away < 0.25)), "90": float(np.mean(away < 0.45)), "p": float(p)}
+        return {"50": None, "90": None, "p": None, "count": 0}
+    away, p = np.abs(np.array(ranks) - 0.5), float(kstest(ranks, "uniform").pvalue)
+    return {"50": float(np.mean(away < 0.25)), "90": float(np.mean(away < 0.45)), "p": p, "count": len(ranks)}
 
 
-def table(found: Mapping[str, Any]) -> list[str]:
+#: Columns of the tables of both studies of intervals.
+HEAD = (
+    "state", "number", "50 % hold (goal 50 %)", "90 % hold (goal 85 to 95 %)", "width (goal ≤ 1.5)",
+    "least squares: 90 %",
+)  # fmt: skip
+
+
+def table(found: Mapping[str, Any]) -> Told:
     """Write what the intervals hold."""
-    counts = {noise: sum(e["trials"] for e in found["rows"] if e["noise"] == noise) for noise in NOISES}
-    lines = [(noise, percent(found[noise]["50"]), percent(found[noise]["90"]), counts[noise]) for noise in NOISES]
-    tests = found["rank_uniformity_tests"]
-    return [
-        *markdown(("noise", "50 % hold (goal 50 %)", "90 % hold (goal 90 %)", "intervals"), lines), "",
-        f"{found['recordings']} recordings, {found['failed']} trials failed. The least of {tests} p-values of uniform "
-        f"ranks is {number(found['rank_uniformity_p_min'])} (about {1 / max(tests + 1, 2):.2g} if all is well).",
-    ]  # fmt: skip
+    p = [of["p"] for *_, of in found["cells"]]
+    text = (
+        f"{found['recordings']} recordings, {found['failed']} trials failed. The least of {len(p)} p-values of uniform "
+        f"ranks is {number(min(p, default=None))} (about {1 / max(len(p) + 1, 2):.2g} if all is well)."
+    )
+    lines: list[tuple[object, ...]] = [
+        (f"the model is right, {noise} noise", of["count"], percent(of["50"]), percent(of["90"]), "", "")
+        for noise, of in found["noises"].items()
+    ]
+    return text, lines
 
 
 STUDY = Study(
     "coverage",
     "Intervals where the model is right: they should hold the truth, which is drawn from the prior.",
-    tasks, attempt, summary, table, minutes=18.5,
+    tasks, attempt, summary, table, HEAD, minutes=18.5,
 )  # fmt: skip

@@ -22,9 +22,10 @@ from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.simulation.interface import SolverSettings
-from simulated_rigs import DEVELOPMENT, RigTrial, draw_rig_trial, rig_kinds
-from simulated_rigs.faults import FAULTS, Faulty, with_fault, without_fault
-from study.study import Row, Study, markdown, percent, rate
+from simulated_rigs import DEVELOPMENT, RigTrial, draw_rig_trial
+from simulated_rigs.faults import FAULTS, Faulty, with_fault
+from simulated_rigs.kinds import KINDS
+from study.study import Row, Study, Tasks, Told, keyed, percent, rate_cells, rate_of
 
 #: First number of the seeds of the report.
 REPORT = 44302
@@ -40,25 +41,11 @@ MIN_LARGER = 1.2
 SWARM, SWARM_SAMPLES = SwarmSettings(particles=20, iterations=20, patience=5), 200
 
 
-@dataclass(frozen=True)
-class FaultTask:
-    """One trial: ``fault`` is one of the kinds of faults, or ``clear``."""
-
-    base: int
-    fault: str
-    number: int
-
-    @property
-    def key(self) -> str:
-        """Seed, fault, number."""
-        return f"{self.base}/{self.fault}/{self.number}"
-
-
-def tasks(options: Namespace) -> list[FaultTask]:
+def tasks(options: Namespace) -> Tasks:
     """List all trials, kinds of faults in turn and those without one between them, so that a partial run has all."""
     base, kinds = DEVELOPMENT if options.development else REPORT, tuple(FAULTS)
     pairs = ((kinds[k % len(kinds)], k // len(kinds), "clear", k) for k in range(COUNT))
-    return [FaultTask(base, *one) for fault, n, clear, k in pairs for one in ((fault, n), (clear, k))]
+    return keyed((base, *one) for fault, n, clear, k in pairs for one in ((fault, n), (clear, k)))
 
 
 @dataclass(frozen=True)
@@ -78,25 +65,25 @@ class Rig:
         return aero_bayes.fit(recordings, self.model, parameters=self.free, settings=settings, workers=0)
 
 
-def draw(task: FaultTask, folder: Path) -> tuple[Rig, Faulty]:
+def draw(task: tuple[int, str, int], folder: Path) -> tuple[Rig, Faulty]:
     """Draw the rig of a trial and what the program is given; the same task always gives the same.
 
     A solver that is too coarse is a fault where it makes a residual larger: this is looked at by a fit with a fine one.
     """
-    which = list(FAULTS).index(task.fault) if task.fault in FAULTS else len(FAULTS)
-    rng = np.random.default_rng([task.base, which, task.number])
+    base, fault, n = task
+    rng = np.random.default_rng([base, [*FAULTS, "clear"].index(fault), n])
     for k in range(MAX_DRAWS):
-        kind = rig_kinds()[int(rng.integers(len(rig_kinds())))]
-        trial = shortened(draw_rig_trial(kind, int(rng.integers(2**31)), task.base, "none"))
-        given = without_fault(trial) if task.fault == "clear" else with_fault(trial, task.fault, rng)
+        kind = tuple(KINDS)[int(rng.integers(len(KINDS)))]
+        trial = shortened(draw_rig_trial(kind, int(rng.integers(2**31)), base, "none"))
+        given = Faulty(trial.train) if fault == "clear" else with_fault(trial, fault, rng)
         if given is None:
             continue
         section = tomllib.loads(trial.toml.read_text(encoding="utf-8"))
         model = aero_bayes.load_model(section["model"]["name"], sources=[trial.model], folder=folder / str(k))
         rig = Rig(trial, model, list(section["parameters"]))
-        if task.fault != "solver" or _larger(rig.fit(given), rig.fit(without_fault(trial))):
+        if fault != "solver" or _larger(rig.fit(given), rig.fit(Faulty(trial.train))):
             return rig, given
-    raise RuntimeError(f"no rig can have the fault {task.fault}")
+    raise RuntimeError(f"no rig can have the fault {fault}")
 
 
 def shortened(trial: RigTrial) -> RigTrial:
@@ -113,22 +100,22 @@ def _larger(coarse: aero_bayes.Fit, fine: aero_bayes.Fit) -> bool:
     return any(coarse.rms[output] > MIN_LARGER * fine.rms[output] for output in fine.outputs)
 
 
-def attempt(task: FaultTask) -> Row:
+def attempt(task: tuple[int, str, int]) -> Row:
     """Draw, fit, and set the diagnosis beside the truth."""
     with tempfile.TemporaryDirectory(prefix="fault-trial-") as folder:
         rig, given = draw(task, Path(folder))
         found = rig.fit(given)
         causes = [row for row in found.diagnosis if row.found]
-    truth = rig.trial.truth
+    trial = rig.trial
     return {
-        "rig": truth.kind,
+        "rig": trial.kind.name,
         "output": given.output,
         "tolerance": given.tolerance,
-        "correlated": any(noise.slow for noise in truth.noise.values()),
+        "correlated": any(noise.slow for noise in trial.noise.values()),
         "causes": [row.cause for row in causes],
         "what": [row.what for row in causes],
         "findings": sorted({f.kind for r in found.calibration.data.recordings for f in r.findings}),
-        "worst_error": max(abs(found[name].value / truth.parameters[name] - 1.0) for name in rig.free),
+        "worst_error": max(abs(found[name].value / trial.parameters[name] - 1.0) for name in rig.free),
     }
 
 
@@ -143,37 +130,29 @@ def cause_named(row: Row) -> bool:
 def summary(rows: Sequence[Row]) -> Row:
     """Return the rates of all trials, and of each kind of fault. A trial that failed counts as missed."""
     rows = [{**row, "fault": row["key"].split("/")[1]} for row in rows]
-    clear = [row for row in rows if row["fault"] not in FAULTS]
-    kinds = {kind: [row for row in rows if row["fault"] == kind] for kind in FAULTS}
+    clear, faults = ([row for row in rows if (row["fault"] in FAULTS) is there] for there in (False, True))
     return {
-        "faults": _rates([row for own in kinds.values() for row in own]),
-        "clear": {"loops": len(clear), "cause_named": rate(clear, cause_named)},
-        "kinds": {kind: _rates(own) for kind, own in kinds.items()},
+        "rates": [
+            rate_of("a fault: its cause is named first", "90 %", faults, cause_named),
+            rate_of("a fault: the model is blamed", "≤ 2 %", faults, lambda row: row.get("causes") == ["model"]),
+            rate_of("no fault: a cause is named", "≤ 2 %", clear, cause_named),
+        ],
+        "kinds": [
+            rate_of(kind.replace("_", " "), "", [row for row in faults if row["fault"] == kind], cause_named)
+            for kind in FAULTS
+        ],
         "errors": sum("error" in row for row in rows),
-        "rows": rows,
     }
 
 
-def _rates(rows: Sequence[Row]) -> Row:
-    blamed = rate(rows, lambda row: row.get("causes") == ["model"])
-    return {"loops": len(rows), "cause_named": rate(rows, cause_named), "model_blamed": blamed}
-
-
-def table(found: Mapping[str, Any]) -> list[str]:
+def table(found: Mapping[str, Any]) -> Told:
     """Write the rates over all kinds of faults, and which kinds are missed most."""
-    faults, clear = found["faults"], found["clear"]
-    lines = [
-        ("a fault: its cause is named first", "90 %", percent(faults["cause_named"], faults["loops"]), faults["loops"]),
-        ("a fault: the model is blamed", "≤ 2 %", percent(faults["model_blamed"], faults["loops"]), faults["loops"]),
-        ("no fault: a cause is named", "≤ 2 %", percent(clear["cause_named"], clear["loops"]), clear["loops"]),
-    ]
     worst = [
-        f"{kind.replace('_', ' ')} {percent(own['cause_named'])} of {own['loops']}"
-        for kind, own in found["kinds"].items()
-        if own["cause_named"] is not None and own["cause_named"] < 0.9
+        f"{kind['what']} {percent(kind['share'])} of {kind['trials']}"
+        for kind in found["kinds"]
+        if kind["share"] is not None and kind["share"] < 0.9
     ]
-    kinds = ["", f"Named less often than 90 %: {', '.join(worst)}."] if worst else []
-    return [*markdown(("", "goal", "measured", "trials"), lines), *kinds]
+    return f"Named less often than 90 %: {', '.join(worst) or 'none'}.", rate_cells(found["rates"])
 
 
 STUDY = Study(

@@ -23,7 +23,8 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override
 from aero_bayes.estimate.priors import LogNormal
 from simulated_rigs import MODELS, LawPlace, LawTruth
-from simulated_rigs.kinds import KINDS, RigKind
+from simulated_rigs.kinds import KINDS
+from simulated_rigs.rig import RigKind
 from simulated_rigs.sensors import SensorNoise
 from simulated_rigs.truth import assembled
 
@@ -79,9 +80,7 @@ class RepeatedRig:
         time, readings = time[lead:], {}
         for k, output in enumerate(kind.outputs):
             clean = outputs[lead:, k]
-            readings[output] = clean + noise(rng, float(np.std(clean)), kind.step, correlated).sample(
-                rng, time, np.zeros(time.size), np.zeros(time.size)
-            )
+            readings[output] = clean + noise(rng, float(np.std(clean)), kind.step, correlated).sample(rng, time)
         inputs = {column: commands[lead:, k] for k, column in enumerate(kind.inputs)}
         return Recording(name, time, inputs, readings, {"time": "s", **kind.units})
 
@@ -145,21 +144,21 @@ def repeated_rigs() -> dict[str, RepeatedRig]:
     swinging = RepeatedRig(
         coarser(KINDS["pendulum"], 3, inputs=drive),
         LawTruth("coulomb_friction", LawPlace("balance", "omega"), {"F_c": 4e-3}),
-        LawTruth("cogging", LawPlace("balance", "omega"), {"a": 8e-3, "pitch": 0.25}, named=False),
+        LawTruth("cogging", LawPlace("balance", "omega"), {"a": 8e-3, "pitch": 0.25}),
         "omega",
         2e-3,
     )
     motor = RepeatedRig(
         coarser(KINDS["motor"], 3),
         LawTruth("coulomb_friction", LawPlace("balance", "w"), {"F_c": 4e-3}),
-        LawTruth("wave", LawPlace("input", "V"), {"a": 0.1, "p": 5.0}, named=False),
+        LawTruth("wave", LawPlace("input", "V"), {"a": 0.1, "p": 5.0}),
         "w",
         4e-4,
     )
     reservoirs = RepeatedRig(
         coarser(KINDS["reservoirs"], 3),
         LawTruth("square_loss", LawPlace("balance", "second.h"), {"k": 5e-5}),
-        LawTruth("vibration", LawPlace("balance", "first.h"), {"a": 2e-5, "T": 120.0, "phase": 0.3}, named=False),
+        LawTruth("vibration", LawPlace("balance", "first.h"), {"a": 2e-5, "T": 120.0, "phase": 0.3}),
         "first.h",
         3e-5,
     )

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from aero_recordings import read_aero
 from facts import facts
 from scipy.io import savemat
 
-from aero_bayes.data import ColumnMap, read_recording
+from aero_bayes.data import ColumnMap
 from aero_bayes.errors import InputError
 
 TIME = np.arange(50) / 100.0
@@ -95,7 +96,7 @@ def test_layouts(tmp_path: Path, case: str, version: str) -> None:
         savemat(path, content)
     else:
         write_hdf5(path, content)
-    recording = read_recording(path, columns)
+    recording = read_aero(path, columns)
     np.testing.assert_array_equal(recording.time, TIME)
     np.testing.assert_array_equal(recording.inputs["V_m"], VOLTS)
     np.testing.assert_allclose(recording.outputs["theta"], np.deg2rad(DEGREES), rtol=1e-15)
@@ -105,22 +106,22 @@ def test_gaps_are_nan_and_inputs_must_be_whole(tmp_path: Path) -> None:
     gaps = DEGREES.copy()
     gaps[3:6] = np.nan
     savemat(tmp_path / "a.mat", {"log": np.vstack([TIME, VOLTS, gaps])})
-    assert np.isnan(read_recording(tmp_path / "a.mat", LOG).outputs["theta"]).sum() == 3
+    assert np.isnan(read_aero(tmp_path / "a.mat", LOG).outputs["theta"]).sum() == 3
     savemat(tmp_path / "b.mat", {"log": np.vstack([TIME, gaps, DEGREES])})
     with pytest.raises(InputError, match=facts("sample 4", "column V_m", "3")):
-        read_recording(tmp_path / "b.mat", LOG)
+        read_aero(tmp_path / "b.mat", LOG)
 
 
 def test_too_little_memory_names_the_size(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"log": np.vstack([TIME, VOLTS, DEGREES])})
     with pytest.raises(InputError, match="MiB of memory"):
-        read_recording(tmp_path / "a.mat", LOG, memory=100)
+        read_aero(tmp_path / "a.mat", LOG, memory=100)
 
 
 def test_the_content_decides_not_the_name(tmp_path: Path) -> None:
     savemat(tmp_path / "log.mat", {"log": np.vstack([TIME, VOLTS, DEGREES])})
     (tmp_path / "log.mat").rename(tmp_path / "log.csv")
-    assert read_recording(tmp_path / "log.csv", LOG).rows == 50
+    assert read_aero(tmp_path / "log.csv", LOG).rows == 50
 
 
 @pytest.mark.parametrize("version", ["5", "7.3"])
@@ -134,13 +135,13 @@ def test_complaints(tmp_path: Path, version: str) -> None:
         return path
 
     with pytest.raises(InputError, match=facts("column time", "log(1)", "log(2)", "log(3)")):
-        read_recording(write({"log": np.vstack([TIME, VOLTS, DEGREES])}))
+        read_aero(write({"log": np.vstack([TIME, VOLTS, DEGREES])}))
     with pytest.raises(InputError, match=facts("column V_m", "20", "50")):
-        read_recording(write({"time": TIME, "V_m": VOLTS[:20], "theta": DEGREES}))
+        read_aero(write({"time": TIME, "V_m": VOLTS[:20], "theta": DEGREES}))
     with pytest.raises(InputError, match="no output column"):
-        read_recording(write({"time": TIME, "V_m": VOLTS}))
+        read_aero(write({"time": TIME, "V_m": VOLTS}))
     with pytest.raises(InputError, match="found nothing"):
-        read_recording(write({"note": "text"}))
+        read_aero(write({"note": "text"}))
 
 
 @pytest.mark.parametrize("keep", [0.2, 0.6, 0.95])
@@ -155,7 +156,7 @@ def test_a_cut_file_is_one_line(tmp_path: Path, version: str, keep: float) -> No
     raw = path.read_bytes()
     path.write_bytes(raw[: int(keep * len(raw))])
     with pytest.raises(InputError) as caught:
-        read_recording(path, LOG)
+        read_aero(path, LOG)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -169,7 +170,7 @@ def test_one_changed_byte_of_a_tag_is_one_line(tmp_path: Path, at: int, byte: in
     raw[at] = byte
     path.write_bytes(raw)
     with pytest.raises(InputError) as caught:
-        read_recording(path, LOG)
+        read_aero(path, LOG)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -178,7 +179,7 @@ def test_without_h5py_the_message_says_what_to_install(tmp_path: Path, monkeypat
     write_hdf5(tmp_path / "new.mat", {"log": np.vstack([TIME, VOLTS, DEGREES])})
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(InputError, match=r"pip install h5py"):
-        read_recording(tmp_path / "new.mat", LOG)
+        read_aero(tmp_path / "new.mat", LOG)
 
 
 def test_objects_are_named(tmp_path: Path) -> None:
@@ -189,4 +190,4 @@ def test_objects_are_named(tmp_path: Path) -> None:
         item.attrs["MATLAB_class"] = np.bytes_("timeseries")
         item.attrs["MATLAB_object_decode"] = np.int32(3)
     with pytest.raises(InputError, match=facts("ts", "timeseries")):
-        read_recording(path, LOG)
+        read_aero(path, LOG)

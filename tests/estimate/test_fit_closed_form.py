@@ -58,7 +58,7 @@ def test_two_outputs_agree_with_scipy_at_the_same_weights() -> None:
     seen = np.isfinite(y)
     reference = least_squares(lambda v: ((decay(T, v) - y) / weight)[seen], truth, xtol=1e-14, ftol=1e-14)
     np.testing.assert_allclose(found.values, reference.x, rtol=1e-3)
-    assert [s.stage.outputs for s in found.stages] == [("one",), ("two",), ("one", "two")]
+    assert [s.outputs for s in found.stages] == [("one",), ("two",), ("one", "two")]
     assert found.reason.converged
     errors = (found.values - truth) / (found.values * found.laplace.sd[:5])
     assert np.all(np.abs(errors) < 4.5)

@@ -93,12 +93,12 @@ def test_a_posterior_of_other_parameters_is_refused() -> None:
 def test_a_file_of_the_sampler_is_read_back(tmp_path: Path) -> None:
     import xarray
 
-    from aero_bayes.posterior.inferencedata import draws_in
+    from aero_bayes.posterior.posterior import draws_in
 
     draws = np.random.default_rng(1).normal(size=(4, 50))
     group = xarray.Dataset({"a": (("chain", "draw"), draws)})
     group.to_netcdf(str(tmp_path / "posterior.nc"), group="posterior", engine="h5netcdf")
-    assert draws_in(tmp_path / "posterior.nc")["a"] == pytest.approx(draws.ravel())
+    assert draws_in(tmp_path / "posterior.nc")["a"] == pytest.approx(draws)
     (tmp_path / "other.nc").write_text("none")
     with pytest.raises(InputError, match="no posterior"):
         draws_in(tmp_path / "other.nc")

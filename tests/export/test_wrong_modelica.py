@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 
-from aero_bayes.commands import run_init
+from aero_bayes.commands.init import run_init
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.embedded import explicit_model

@@ -73,7 +73,8 @@ class Here(Executor):
 
 def killed_with_a_pool(table: str, marks: str) -> None:
     """What a caller of a pool does that the test kills with -9."""
-    from aero_bayes.commands import Table, open_executor, run_tasks
+    from aero_bayes.commands.fleet import open_executor
+    from aero_bayes.commands.fleet_runner import Table, run_tasks
 
     with Table(Path(table)) as rows, open_executor(workers=2) as executor:
         run_tasks([Count(k, Path(marks)) for k in range(4)], mark_and_sleep, rows, executor)
@@ -81,7 +82,7 @@ def killed_with_a_pool(table: str, marks: str) -> None:
 
 def killed_half_way(table: str, marks: str, count: int) -> None:
     """What a caller does that the test kills with -9."""
-    from aero_bayes.commands import Table, run_tasks
+    from aero_bayes.commands.fleet_runner import Table, run_tasks
 
     with Table(Path(table)) as rows:
         run_tasks([Count(k, Path(marks), 0.02) for k in range(count)], plain, rows, Here())

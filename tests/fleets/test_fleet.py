@@ -11,12 +11,13 @@ import pytest
 from click.testing import CliRunner
 
 from aero_bayes.cli import main
-from aero_bayes.commands import Rig, Table, read_fleet
 from aero_bayes.commands.fleet import attempt, fleet, tasks_of
+from aero_bayes.commands.fleet_rigs import Rig, read_fleet
+from aero_bayes.commands.fleet_runner import Table
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
-from aero_bayes.report import FleetJson, undeclared
-from simulated_rigs import write_fleet
+from aero_bayes.report.schema_run import FleetJson
+from simulate_fleet import write_fleet
 
 #: Fits from where they start; nothing that only a page of a single rig wants.
 QUICK = '[prediction]\nmax_seconds = 0\n\n[fit.local]\nstarts = 1\n\n[fit]\nmethod = "local"\n'
@@ -60,7 +61,7 @@ def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, Fle
     assert [entry.rig for entry in found.stand_out] == ["cart-4"]
     assert "times the noise floor" in found.stand_out[0].reasons[0]
     assert found.simulated
-    assert not list(undeclared(FleetJson.model_validate_json((out / "fleet.json").read_text("utf-8"))))
+    FleetJson.model_validate_json((out / "fleet.json").read_text("utf-8"), extra="forbid")  # every key is declared
     page = (out / "report.html").read_text("utf-8")
     assert "Simulated data" in page
     for link in re.findall(r'href="(rigs/[^"]+)"', page):
@@ -118,7 +119,7 @@ def test_two_rigs_of_one_name_are_refused(tmp_path: Path) -> None:
 
 
 def read_fleet_of(rigs: list[Rig]):
-    from aero_bayes.commands import FleetPlan
+    from aero_bayes.commands.fleet_rigs import FleetPlan
 
     return FleetPlan({"model": {"name": "Aero.Systems.OneDof"}}, Path(), "fit", rigs)
 

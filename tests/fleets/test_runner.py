@@ -15,7 +15,8 @@ import pytest
 from facts import facts
 from fleets.fleet_tasks import Count, Here, killed_half_way, one_always_dies, plain, work
 
-from aero_bayes.commands import Table, open_executor, run_tasks
+from aero_bayes.commands.fleet import open_executor
+from aero_bayes.commands.fleet_runner import Table, run_tasks
 from aero_bayes.errors import InputError
 
 pytestmark = pytest.mark.long

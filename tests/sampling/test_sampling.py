@@ -21,9 +21,9 @@ from scipy import stats
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.posterior.adaptation import Adaptation
+from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.posterior.mcmc import Chain, run_chain
 from aero_bayes.posterior.moves import WarpedStudentT
-from aero_bayes.posterior.settings import SampleSettings
 
 pytestmark = pytest.mark.long
 

@@ -13,7 +13,6 @@ from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
-    InputTarget,
     Outcome,
     ParameterTarget,
     Problem,
@@ -137,18 +136,6 @@ def test_neighbours_change_no_bit(rigs, here, pool):
             part = simulator.simulate(values[first:last])
             for a, b in zip(whole.outputs, part.outputs, strict=True):
                 assert np.array_equal(a[first:last], b)
-
-
-def test_input_values_that_are_fitted(rigs, here):
-    values = np.array([[2.0, -1.0], [1.0, 0.5], [-2.0, 0.0]])
-    found = []
-    for model in rigs["smooth"]:
-        time = np.linspace(0.0, 4.0, 5)
-        what = Experiment(TIME, ("x",), (InputSignal("u", time, np.zeros(5), "linear"),))
-        targets = (InputTarget("u", 1), InputTarget("u", 3))
-        with NativeSimulator(Problem(model, (what,), (targets,)), pool=here) as simulator:
-            found.append(simulator.simulate(values).outputs[0])
-    np.testing.assert_allclose(*found, atol=1e-9)
 
 
 def test_rows_are_exchanged_where_a_pivot_is_small(tmp_path, here):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,8 +11,8 @@ from typing import Any
 import click
 import numpy as np
 
-from aero_bayes.commands.commands import fit_job, fit_part
-from aero_bayes.commands.context import context_part, resumable
+from aero_bayes.commands.commands import fit_job, fit_part, write_page
+from aero_bayes.commands.context import resumable
 from aero_bayes.commands.job import Job, RunOptions, open_job, which_model
 from aero_bayes.commands.loop import fit_settings
 from aero_bayes.config import load_config
@@ -31,14 +30,15 @@ from aero_bayes.estimate.propose import (
 )
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.signal_search import SearchSettings
+from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
-from aero_bayes.report.page import write_run_page
-from aero_bayes.report.results import merge, write_result, write_series
-from aero_bayes.report.series import Series, only_measured
+from aero_bayes.report.results import merge
+from aero_bayes.report.series import Series
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
+from aero_bayes.unknown_names import closest_name
 
 Json = dict[str, Any]
 
@@ -84,21 +84,17 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
             signal: Proposal
             if wanted.separate is None:
                 signal = design = propose_experiment(base, targets=wanted.aim or None, **given)
-                part: Json = {"design": design.to_dict() | {"kind": "narrow"}, "verdict": _narrow_verdict(design)}
+                part: Json = {"design": plain(design) | {"kind": "narrow"}, "verdict": _narrow_verdict(design)}
                 models = {"expected": base}
             else:
                 signal, models, part = _separate(job, base, wanted.separate, given)
             plan = _plan(signal, models, given)
         part["design"] |= {"file": SIGNAL_FILE, "unit": base.calibration.model.units[signal.input]}
         result, series = fit_part(job, base)
-        closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
-        write_series(options.out, only_measured(series) | plan)
         signal.write_csv(options.out / SIGNAL_FILE)
-        result = merge(result, part, closing)
-        result |= context_part(job, result)
-        write_result(options.out, result)
-        page = write_run_page(options.out)
-        click.echo(result["verdict"]["text"].replace("`", ""))
+        closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
+        page, _ = write_page(job, merge(result, part, closing), series | plan)
+        click.echo(part["verdict"]["text"].replace("`", ""))
         click.echo(f"wrote {options.out / SIGNAL_FILE}, {options.out / 'result.json'} and {page}")
 
 
@@ -109,7 +105,7 @@ def _separate(job: Job, base: Fit, ids: tuple[str, str], given: Json) -> tuple[S
     family.prepare(base.calibration, base.optimum, open_simulator)
     (first, own), (second, others) = (_with_effect(job, base, family, name, given["progress"]) for name in ids)
     apart = separating_experiment(first, second, **given)
-    found = apart.to_dict() | {
+    found = plain(apart) | {
         "kind": "separate",
         "effects": list(ids),
         "log_posterior_now": [first.log_posterior, second.log_posterior],
@@ -123,7 +119,7 @@ def _separate(job: Job, base: Fit, ids: tuple[str, str], given: Json) -> tuple[S
 def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
     """Return an effect as it was fitted to the recordings at hand."""
     table = found.parameters
-    parameters = {own: table[own].to_dict() for own in names if own in table}
+    parameters = {own: table[own] for own in names if own in table}
     return {"id": name, "model": found.calibration.model.name, "parameters": parameters}
 
 
@@ -183,8 +179,8 @@ def _check_rivals(wanted: DesignOptions, options: RunOptions) -> None:
     first, second = wanted.separate
     for id_ in wanted.separate:
         if id_ not in known:
-            near = difflib.get_close_matches(id_, known, n=1, cutoff=0.0)
-            raise InputError(f"--separate: unknown effect {id_!r}; did you mean {', '.join(near) or 'none'}?")
+            near = closest_name(id_, known, cutoff=0.0)
+            raise InputError(f"--separate: unknown effect {id_!r}; did you mean {near or 'none'}?")
     if first == second:
         raise InputError(f"--separate {first} {second}: expected two different effects")
 

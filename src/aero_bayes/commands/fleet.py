@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import math
 import multiprocessing
 import os
 import queue
-import shutil
 import signal
 import threading
 from collections import Counter
@@ -34,13 +32,11 @@ from aero_bayes.commands.job import RunOptions, fit_parameters, which_model
 from aero_bayes.config import Config
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.report.fleet_page import write_fleet_page
-from aero_bayes.report.results import versions
-from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.results import versions, write_json
 from aero_bayes.report.schema_estimate import ParameterJson
-from aero_bayes.report.schema_loop import EffectJson, LoopJson
-from aero_bayes.report.schema_run import FleetJson, RunJson
+from aero_bayes.report.schema_run import EffectJson, FleetJson, LoopJson, RunJson
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model
@@ -142,9 +138,9 @@ RUNS, LOG = "rigs", "log.txt"
 KIND = 4
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
 MIN_LIKELIHOOD_SHARE = 0.05
-_COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], None]] = {
+_COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], RunJson]] = {
     "fit": lambda rig, options: run_fit(rig.train, options),
-    "posterior": lambda rig, options: run_fit(rig.train, options, "posterior"),
+    "posterior": lambda rig, options: run_fit(rig.train, replace(options, posterior=True)),
     "loop": lambda rig, options: run_close_loop(rig.train, rig.test, options),
     "all": lambda rig, options: run_all(rig.train, rig.test, options),
 }
@@ -200,11 +196,11 @@ def attempt(task: RigTask) -> Row:
             contextlib.redirect_stdout(log),
             contextlib.redirect_stderr(log),
         ):
-            _COMMANDS[task.work](task.rig, options)
+            result = _COMMANDS[task.work](task.rig, options)
     except (InputError, CannotFinishError) as error:
         return failure(task.key, str(error))
     searched = {item.name: item for item in fit_parameters(Model.load(fmu), config)}
-    return _row(task.key, RunDirectory.read(folder).result, searched)
+    return _row(task.key, result, searched)
 
 
 def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
@@ -322,9 +318,7 @@ def fleet(
         run_tasks(chain(first, tasks), attempt, table, executor, progress)
         table.keep_only({rig.name for rig in plan.rigs})
         result, rows = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
-    with whole_file(folder / FLEET_RESULT) as temporary:
-        text = json.dumps(result.model_dump(by_alias=True), indent=1, ensure_ascii=False, allow_nan=False)
-        temporary.write_text(text + "\n", "utf-8")
+    write_json(folder / FLEET_RESULT, result.model_dump(by_alias=True))
     write_fleet_page(folder, result, rows)
     return result
 
@@ -358,6 +352,5 @@ def _model(config: Config, out: Path) -> Path:
     kept = out / MODELS / f"{model.sha256}.fmu"
     kept.parent.mkdir(parents=True, exist_ok=True)
     if not kept.exists():
-        with whole_file(kept) as temporary:
-            shutil.copyfile(model.path, temporary)
+        write_whole(kept, model.path.read_bytes())
     return kept

@@ -24,7 +24,7 @@ from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.initial_states import CalibrationSettings, state_of
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.modelica.classes import OwnClasses
 from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.sources import main_class, read_classes_of
@@ -91,8 +91,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     )
     text = head + _parameter_lines(ordered, _reasons(built, ordered, own, head, data))
     Config.model_validate(tomllib.loads(text))
-    with whole_file(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_whole(out, text)
     click.echo(f"wrote {out}")
     if is_fmu and (without := without_units(built)):
         click.echo(f"note: {without}", err=True)

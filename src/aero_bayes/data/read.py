@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +24,12 @@ from aero_bayes.data.screen import hide
 from aero_bayes.data.signals import Columns, Request, Signals, column_called, joined, pick_signals, without_repeats
 from aero_bayes.data.table import FrameTable, TableFile, is_table, read_table, row_names
 from aero_bayes.data.text_table import TextTable
-from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
-from aero_bayes.modelica.library import declaration_of
 from aero_bayes.unknown_names import known_names_hint, no_such_file
+
+if TYPE_CHECKING:
+    from aero_bayes.simulation.model import Model
 
 #: Suffixes of the files of a folder that are looked at.
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".xlsx", ".parquet", ".feather", ".mf4", ".tdms", ".lvm")
@@ -76,6 +78,10 @@ def read_recording(
     path: Path | str | Sequence[Path | str],
     columns: Mapping[str, ColumnMap] | None = None,
     *,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    units: Mapping[str, str] | None = None,
+    model: Model | None = None,
     layout: Layout | None = None,
     memory: int | None = None,
 ) -> Recording:
@@ -89,10 +95,15 @@ def read_recording(
         MATLAB) of an output is a gap. Several files of one run, or the folder that they are in, are joined on time:
         each signal is in one of them, and each file has times of its own.
     columns : mapping of str to ColumnMap, optional
-        Where a column of the layout is found if not under its own name and in SI.
-    layout : Layout, optional
-        Which columns there are; by default those that the package of the default model declares. Other columns of the
+        Where a signal is found if not under its own name and in SI.
+    inputs, outputs : sequence of str, optional
+        Signals to read; by default those that the model's package declares, else the model's own. Other columns of the
         file are not read.
+    units : mapping of str to str, optional
+        SI units by signal; by default the model's.
+    model : Model, optional
+    layout : Layout, optional
+        In place of these, with bounds of plausible values and inputs that are constant.
     memory : int, optional
         Bytes that may be used; what is free by default.
 
@@ -108,11 +119,12 @@ def read_recording(
 
     Examples
     --------
-    >>> layout = Layout.of(["F"], ["position"])
-    >>> aero_bayes.read_recording("train.csv", layout=layout)
+    >>> aero_bayes.read_recording("train.csv", inputs=["F"], outputs=["position"])
     <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
     """
-    layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
+    if layout is None and model is None and outputs is None:
+        raise InputError(f"{path}: name inputs and outputs, or give the model whose they are")
+    layout = layout or Layout.of(inputs, outputs, units, model=model)
     asked = _Asked(layout, dict(columns or {}), memory=memory)
     files = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
     name, parts = asked.run(files)
@@ -123,7 +135,7 @@ def read_recordings(
     paths: Sequence[Path | str],
     columns: Mapping[str, ColumnMap] | None = None,
     *,
-    layout: Layout | None = None,
+    layout: Layout,
     batch: str | None = None,
     memory: int | None = None,
 ) -> tuple[Recording, ...]:
@@ -133,8 +145,10 @@ def read_recordings(
     ----------
     paths : sequence of path
         A file or a folder for each run. Files that have all signals only together are one run.
-    columns, layout, memory
+    columns, memory
         As for :func:`read_recording`.
+    layout : Layout
+        The signals.
     batch : str, optional
         The column of a table that names the run of each row. Without it a table whose time runs back to its start
         holds several runs. They are called by the file and the batch, ``"runs 3"``.
@@ -155,7 +169,6 @@ def read_recordings(
     >>> [recording.name for recording in read_recordings(["train.csv"], layout=layout)]
     ['train']
     """
-    layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
     asked = _Asked(layout, dict(columns or {}), batch, memory)
     found: list[Recording] = []
     for files in asked.runs([Path(p) for p in paths]):

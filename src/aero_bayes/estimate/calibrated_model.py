@@ -30,7 +30,7 @@ from aero_bayes.estimate.fittable import (
     own_value_reason,
 )
 from aero_bayes.estimate.parameters import ChosenParameters, Override, ParameterSet
-from aero_bayes.files import ScratchFolder, whole_file
+from aero_bayes.files import ScratchFolder, write_whole
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.compose import rename_model, set_elements
 from aero_bayes.modelica.embedded import export_flat
@@ -92,8 +92,7 @@ class CalibratedModel:
         target = Path(folder)
         target.mkdir(parents=True, exist_ok=True)
         for name, text in {**self.added, f"{self.name}.mo": self.text}.items():
-            with whole_file(target / name) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+            write_whole(target / name, text)
         return target / f"{self.name}.mo"
 
     def export_fmu(self, path: Path | str) -> Path:

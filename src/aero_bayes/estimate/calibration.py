@@ -260,7 +260,10 @@ def calibrate(
     taken = {(p.target, p.recording) for p in parameters}
     new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
     data = MeasuredData(
-        tuple(replace(_thinned(e, settings), start=start) for e, (start, _) in zip(whole, started, strict=True)),
+        tuple(
+            replace(thin(e, settings.most_readings) if settings.most_readings else e, start=start)
+            for e, (start, _) in zip(whole, started, strict=True)
+        ),
         tuple(recording.name for recording in recordings),
         tuple(recordings),
         floors,
@@ -309,10 +312,6 @@ def _experiment(
     between = "hold" if settings.interpolation == "auto" else settings.interpolation
     base = to_experiment(recording, own, zero_at_rest=zero_at_rest, interpolation=between)
     return replace(base, outputs=outputs, measured=measured)
-
-
-def _thinned(experiment: Experiment, settings: CalibrationSettings) -> Experiment:
-    return experiment if settings.most_readings is None else thin(experiment, settings.most_readings)
 
 
 #: Steps of a candidate over those of the first model on the same recording. Dry friction needs about ten times as many.

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit, rms_by_output
 from aero_bayes.estimate.target import NoiseLayout, Target
-from aero_bayes.plain import picked
 from aero_bayes.progress import Progress
 from aero_bayes.simulation.interface import DelayTarget
 
@@ -35,12 +35,11 @@ class LeftOutPrediction:
     ``rms`` is the error of the prediction by output, ``rms_fitted`` that of the fit to all recordings. Outputs that no
     other recording has are not predicted."""
 
+    JSON_KEYS: ClassVar = "rms rms_fitted"
+
     recording: str
     rms: Mapping[str, float]
     rms_fitted: Mapping[str, float]
-
-    def to_dict(self) -> dict[str, object]:
-        return picked(self, "rms rms_fitted")
 
 
 def leave_one_recording_out(

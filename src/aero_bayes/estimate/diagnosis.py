@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, cast
+from typing import TYPE_CHECKING, ClassVar, Literal, cast
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from aero_bayes.estimate.other_tools import noise_by_recording
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals, exact_level, structured_residuals
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Expression, Number, names_in, walk
-from aero_bayes.plain import picked
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
@@ -38,6 +37,8 @@ CAUSES: tuple[Cause, ...] = ("data", "solver", "search", "noise", "model")
 class DiagnosisRow:
     """What was looked at and found of one cause."""
 
+    JSON_KEYS: ClassVar = "cause found what where done more"
+
     cause: Cause
     found: bool
     what: str
@@ -52,10 +53,6 @@ class DiagnosisRow:
         where = f" ({self.where})" if self.where else ""
         more = f" And {len(self.more)} more, see the diagnosis." if self.more else ""
         return f"{self.what.removesuffix('.')}{where}.{' ' if self.done else ''}{self.done}{more}"
-
-    def to_dict(self) -> dict[str, object]:
-        """Return it as ``diagnosis`` in result.json holds it."""
-        return picked(self, "cause found what where done more")
 
 
 @dataclass(frozen=True)
@@ -84,10 +81,6 @@ class Diagnosis:
     def line(self) -> str:
         """One line for a terminal: the state of each cause."""
         return "diagnosis: " + ", ".join(f"{row.cause} {'FOUND' if row.found else 'clear'}" for row in self.rows)
-
-    def to_list(self) -> list[dict[str, object]]:
-        """Return it as ``diagnosis`` in result.json holds it."""
-        return [row.to_dict() for row in self.rows]
 
     def _repr_html_(self) -> str:
         rows = [

@@ -284,10 +284,7 @@ def _without_outliers(
             cleaned = replace(found.calibration, data=data)
             with opened(cleaned.problem()) as simulator:
                 objective = objective_of(cleaned, simulator, result_cache=cache)
-                search, start = (
-                    GlobalSearch(objective, settings, progress),
-                    objective.parameters.to_search(found.values),
-                )
+                search, start = GlobalSearch(objective, settings, progress), cleaned.parameters.to_search(found.values)
                 found = _continued(found, search, search.refit(start, found.free, found.noise), settings)
         structured = {o for o in removed if found.noise[o].model_error or is_correlated(found.series, found.optimum, o)}
         if not structured:

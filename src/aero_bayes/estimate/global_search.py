@@ -39,7 +39,6 @@ from aero_bayes.estimate.noise_estimation import estimate_noise, whiten
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.step_parameters import other_plateaus
 from aero_bayes.estimate.target import Target
-from aero_bayes.plain import picked
 from aero_bayes.progress import Progress, Watched
 
 
@@ -103,10 +102,9 @@ MAX_PLATEAUS = 8
 
 
 @dataclass(frozen=True)
-class StageReport:
+class StageReport(Stage):
     """Where a stage of the local search ended: cost, SI values, and RMS error by output over all recordings."""
 
-    stage: Stage
     cost: float
     values: Mapping[str, float]
     rms: Mapping[str, float]
@@ -117,13 +115,10 @@ class StageReport:
         squares = objective.by_output(np.concatenate(end.evaluation.residual) ** 2)
         values = objective.parameters.from_search(end.coordinates).tolist()
         return cls(
-            stage, -end.log_likelihood - end.log_prior, dict(zip(objective.parameters.names, values, strict=True)),
+            stage.parameters, stage.outputs, -end.log_likelihood - end.log_prior,
+            dict(zip(objective.parameters.names, values, strict=True)),
             {output: float(np.sqrt(np.mean(rows))) for output, rows in squares.items() if rows.size},
         )  # fmt: skip
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the entry of result.json."""
-        return picked(self.stage, "parameters outputs") | picked(self, "cost values rms")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +154,7 @@ class GlobalSearch:
     def local_settings(self) -> LocalFitSettings:
         eq6 = self.settings.cost == "eq6"
         return LocalFitSettings(
-            self.settings.local_search, self.kinds, self.objective.calibration.data.floors,
+            self.settings.last_search, self.kinds, self.objective.calibration.data.floors,
             hold_noise=eq6, prior=self.settings.cost == "posterior",
         )  # fmt: skip
 

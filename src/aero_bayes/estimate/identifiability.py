@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names, table_html
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.step_parameters import StepParameter
+from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 
@@ -43,7 +45,7 @@ class Combination:
 
     text: str
     members: tuple[str, ...]
-    relative_sd: float
+    sd_relative: float
 
 
 @dataclass(frozen=True)
@@ -117,9 +119,7 @@ class Identifiability:
     def to_dict(self, held: Sequence[str] = ()) -> dict[str, object]:
         """Return the ``identifiability`` entry of result.json; ``held`` as in :meth:`sentences`."""
         return {
-            "combinations": [
-                {"text": c.text, "members": list(c.members), "sd_relative": c.relative_sd} for c in self.combinations
-            ],
+            "combinations": plain(self.combinations),
             "unidentified": [n for n, s in self.status.items() if s is Status.UNIDENTIFIED or n in held],
             "flat": [direction.sentence for direction in self.flat],
             "text": list(self.sentences(held)),
@@ -307,6 +307,8 @@ Json = dict[str, object]
 class Estimate:
     """Value and interval of one parameter; ``sd`` and the quantiles are None where the data do not determine it."""
 
+    JSON_KEYS: ClassVar = "value sd q05 q50 q95 unit status description prior start lower upper note recording"
+
     name: str
     value: float
     sd: float | None
@@ -333,10 +335,6 @@ class Estimate:
 
     def __float__(self) -> float:
         return self.value
-
-    def to_dict(self) -> Json:
-        """Return the entry of result.json."""
-        return {key: (str(v) if isinstance(v, Status) else v) for key, v in self.__dict__.items() if key != "name"}
 
 
 def estimates_html(table: Mapping[str, Estimate], caption: str, warnings: Sequence[str] = ()) -> str:

@@ -13,9 +13,10 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.noise import SampleTimes
 from aero_bayes.estimate.noise_estimation import whiten
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
-from aero_bayes.simulation.engines import Engine, open_simulator
+from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
+    Engine,
     Experiment,
     InputSignal,
     ParameterTarget,

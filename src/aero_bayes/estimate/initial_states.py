@@ -19,7 +19,7 @@ from aero_bayes.data.read import column_names
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import screen_all
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.measured_data import measured_in
+from aero_bayes.estimate.measured_data import readings_of
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogNormal, Normal
@@ -314,7 +314,7 @@ def process_parameters(
         for name, state in zip(wanted, states, strict=True)
     ]  # fmt: skip
     for column, output in enumerate(experiments[0].outputs):
-        values = np.concatenate([measured_in(e)[:, column] for e in experiments])
+        values = np.concatenate([readings_of(e)[:, column] for e in experiments])
         found.append(
             _parameter(
                 f"noise.{output}.sd_white", model.units[output], READING_SHARE * (_range(values) or 1.0),
@@ -342,7 +342,7 @@ def uncertain_start(
     for column, output in enumerate(experiment.outputs):
         state = state_of(model, output)
         if state is not None and state.name in start:
-            sd[state.name] = MAX_SPREAD_SHARE * (_range(measured_in(experiment)[:, column]) or 1.0)
+            sd[state.name] = MAX_SPREAD_SHARE * (_range(readings_of(experiment)[:, column]) or 1.0)
     for name, value in given.items():
         state_name = model.states[model.state_index(name)].name
         mean.pop(state_name, None)

@@ -22,8 +22,7 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.simulation.engines import Engine
-from aero_bayes.simulation.interface import DelayTarget
+from aero_bayes.simulation.interface import DelayTarget, Engine
 
 
 class Stop(Enum):
@@ -420,6 +419,8 @@ class FitSettings(SettingsDisplay):
     --------
     >>> aero_bayes.FitSettings(method="local").swarm is None  # no particle swarm first
     True
+    >>> aero_bayes.FitSettings(method="pso").last_search.iterations
+    0
     """
 
     method: Literal["pso+local", "pso", "local"] = "pso+local"
@@ -438,10 +439,10 @@ class FitSettings(SettingsDisplay):
 
     @property
     def swarm(self) -> SwarmSettings | None:
-        """The particle swarm, if there is one."""
+        """Settings of the swarm; None where there is none."""
         return self.pso if self.method != "local" else None
 
     @property
-    def local_search(self) -> LocalSettings:
-        """The local search of the whole model; after ``pso`` alone it makes no step."""
+    def last_search(self) -> LocalSettings:
+        """Settings of the local search from the swarm's best particles."""
         return self.local if self.method != "pso" else replace(self.local, iterations=0)

@@ -11,11 +11,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.checkpoint import Arrays, pack_all, unpack_all
+from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.data.noise import noise_floors
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.levenberg_marquardt import (
@@ -211,8 +212,7 @@ class _NegativeLogPosterior:
         point, iterations, evaluations = kept["point"].astype(np.float64), int(kept["steps"][0]), int(kept["steps"][1])
         quadratic = None
         if "outputs" in kept:
-            rows = unpack_all(OutputNoise, kept)
-            self.noise = dict(zip(kept["outputs"].tolist(), rows, strict=True))
+            self.noise = {name: unpack(OutputNoise, kept, f"noise.{name}.") for name in kept["outputs"].tolist()}
             counted = Counter(self.objective.outcomes)
             quadratic = self.evaluate(point)
             self.objective.outcomes.clear()
@@ -242,10 +242,12 @@ class _NegativeLogPosterior:
 def _pack(found: LocalResult[_PosteriorModel]) -> Arrays:
     """Return what :meth:`_NegativeLogPosterior.restore` needs of the result of a search."""
     steps = np.array([found.iterations, found.evaluations])
-    kept = {"point": found.point, "steps": steps, "reason": np.array(found.reason.value)}
-    if found.quadratic is None:
-        return kept
-    return kept | {"outputs": np.array(list(found.quadratic.noise)), **pack_all(list(found.quadratic.noise.values()))}
+    kept: dict[str, Any] = {"point": found.point, "steps": steps, "reason": np.array(found.reason.value)}
+    if found.quadratic is not None:
+        kept["outputs"] = np.array(list(found.quadratic.noise))
+        for name, noise in found.quadratic.noise.items():
+            kept |= pack(noise, f"noise.{name}.")
+    return kept
 
 
 #: Least eigenvalue of a Hessian that is scaled to a unit diagonal, as a share of the largest: below, it is rounding.

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from aero_bayes.estimate.laplace import Laplace
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise, block_variance_ratio
 from aero_bayes.estimate.prediction import FittedResult
-from aero_bayes.files import whole_file
+from aero_bayes.files import whole_file, write_whole
+from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import ParameterTarget, ProcessNoise, StartTarget
 
 #: Variance of averages over that of white noise above which a reader is warned.
@@ -65,7 +66,7 @@ def process_noise_table(process: ProcessNoise | None, parameters: Mapping[str, E
     table: dict[str, object] = {name: {"value": value} for name, value in given.items()}
     for name, estimate in parameters.items():
         if name.startswith(DIFFUSION_PREFIX):
-            table[name.removeprefix(DIFFUSION_PREFIX)] = estimate.to_dict()
+            table[name.removeprefix(DIFFUSION_PREFIX)] = plain(estimate)
     return table
 
 
@@ -102,16 +103,14 @@ Json = dict[str, object]
 class ValueTrial:
     """A fit with some values of the listed parameters."""
 
+    JSON_KEYS: ClassVar = "values share worse_by failed"
+
     values: Mapping[str, ListedValue]
     numbers: Mapping[str, float] = field(default_factory=dict)
     modifiers: Mapping[str, str] = field(default_factory=dict)
     share: float = 0.0
     worse_by: float = math.inf
     failed: str = ""
-
-    def to_dict(self) -> Json:
-        """Return the entry of result.json."""
-        return {"values": dict(self.values), "share": self.share, "worse_by": self.worse_by, "failed": self.failed}
 
 
 def chosen_estimates(trials: Sequence[ValueTrial]) -> dict[str, Estimate]:
@@ -302,9 +301,7 @@ class OtherTools(FittedResult):
                 lines.append(f"// {with_unit(f'{p.name} = {value!r}', p.unit)}: {p.description}, not in the model")
         lines += [with_unit(f"{told} = {value!r};  //", unit).removesuffix("  //") for told, value, unit in given]
         lines.append(f'simulateModel("{name}", stopTime={calibration.data.stop:.12g});')
-        with whole_file(path) as temporary:
-            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
-        return path
+        return write_whole(path, "\n".join([*lines, ""]))
 
     def _about(self) -> list[str]:
         data = ", ".join(self.calibration.data.names)

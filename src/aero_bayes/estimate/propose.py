@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,8 +23,7 @@ from aero_bayes.estimate.information import ExperimentPredictor, Limits, Predict
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.signal_search import Score, SearchSettings, best_signals
-from aero_bayes.files import whole_file
-from aero_bayes.plain import picked
+from aero_bayes.files import write_whole
 from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -67,19 +67,16 @@ class Proposal:
         """Length and kind of the signal."""
         return f"{self.duration:g} s of {SIGNAL_PHRASES.get(self.family, self.family)}"
 
+    @property
+    def table(self) -> dict[str, FloatArray]:
+        """Times (k,) at which the input changes, and its values (k,) from then on."""
+        at = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
+        return {"time": self.time[at], self.input: self.values[at]}
+
     def write_csv(self, path: Path | str) -> Path:
         """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""
-        path = Path(path)
         rows = [f"time,{self.input}"] + [f"{t:.9g},{v:.6g}" for t, v in zip(self.time, self.values, strict=True)]
-        with whole_file(path) as temporary:
-            temporary.write_text("\n".join(rows) + "\n", encoding="utf-8")
-        return path
-
-    def _told(self, own: str, **more: object) -> dict[str, object]:
-        """Return what any proposal tells, with a table of the changes of the input, and ``own`` attributes."""
-        at = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
-        table = {"time": self.time[at], self.input: self.values[at]}
-        return picked(self, f"input family families duration travel limits seed {own}", table=table, **more)
+        return write_whole(Path(path), "\n".join(rows) + "\n")
 
 
 @dataclass(frozen=True)
@@ -87,6 +84,8 @@ class ExpectedParameter:
     """What a parameter's standard deviation is, and would be, in SI units.
 
     ``sd_repeated`` is what as long a recording of the present input would leave."""
+
+    JSON_KEYS: ClassVar = "value unit sd_before sd_after sd_repeated gain target"
 
     name: str
     unit: str
@@ -106,6 +105,8 @@ class ExpectedParameter:
 class Design(Proposal):
     """A proposed experiment that narrows parameters."""
 
+    JSON_KEYS: ClassVar = "input family families duration rate_hz gain travel limits seed parameters table"
+
     expected: tuple[ExpectedParameter, ...]
 
     @property
@@ -121,10 +122,10 @@ class Design(Proposal):
         """How many times narrower the targets' intervals would be (geometric mean)."""
         return float(np.exp(np.mean([np.log(e.gain) for e in self.expected if e.target])))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return everything as plain numbers and text."""
-        told = "value unit sd_before sd_after sd_repeated gain target"
-        return self._told("rate_hz gain", parameters={e.name: picked(e, told) for e in self.expected})
+    @property
+    def parameters(self) -> dict[str, ExpectedParameter]:
+        """Parameters by name."""
+        return {e.name: e for e in self.expected}
 
     def __repr__(self) -> str:
         aims = ", ".join(self.targets)
@@ -147,6 +148,8 @@ class Separation(Proposal):
     ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
     three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal."""
 
+    JSON_KEYS: ClassVar = "input family families duration log_evidence first_true second_true travel limits seed table"
+
     first_true: float
     second_true: float
 
@@ -154,10 +157,6 @@ class Separation(Proposal):
     def log_evidence(self) -> float:
         """Expected difference in log-evidence, whichever model is true."""
         return min(self.first_true, self.second_true)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return everything as plain numbers and text."""
-        return self._told("log_evidence first_true second_true")
 
 
 def propose_experiment(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Literal
+from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.special import chdtrc
@@ -259,6 +259,8 @@ class RecordingError:
     ``noise`` is that of this recording, or, where it cannot be told from the readings, that of the fit
     (``noise_known`` is false). ``verdict`` and ``p_value`` (of a white residual) are of the model that came out."""
 
+    JSON_KEYS: ClassVar = "recording role output before after noise noise_known p_value verdict begin ratio"
+
     recording: str
     role: Role
     output: str
@@ -273,10 +275,6 @@ class RecordingError:
     @property
     def ratio(self) -> float:
         return self.after / self.noise if self.noise > 0.0 else math.inf
-
-    def to_dict(self) -> dict[str, object]:
-        """Return it as ``errors`` in result.json holds it."""
-        return {**asdict(self), "ratio": self.ratio}
 
 
 def recording_errors(

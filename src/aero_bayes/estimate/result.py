@@ -37,7 +37,8 @@ from aero_bayes.estimate.prediction import FittedPredictor
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
+from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import Outcome, Simulator, SmoothedStates
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def rms_by_output(residuals: Sequence[FloatArray], outputs: Sequence[str]) -> di
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(OtherTools):
+class Fit(OtherTools, HasPage):
     """A fitted calibration.
 
     Parameters
@@ -262,7 +263,34 @@ class Fit(OtherTools):
 
     def to_dict(self) -> Json:
         """Return the keys of result.json that a fit fills."""
-        return _fit_json(self)
+        found: Json = plain(
+            {
+                "parameters": self.parameters,
+                "noise": self.noise_table(),
+                "process_noise": process_noise_table(self.calibration.process, self.parameters),
+                "sensors": self.sensors,
+                "fit": {
+                    "cost_eq6": self.cost_eq6,
+                    "rms": {"train": self.rms},
+                    "interpolation": self.calibration.data.interpolation,
+                    "log_likelihood": self.log_likelihood,
+                    "log_posterior": self.log_posterior,
+                    "bic": self.bic,
+                    "stages": self.stages,
+                    "pso": self.swarm,
+                    "modes": self.modes,
+                    "values": self.trials,
+                    "start_levels": self.start_levels,
+                    "local": {"iterations": self.iterations, "reason": self.reason.value},
+                },
+                "identifiability": self.identifiability.to_dict(self.unidentified),
+                "failures": self.failures,
+                "diagnosis": self.diagnosis.rows,
+                "warnings": self.warnings,
+                "seconds": self.seconds,
+            }
+        )
+        return found
 
     def simulate(
         self,
@@ -356,7 +384,7 @@ class Fit(OtherTools):
         >>> len(fit.plot().axes)  # the force, the position, what is left of it
         3
         """
-        return drawn("fit_figure", self, recording, figure=ax or figure, dark=dark)
+        return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         return estimates_html(self.parameters, f"{self.calibration.model.name}: {self.reason.value}", self.warnings)
@@ -364,34 +392,6 @@ class Fit(OtherTools):
     def __repr__(self) -> str:
         cells = ", ".join(with_unit(f"{n}={e.value:.4g}", e.unit) for n, e in self.parameters.items())
         return f"<Fit {self.calibration.model.name}: {cells}>"
-
-
-def _fit_json(fit: Fit) -> Json:
-    return {
-        "parameters": {name: e.to_dict() for name, e in fit.parameters.items()},
-        "noise": fit.noise_table(),
-        "process_noise": process_noise_table(fit.calibration.process, fit.parameters),
-        "sensors": dict(fit.sensors),
-        "fit": {
-            "cost_eq6": fit.cost_eq6,
-            "rms": {"train": fit.rms},
-            "interpolation": fit.calibration.data.interpolation,
-            "log_likelihood": fit.log_likelihood,
-            "log_posterior": fit.log_posterior,
-            "bic": fit.bic,
-            "stages": [s.to_dict() for s in fit.stages],
-            "pso": fit.swarm.to_dict() if fit.swarm is not None else None,
-            "modes": [{"values": m.values, "share": m.share} for m in fit.modes],
-            "values": [t.to_dict() for t in fit.trials],
-            "start_levels": list(fit.start_levels),
-            "local": {"iterations": fit.iterations, "reason": fit.reason.value},
-        },
-        "identifiability": fit.identifiability.to_dict(fit.unidentified),
-        "failures": fit.failures,
-        "diagnosis": fit.diagnosis.to_list(),
-        "warnings": list(fit.warnings),
-        "seconds": fit.seconds,
-    }
 
 
 class HasFit(Protocol):

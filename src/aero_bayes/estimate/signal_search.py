@@ -10,7 +10,7 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.swarm import latin_hypercube
 from aero_bayes.progress import Progress, Watched
-from aero_bayes.simulation.engines import Engine
+from aero_bayes.simulation.interface import Engine
 
 #: Steps a staircase takes, and sines a sum has.
 STEPS, SINES = 8, 10

@@ -256,17 +256,15 @@ def _problem(
     start: Mapping[str, float],
 ) -> tuple[Problem, FloatArray]:  # fmt: skip
     """Return a calibration's problem over a recording's times, and the values of its columns."""
-    own = _index(recording, calibration.data)
+    own = next((k for k, r in enumerate(calibration.data.recordings) if r.sha256 == recording.sha256), None)
     between = interpolation_for(recording, calibration.data, calibration.model)
-    experiment = to_experiment(recording, [], interpolation=between)
     known = {name: value for name, value in recording.known.items() if name not in parameters}
-    experiment = replace(experiment, outputs=calibration.data.outputs, measured=None, spread=None, known=known)
-    like = calibration.data.experiments[0 if own is None else own]
-    experiment = replace(experiment, start_sd=like.start_sd)
-    if own is not None:
-        experiment = replace(experiment, start=like.start)
-    else:
-        experiment = replace(experiment, start=_first_readings(recording, calibration))
+    like = calibration.data.experiments[own or 0]
+    experiment = replace(
+        to_experiment(recording, [], interpolation=between), outputs=calibration.data.outputs, measured=None,
+        spread=None, known=known, start_sd=like.start_sd,
+        start=like.start if own is not None else _first_readings(recording, calibration),
+    )  # fmt: skip
     columns = _columns(calibration, recording, values, own)
     fixed = dict(calibration.fixed)
     for name, value in parameters.items():
@@ -283,12 +281,6 @@ def _problem(
     problem = replace(alone.problem(), targets=(tuple(columns),), fixed=fixed)
     matrix = np.column_stack(list(columns.values())) if columns else np.empty((len(values), 0))
     return problem, matrix
-
-
-def _index(recording: Recording, data: MeasuredData) -> int | None:
-    """Find which of the fitted recordings this is, if any."""
-    same = (k for k, fitted in enumerate(data.recordings) if fitted.sha256 == recording.sha256)
-    return next(same, None)
 
 
 def _first_readings(recording: Recording, calibration: Calibration) -> dict[str, float]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.plain import picked
 
 BatchCost = Callable[[FloatArray], FloatArray]
 
@@ -39,6 +39,8 @@ class SwarmResult:
     ``best`` has shape (d,); ``candidates`` (k, d) are each particle's own best in order of cost; ``history`` holds the
     best cost after each iteration; ``failures`` counts evaluations that gave no finite cost."""
 
+    JSON_KEYS: ClassVar = "evaluations history failures reason"
+
     best: FloatArray
     cost: float
     candidates: FloatArray
@@ -47,10 +49,6 @@ class SwarmResult:
     evaluations: int
     failures: int
     reason: str
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the ``pso`` entry of result.json."""
-        return picked(self, "evaluations history failures reason")
 
 
 def latin_hypercube(count: int, size: int, rng: np.random.Generator) -> FloatArray:

@@ -13,7 +13,6 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.split import Recordings
-from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, steps_taken, templates, with_step_budget
 from aero_bayes.estimate.initial_states import screened
@@ -48,7 +47,7 @@ def close_loop(
     train: Fit | Recording | Sequence[Recording],
     test: Recording | Sequence[Recording] = (),
     *,
-    model: str | Path | Model | ModelicaSource = DEFAULT_MODEL,
+    model: str | Path | Model | ModelicaSource | None = None,
     settings: LoopSettings | None = None,
     seed: int = 1,
     workers: int | None = None,
@@ -107,6 +106,8 @@ def close_loop(
         raise InputError("the loop knows no process noise: [noise.process] is for a fit")
     if not train:
         raise InputError("the closed loop needs at least one training recording")
+    if model is None:
+        raise InputError("model: name a model, or give a fit in place of recordings")
     if not test and not 0.0 < settings.held_out < 1.0:
         raise InputError(f"held_out is {settings.held_out:g}; expected a share of the recording between 0 and 1")
     # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.

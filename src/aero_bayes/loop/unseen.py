@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -73,6 +74,8 @@ class Prediction:
 @dataclass(frozen=True)
 class Shift:
     """How far a parameter moved when the missing effect was added, in its unit and in combined standard deviations."""
+
+    JSON_KEYS: ClassVar = "before before_sd after after_sd in_sd"
 
     name: str
     before: float

@@ -18,9 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from aero_bayes.build_cache import make_once
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.files import ScratchFolder, whole_file
+from aero_bayes.files import ScratchFolder, make_once, whole_file
 
 PlatformName = Literal["linux64", "win64", "aarch64-linux", "darwin64"]
 _ELF = ("-fPIC", "-shared", "-s", "-Wl,--build-id=none")

@@ -12,8 +12,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from aero_bayes.build_cache import user_cache
-from aero_bayes.files import whole_file
+from aero_bayes.files import user_cache, write_whole
 from aero_bayes.modelica.tokens import tokenize, without_comments
 
 _STANDARD = {"Modelica", "ModelicaServices", "Complex"}
@@ -117,8 +116,7 @@ def _index(root: Path, stamp: str) -> dict[str, list[str]]:
     index = {path: sorted(names.intersection(_WORD.findall(text))) for path, text in classes.items()}
     with contextlib.suppress(OSError):
         kept.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(kept) as temporary:
-            temporary.write_text(json.dumps(index), "utf-8")
+        write_whole(kept, json.dumps(index))
     return index
 
 

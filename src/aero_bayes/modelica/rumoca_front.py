@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 import scipy  # imports its parts when they are first used
 
-from aero_bayes.build_cache import make_once
 from aero_bayes.errors import InputError
-from aero_bayes.files import ScratchFolder
+from aero_bayes.files import ScratchFolder, make_once
 from aero_bayes.modelica.edits import TextEdit, apply_edits
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.flat import FlatModel

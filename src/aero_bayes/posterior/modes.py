@@ -20,7 +20,7 @@ from aero_bayes.estimate.modes import is_another, likelihood_temperature
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget
-from aero_bayes.posterior.inferencedata import Convergence
+from aero_bayes.posterior.convergence import Convergence
 from aero_bayes.posterior.mcmc import Chain
 from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.simulation.interface import Simulator
@@ -108,10 +108,6 @@ class ModeDraws:
     share: float
     draws: int
     converged: bool
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the entry of ``mcmc.modes`` in result.json."""
-        return {"values": self.values, "share": self.share, "draws": self.draws, "converged": self.converged}
 
 
 def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:

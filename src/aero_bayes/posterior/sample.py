@@ -26,6 +26,7 @@ from aero_bayes.estimate.prediction import (
 )
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.target import JointTarget
+from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.posterior.mcmc import Chain, run_chain
 from aero_bayes.posterior.modes import (
     ModeDraws,
@@ -39,7 +40,6 @@ from aero_bayes.posterior.modes import (
 )
 from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.posterior.posterior import Posterior
-from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome, Simulator

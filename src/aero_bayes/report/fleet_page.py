@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.report.page import fill
 from aero_bayes.report.schema_run import FleetJson, RangeJson, RigReasonJson, RunJson
 from aero_bayes.report.tables import Column, html_table
@@ -47,10 +47,8 @@ def write_fleet_page(directory: Path, result: FleetJson, rows: Sequence[Mapping[
                  "failures": result.failed - len(result.failures)},
         "rigs": _rig_table(result, rows, words),
     }  # fmt: skip
-    page = fill("fleet.html.jinja", context, {}, [RunJson(words=words)], ())
-    with whole_file(directory / "report.html") as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return directory / "report.html"
+    page = fill("fleet.html.jinja", context, [RunJson(words=words)], ())
+    return write_whole(directory / "report.html", page)
 
 
 def _parameter_table(result: FleetJson) -> Markup | None:

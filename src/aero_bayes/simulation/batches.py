@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.interface import Outcome, Problem, Trajectories
-from aero_bayes.simulation.supervision import TODO
+from aero_bayes.simulation.worker_group import LoadError
 from aero_bayes.simulation.worker_main import JOB_WORDS
-from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.simulation.workers import TODO, WorkerPool
 
 #: What a batch computes; the numbers of ``MODE_...`` in native/engine.h.
 TRAJECTORY, LIKELIHOOD, GAUSS_NEWTON = 0, 1, 2
@@ -104,7 +103,7 @@ class Batches:
         key = mode, len(values), len(columns), varies, noise_size
         self.pool.reserve(0)  # after a fork the memory is another
         layout = self._job_layout
-        if layout is None or layout.key != key or layout.memory is not self.pool.memory:
+        if layout is None or layout.key != key or layout.memory is not self.pool.group.memory:
             layout = self._job_layout = self._lay_out(key, values.shape[1])
         layout.header[:] = layout.words  # another simulator of the pool may have used this memory since
         layout.values[:] = values
@@ -131,7 +130,7 @@ class Batches:
         sizes += [n * a * b for a, b in shapes] + [n * a * b * q for a, b in shapes]
         at = list(accumulate(((size + 7) // 8 * 64 for size in sizes), initial=0))
         start = self.pool.reserve(at[-1])
-        memory = self.pool.memory
+        memory = self.pool.group.memory
         at = [start + offset for offset in at]
 
         def words(index: int, kind: type[np.int64] | type[np.float64] = np.float64) -> Any:

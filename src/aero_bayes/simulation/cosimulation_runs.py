@@ -19,35 +19,37 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation import fmpy_fmu
-from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
-    InputTarget,
     Outcome,
     ParameterTarget,
     Problem,
     ProblemTarget,
 )
 from aero_bayes.simulation.model_description import ModelDescription
+from aero_bayes.simulation.worker_group import LoadError
 from aero_bayes.simulation.worker_main import JOB_WORDS, NOT_LOADED, SPENT
 
 
 def signals_of_run(
     experiment: Experiment, row: Sequence[ProblemTarget | None], values: FloatArray
 ) -> tuple[InputSignal, ...]:
-    """Apply one parameter vector's delays and additions to grid values to the input signals of an experiment."""
+    """Apply one parameter vector's delays to the input signals of an experiment."""
     signals = []
     for signal in experiment.inputs:
-        level, delay = signal.values.astype(float).copy(), 0.0
-        for value, target in zip(values, row, strict=True):
-            if isinstance(target, InputTarget) and target.input == signal.name:
-                level[target.index] += value
-            if isinstance(target, DelayTarget) and target.input in (None, signal.name):
-                delay += float(value)
-        signals.append(replace(signal, time=signal.time + delay, values=level))
+        delaying = (isinstance(t, DelayTarget) and t.input in (None, signal.name) for t in row)
+        delay = sum(float(value) for value, delays in zip(values, delaying, strict=True) if delays)
+        signals.append(replace(signal, time=signal.time + delay))
     return tuple(signals)
+
+
+def parameters_of_run(problem: Problem, number: int, values: FloatArray) -> dict[str, float]:
+    """Return the parameters of one run that do not keep the model's own value."""
+    row = zip(problem.targets[number], values, strict=True)
+    fitted = {target.name: float(value) for target, value in row if isinstance(target, ParameterTarget)}
+    return {**problem.fixed, **problem.experiments[number].known, **fitted}
 
 
 def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
@@ -61,10 +63,7 @@ def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
 
 def value_at(signal: InputSignal, t: float, segment: float) -> float:
     """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
-    if signal.interpolation == "linear":
-        return float(np.interp(t, signal.time, signal.values))
-    cell = int(np.searchsorted(signal.time, segment + 1e-12 * max(1.0, abs(segment)), side="right")) - 1
-    return float(signal.values[max(cell, 0)])
+    return float(signal_values(signal, t if signal.interpolation == "linear" else segment))
 
 
 def linear_signals(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
@@ -232,11 +231,8 @@ class CosimulationRuns:
         self._stamp()
         fmu = self.instance.ready(new)
         fmu.setupExperiment(startTime=float(samples[0]))
-        for name, value in {**problem.fixed, **experiment.known}.items():
+        for name, value in parameters_of_run(problem, number, values).items():
             fmu.setReal([model.parameter(name).value_reference], [value])
-        for value, target in zip(values, problem.targets[number], strict=True):
-            if isinstance(target, ParameterTarget):
-                fmu.setReal([model.parameter(target.name).value_reference], [float(value)])
         self._apply(fmu, signals, float(samples[0]), float(samples[0]))
         fmu.enterInitializationMode()
         fmu.exitInitializationMode()

@@ -20,8 +20,8 @@ from fmpy.fmi2 import (
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 from fmpy.logging import addLoggerProxy
 
-from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.model_description import ModelDescription
+from aero_bayes.simulation.worker_group import LoadError
 
 #: Least status of a log message that tells of trouble: a warning.
 TROUBLE = 1

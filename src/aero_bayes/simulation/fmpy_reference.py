@@ -19,10 +19,10 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder
 from aero_bayes.simulation import fmpy_fmu
-from aero_bayes.simulation.cosimulation_runs import signals_of_run, value_at
-from aero_bayes.simulation.engine_library import LoadError
-from aero_bayes.simulation.interface import InputSignal, Outcome, ParameterTarget, Problem, SolverSettings, StartTarget
+from aero_bayes.simulation.cosimulation_runs import parameters_of_run, signals_of_run, value_at
+from aero_bayes.simulation.interface import InputSignal, Outcome, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.problem_checks import SingleRuns, check_problem
+from aero_bayes.simulation.worker_group import LoadError
 
 
 class _TimedOutError(Exception):
@@ -63,11 +63,10 @@ class FmpySimulator(SingleRuns):
             fmu.reset()
         self._fresh = False
         starts = {model.states[model.state_index(name)]: value for name, value in experiment.start.items()}
-        setting = {model.parameter(name): value for name, value in {**problem.fixed, **experiment.known}.items()}
+        parameters = parameters_of_run(problem, number, values)
+        setting = {model.parameter(name): value for name, value in parameters.items()}
         for value, target in zip(values, problem.targets[number], strict=True):
-            if isinstance(target, ParameterTarget):
-                setting[model.parameter(target.name)] = float(value)
-            elif isinstance(target, StartTarget):
+            if isinstance(target, StartTarget):
                 starts[model.states[model.state_index(target.state)]] = float(value)
         begin = float(experiment.time[0])
         fmu.setupExperiment(startTime=begin)

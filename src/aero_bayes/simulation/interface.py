@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from types import TracebackType
 from typing import Literal, Protocol, Self
 
 import numpy as np
@@ -73,6 +72,7 @@ def gauss_newton_products(
 
 
 Interpolation = Literal["hold", "linear"]
+Engine = Literal["native", "fmpy"]
 
 
 class Outcome(IntEnum):
@@ -173,14 +173,6 @@ class DelayTarget:
 
 
 @dataclass(frozen=True)
-class InputTarget:
-    """A column that is added to one value of an input signal (the ``index``-th of its grid)."""
-
-    input: str
-    index: int
-
-
-@dataclass(frozen=True)
 class DiffusionTarget:
     """A column that sets the diffusion of a state, in the state's unit over the square root of a second."""
 
@@ -194,7 +186,7 @@ class ReadingNoiseTarget:
     output: str
 
 
-ProblemTarget = ParameterTarget | StartTarget | DelayTarget | InputTarget | DiffusionTarget | ReadingNoiseTarget
+ProblemTarget = ParameterTarget | StartTarget | DelayTarget | DiffusionTarget | ReadingNoiseTarget
 
 
 @dataclass(frozen=True)
@@ -321,9 +313,7 @@ class Simulator(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *error: object) -> None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,3 +368,17 @@ def reading_updates(
         covariance = covariance - np.outer(gain, gain) * variance
         found.append((h, gain, float(measured[k, o] - filtered.predicted[k, o]), variance))
     return found
+
+
+class ClosedAtExit:
+    """A context manager that closes itself."""
+
+    def close(self) -> None:
+        """Give back what is held."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.build_cache import user_cache
 from aero_bayes.declared import DECLARATION_MEMBER, PackageDeclaration, parse_declaration
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
-from aero_bayes.files import ScratchFolder
+from aero_bayes.files import ScratchFolder, user_cache
 from aero_bayes.modelica.build import Platform, this_machine, write_archive
 from aero_bayes.modelica.library import declaration_of
 from aero_bayes.simulation import archive

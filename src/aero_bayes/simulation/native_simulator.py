@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.simulation.batches import (
     BLOCK_BYTES,
@@ -26,13 +25,13 @@ from aero_bayes.simulation.batches import (
     Batches,
 )
 from aero_bayes.simulation.interface import (
+    ClosedAtExit,
     DelayTarget,
     DiffusionTarget,
     Experiment,
     Filtered,
     FilteredStates,
     GaussNewton,
-    InputTarget,
     Likelihoods,
     Outcome,
     ParameterTarget,
@@ -53,7 +52,7 @@ from aero_bayes.simulation.problem_checks import (
 )
 from aero_bayes.simulation.workers import WorkerPool
 
-_MAGIC = 0x4142535045430007
+_MAGIC = 0x4142535045430008
 _KINDS = {"real": 0, "integer": 1, "boolean": 2}
 
 
@@ -97,23 +96,19 @@ def color_columns(pattern: tuple[tuple[int, ...], ...]) -> list[int]:
     return colors
 
 
-def _target(
-    model: ModelDescription, experiment: Experiment, target: ProblemTarget | None
-) -> tuple[int, int, int, float]:
-    scale = target_scale(model, experiment, target)
+def _target(model: ModelDescription, experiment: Experiment, target: ProblemTarget | None) -> tuple[int, int]:
+    """Return the number of ``TARGET_...`` in native/engine.h, and what is set."""
     if isinstance(target, ParameterTarget):
-        return 1, model.parameter(target.name).value_reference, 0, scale
+        return 1, model.parameter(target.name).value_reference
     if isinstance(target, StartTarget):
-        return 2, model.state_index(target.state), 0, scale
+        return 2, model.state_index(target.state)
     if isinstance(target, DelayTarget):
-        return 3, -1 if target.input is None else signal_index(experiment, target.input), 0, scale
-    if isinstance(target, InputTarget):
-        return 4, signal_index(experiment, target.input), target.index, scale
+        return 3, -1 if target.input is None else signal_index(experiment, target.input)
     if isinstance(target, DiffusionTarget):
-        return 5, model.state_index(target.state), 0, scale
+        return 4, model.state_index(target.state)
     if isinstance(target, ReadingNoiseTarget):
-        return 6, experiment.outputs.index(target.output), 0, scale
-    return 0, 0, 0, scale
+        return 5, experiment.outputs.index(target.output)
+    return 0, 0
 
 
 def _write_experiment(
@@ -141,9 +136,8 @@ def _write_experiment(
     w.reals(experiment.spread.T if experiment.spread is not None else [])
     w.integer(experiment.most_steps)
     for target in row:
-        kind, a, b, scale = _target(model, experiment, target)
-        w.integer(kind, a, b)
-        w.real(scale)
+        w.integer(*_target(model, experiment, target))
+        w.real(target_scale(model, target))
 
 
 def _by_state(model: ModelDescription, values: Mapping[str, float]) -> FloatArray:

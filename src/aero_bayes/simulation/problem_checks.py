@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.closing import ClosedAtExit
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.interface import (
+    ClosedAtExit,
     DelayTarget,
     DiffusionTarget,
     Experiment,
     GaussNewton,
-    InputTarget,
     Likelihoods,
     Outcome,
     ParameterTarget,
@@ -110,28 +109,19 @@ def _check_target(model: ModelDescription, experiment: Experiment, target: Probl
     elif isinstance(target, DelayTarget):
         if target.input is not None:
             signal_index(experiment, target.input)
-    elif isinstance(target, InputTarget):
-        signal = experiment.inputs[signal_index(experiment, target.input)]
-        if not 0 <= target.index < signal.time.size:
-            raise InputError(f"{where}: input {target.input!r} has no grid point {target.index}")
     elif isinstance(target, DiffusionTarget):
         model.state_index(target.state)
     elif isinstance(target, ReadingNoiseTarget) and target.output not in experiment.outputs:
         raise InputError(f"{where}: has no output {target.output!r}")
 
 
-def target_scale(model: ModelDescription, experiment: Experiment, target: ProblemTarget | None) -> float:
+def target_scale(model: ModelDescription, target: ProblemTarget | None) -> float:
     """Return a natural size of a column, for finite differences at zero."""
     variable: Variable | None = None
     if isinstance(target, ParameterTarget):
         variable = model.parameter(target.name)
     elif isinstance(target, StartTarget):
         variable = model.states[model.state_index(target.state)]
-    elif isinstance(target, InputTarget):
-        variable = model.input(target.input)
-        size = float(np.max(np.abs(experiment.inputs[signal_index(experiment, target.input)].values)))
-        if size > 0:
-            return size
     if variable is not None:
         for value in (variable.nominal, variable.start):
             if value:
@@ -261,7 +251,7 @@ class SingleRuns(ReducedTrajectories, ClosedAtExit):
             relative_tolerance=max(TIGHTEST, TIGHTER * problem.settings.relative_tolerance),
             absolute_tolerance=max(TIGHTEST, TIGHTER * problem.settings.absolute_tolerance),
         )
-        size = abs(values[column]) or target_scale(problem.model, experiment, target)
+        size = abs(values[column]) or target_scale(problem.model, target)
         step = RELATIVE_STEP * (DELAY_SIZE if isinstance(target, DelayTarget) else size)
         sides = []
         for sign in (1.0, -1.0):

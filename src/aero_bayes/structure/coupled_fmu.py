@@ -28,9 +28,9 @@ _ENGINE = Path(aero_bayes.simulation.__file__).parent / "native"
 _COUPLER = ("coupler.c", "coupling_file.c", "coupled_equations.c")
 _SOURCES = (
     *(Path(__file__).parent / "native" / name for name in (*_COUPLER, "coupler.h")),
-    *(_ENGINE / name for name in ("bind.c", "fmi2.c", "fmi3.c", "fmu_library.h", "fmi2.h")),
+    *(_ENGINE / name for name in ("bind.c", "fmi3.c", "fmu_library.h")),
 )
-_FLAGS = ("-shared", "-s", "-Wl,--build-id=none", *_COUPLER, "bind.c", "fmi2.c", "fmi3.c", "-lm", "-ldl")
+_FLAGS = ("-shared", "-s", "-Wl,--build-id=none", *_COUPLER, "bind.c", "fmi3.c", "-lm", "-ldl")
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 #: What an FMU of our own exporter has whose equations hold without events.
 _EVENTLESS = b"ab_eventless"

@@ -14,7 +14,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.modelica.build import write_archive
 from aero_bayes.modelica.edits import unified_diff
 from aero_bayes.modelica.embedded import export_flat
@@ -336,8 +336,7 @@ class FmuFamily(ModelicaFamily):
         text = wrapper_text(self.inner, coupling, placed_laws, values, name)
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{name}.mo"
-        with whole_file(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_whole(path, text)
         laws = self.folder / f"{name}-laws.fmu"
         self.folder.mkdir(parents=True, exist_ok=True)
         export_flat(coupling.flat, laws)

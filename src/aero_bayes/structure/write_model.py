@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.modelica.compose import ACTING_SUFFIX, TRUE_SUFFIX, element_names
 from aero_bayes.modelica.edits import TextEdit, insert_before_connector, text_of, unified_diff
@@ -340,8 +340,7 @@ def write_laws(
         before, old = "", "/dev/null"
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_whole(path, text)
     return WrittenModel(title, path, text, unified_diff(before, text, old, path.name))
 
 

@@ -1,5 +1,5 @@
 /* An FMU's library and its functions, FMI 2.0 or 3.0 alike. The FMUs that put laws around another one are made of this
- * file too (laws/native/coupler.c). */
+ * file too (structure/native/coupler.c). */
 #include <stdio.h>
 
 #include "fmu_library.h"
@@ -7,6 +7,37 @@
 void fmu_quiet(fmi_environment e, const char *name, int status, const char *category, const char *message, ...)
 {
     (void)e, (void)name, (void)status, (void)category, (void)message;
+}
+
+/* The functions of FMI 2.0 into f; not 0 where the library lacks one. */
+static int fmi2_bind(Fmu *f)
+{
+    int bad = 0;
+#define FIND(where, name) bad |= fmu_symbol(f, "fmi2" name, &f->where)
+    FIND(instantiate, "Instantiate");
+    FIND(free_instance, "FreeInstance");
+    FIND(setup, "SetupExperiment");
+    FIND(enter_initialization, "EnterInitializationMode");
+    FIND(exit_initialization, "ExitInitializationMode");
+    FIND(enter_event, "EnterEventMode");
+    FIND(enter_continuous, "EnterContinuousTimeMode");
+    FIND(reset, "Reset");
+    FIND(terminate, "Terminate");
+    FIND(get_real, "GetReal");
+    FIND(set_real, "SetReal");
+    FIND(new_discrete, "NewDiscreteStates");
+    FIND(completed, "CompletedIntegratorStep");
+    FIND(set_time, "SetTime");
+    FIND(set_states, "SetContinuousStates");
+    FIND(get_derivatives, "GetDerivatives");
+    FIND(get_indicators, "GetEventIndicators");
+    FIND(get_states, "GetContinuousStates");
+    FIND(get_nominals, "GetNominalsOfContinuousStates");
+#undef FIND
+    fmu_symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
+    fmu_symbol(f, "fmi2GetInteger", &f->get_integer);
+    fmu_symbol(f, "fmi2GetBoolean", &f->get_boolean);
+    return bad;
 }
 
 /* Why the library could not be loaded, without its own path, which is that of a temporary copy. */
