@@ -11,7 +11,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 RUN    := $(BIN)/aero-bayes
 
-MODEL   ?=
+MODEL   ?= $(if $(CONFIG),,Aero.Systems.OneDof)
 SEED    ?= 1
 WORKERS ?=
 DATA    ?=
@@ -51,8 +51,8 @@ $(VENV)/.tested: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[fleet,test]'
 	touch $@
 
-fmu: setup ## build the FMU of MODEL (default Aero.Systems.OneDof) into OUT (default reports/OneDof.fmu)
-	$(RUN) fmu $(if $(MODEL),--model $(MODEL)) --out $(or $(OUT),reports/$(lastword $(subst ., ,$(or $(MODEL),OneDof))).fmu)
+fmu: setup ## build the FMU of MODEL (by default Aero.Systems.OneDof) into OUT
+	$(RUN) fmu --model $(MODEL) --out $(or $(OUT),reports/$(lastword $(subst ., ,$(MODEL))).fmu)
 
 $(SIMULATED)/simulated.json: | setup
 	$(BIN)/python studies/simulate_aero.py --out $(SIMULATED) --seed $(SEED)
@@ -76,7 +76,7 @@ report: setup ## draw the page of OUT again
 	$(RUN) report $(or $(OUT),reports)
 
 check: setup ## read, check and summarise DATA
-	$(RUN) check $(DATA)
+	$(RUN) check $(DATA) $(if $(MODEL),--model $(MODEL)) $(if $(CONFIG),--config $(CONFIG))
 
 test: $(VENV)/.tested ## set up and run the tests
 	$(BIN)/python -m pytest -n 2 -m "not long" --durations 10 --junitxml reports/tests.xml

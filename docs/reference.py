@@ -21,13 +21,12 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from aero_bayes import cli, declared
-from aero_bayes import report as schema
-from aero_bayes.commands import FleetFile
+from aero_bayes.commands.fleet import FleetFile
 from aero_bayes.config import Config
-from aero_bayes.default_model import DEFAULT_MODEL
+from aero_bayes.report.schema_run import FleetJson, RunJson
+from aero_bayes.structure.candidates import describe_law
 from aero_bayes.structure.law import shipped_laws
 from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.placed_law import describe_law
 
 if typing.TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig
@@ -244,7 +243,7 @@ def _default(field: FieldInfo) -> str:
 
 def result() -> str:
     """Return a table a class of the schema, the whole first; types link to their tables."""
-    parts = [schema.RunJson, schema.FleetJson]
+    parts = [RunJson, FleetJson]
     for part in parts:
         for field in part.model_fields.values():
             parts += [p for p in _parts(field.annotation) if p not in parts]
@@ -320,7 +319,7 @@ def laws() -> str:
 
 def effects() -> str:
     """Return the AERO's effects and the curves that are learned there."""
-    places = LawPlaces(DEFAULT_MODEL)
+    places = LawPlaces("Aero.Systems.OneDof")
     rows = [
         (
             f"`{c.id}`",

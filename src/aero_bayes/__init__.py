@@ -4,17 +4,15 @@ A model of a package that declares its rigs brings parameters, priors and column
 
 >>> import aero_bayes
 >>> model = aero_bayes.load_model("Aero.Systems.HalfQuad")  # doctest: +SKIP
->>> recording = aero_bayes.read_recording("step.csv")  # doctest: +SKIP
+>>> recording = aero_bayes.read_recording("step.csv", model=model)  # doctest: +SKIP
 >>> fit = aero_bayes.fit(recording, model)  # doctest: +SKIP
 >>> posterior = aero_bayes.sample(fit)  # doctest: +SKIP
 >>> loop = aero_bayes.close_loop(recording, model=model)  # doctest: +SKIP
 
 A model of one's own is told what was recorded and what is free (run in ``examples/cart``):
 
->>> from aero_bayes.data import Layout
 >>> rig = aero_bayes.load_model("Rig.mo")  # doctest: +SKIP
->>> layout = Layout.of(["F"], ["position"])
->>> recording = aero_bayes.read_recording("train.csv", layout=layout)  # doctest: +SKIP
+>>> recording = aero_bayes.read_recording("train.csv", inputs=["F"], outputs=["position"])  # doctest: +SKIP
 >>> fit = aero_bayes.fit(recording, rig, parameters=["k", "d"])  # doctest: +SKIP
 >>> settings = aero_bayes.LoopSettings(parameters=["k", "d"])
 >>> loop = aero_bayes.close_loop(recording, model=rig, settings=settings)  # doctest: +SKIP
@@ -35,14 +33,14 @@ if TYPE_CHECKING:
     from aero_bayes.estimate.levenberg_marquardt import FitSettings
     from aero_bayes.estimate.propose import propose_experiment
     from aero_bayes.estimate.result import Fit
-    from aero_bayes.library import compare, load_result, save, write_report
+    from aero_bayes.library import compare, load_result, save
     from aero_bayes.loop.first_fit import LoopSettings
     from aero_bayes.loop.loop import close_loop
     from aero_bayes.loop.result import LoopResult
     from aero_bayes.modelica.compilers import export_fmu
+    from aero_bayes.posterior.convergence import SampleSettings
     from aero_bayes.posterior.posterior import Posterior
     from aero_bayes.posterior.sample import sample
-    from aero_bayes.posterior.settings import SampleSettings
     from aero_bayes.report.run_directory import RunDirectory
     from aero_bayes.simulation.load_model import load_model
     from aero_bayes.simulation.model import Model
@@ -75,7 +73,6 @@ __all__ = [
     "sample",
     "save",
     "summarise",
-    "write_report",
 ]
 
 
@@ -89,12 +86,12 @@ _HOMES = {
     "estimate.prediction": "RecordingPrediction",
     "estimate.propose": "propose_experiment",
     "estimate.result": "Fit",
-    "library": "compare load_result save write_report",
+    "library": "compare load_result save",
     "loop": "LoopResult LoopSettings close_loop",
     "modelica.compilers": "export_fmu",
+    "posterior.convergence": "SampleSettings",
     "posterior.posterior": "Posterior",
     "posterior.sample": "sample",
-    "posterior.settings": "SampleSettings",
     "report.run_directory": "RunDirectory",
     "simulation.load_model": "load_model",
     "simulation.model": "Model",

@@ -10,7 +10,7 @@ import hashlib
 import os
 import time
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
@@ -144,18 +144,6 @@ def unpack(kind: type[T], arrays: Arrays, prefix: str) -> T:
         elif (value := arrays.get(prefix + name)) is not None:
             values[name] = value if value.ndim else value.item()
     return kind(**values)
-
-
-def pack_all(items: Sequence[Any]) -> dict[str, NDArray[np.generic]]:
-    """Unfold dataclasses of one kind, of numbers and arrays of one shape, field by field."""
-    return {f.name: np.array([getattr(item, f.name) for item in items]) for f in fields(items[0])} if items else {}
-
-
-def unpack_all(kind: type[T], arrays: Arrays) -> list[T]:
-    """Return the dataclasses that :func:`pack_all` took apart."""
-    columns = {name: arrays[name] for name in get_type_hints(kind) if name in arrays}
-    rows = zip(*columns.values(), strict=True)
-    return [kind(**{n: v if v.ndim else v.item() for n, v in zip(columns, row, strict=True)}) for row in rows]
 
 
 def pack_random(random: np.random.RandomState) -> dict[str, NDArray[np.generic]]:

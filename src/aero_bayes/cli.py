@@ -9,19 +9,17 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import click
 
-from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.files import CHECKPOINT, RESULT
 
 if TYPE_CHECKING:  # the commands take a second to import
-    from aero_bayes.commands.design import DesignOptions
     from aero_bayes.commands.job import RunOptions
 
 BAD_INPUT = 2
@@ -30,6 +28,7 @@ INTERRUPTED = 130
 TERMINATED = 143
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Options = TypeVar("Options", bound=Any)
 FILE = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -113,7 +112,7 @@ def main() -> None:
 def run_options(command: Command) -> Command:
     """Return the options that every command which simulates a model shares."""
     for option in (
-        click.option("--model", help=f"Modelica class or FMU file.  [default: {DEFAULT_MODEL}]"),
+        click.option("--model", help="Modelica class or FMU file, where no configuration names one."),
         click.option("--config", type=FILE, help="TOML file with the configuration."),
         click.option(
             "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result."
@@ -128,6 +127,12 @@ def run_options(command: Command) -> Command:
     return _with_state_of_folder(command)
 
 
+def _taken(kind: type[Options], given: dict[str, Any]) -> Options:
+    """Return options as one, and take them out of what a command was given."""
+    found: Options = kind(**{field.name: given.pop(field.name) for field in fields(kind) if field.name in given})
+    return found
+
+
 def _with_state_of_folder(command: Command) -> Command:
     """Give a command its shared options as one; where it fails, say what its folder holds."""
 
@@ -135,8 +140,7 @@ def _with_state_of_folder(command: Command) -> Command:
     def guarded(**given: Any) -> Any:
         from aero_bayes.commands.job import RunOptions
 
-        shared = ("model", "config", "seed", "workers", "engine", "resume", "quiet", "out")
-        options = RunOptions(**{name: given.pop(name) for name in shared})
+        options = _taken(RunOptions, given)
         try:
             return command(options=options, **given)
         except (InputError, CannotFinishError) as error:
@@ -155,7 +159,7 @@ def _with_state_of_folder(command: Command) -> Command:
 
 @main.command("fmu")
 @click.option("--compiler", type=click.Choice(["auto", "omc", "embedded"]), default="auto", show_default=True)
-@click.option("--model", default=DEFAULT_MODEL, show_default=True, help="Modelica class.")
+@click.option("--model", required=True, help="Modelica class.")
 @click.option("--source", "sources", type=FILE, multiple=True, help="Further .mo files to load.")
 @click.option("--library", "libraries", type=FOLDER, multiple=True, help="Folder of Modelica packages to look in.")
 @click.option(
@@ -203,7 +207,7 @@ def posterior_command(data: tuple[Path, ...], options: RunOptions) -> None:
     """Fit, then sample the posterior by Markov chain Monte Carlo."""
     from aero_bayes.commands.commands import run_fit
 
-    run_fit(data, options, "posterior")
+    run_fit(data, replace(options, posterior=True))
 
 
 @main.command("close-loop")
@@ -216,11 +220,11 @@ def posterior_command(data: tuple[Path, ...], options: RunOptions) -> None:
 )
 @click.option("--posterior", is_flag=True, help="Sample the posterior of the model that comes out, too.")
 @run_options
-def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], posterior: bool, options: RunOptions) -> None:
+def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], options: RunOptions) -> None:
     """Find the effect that the model lacks, add it, refit, and report the error before and after."""
     from aero_bayes.commands.commands import run_close_loop
 
-    run_close_loop(train, test, replace(options, posterior=posterior))
+    run_close_loop(train, test, options)
 
 
 def _travel(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, float]:
@@ -235,22 +239,7 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
     return limits
 
 
-def _with_design_options(command: Command) -> Command:
-    """Give a command the options of a design as one."""
-
-    @wraps(command)
-    def grouped(**given: Any) -> Any:
-        from aero_bayes.commands.design import DesignOptions
-
-        names = ("aim", "separate", "duration", "rate_hz", "amplifier", "travel")
-        asked = {name: given.pop(name) for name in names}
-        return command(wanted=DesignOptions(**asked | {"separate": asked["separate"] or None}), **given)
-
-    return cast(Command, grouped)
-
-
 @main.command("design")
-@_with_design_options
 @click.option("--data", type=FILE, multiple=True, required=True, help="Recording to fit; may be given several times.")
 @click.option(
     "--aim", multiple=True, metavar="PARAMETER", help="Parameter whose interval to narrow.  [default: the weak ones]"
@@ -263,11 +252,12 @@ def _with_design_options(command: Command) -> Command:
 @click.option("--travel", multiple=True, callback=_travel, metavar="OUTPUT=LIMIT",
               help="Largest absolute value of an output (SI).  [default: as the package declares]")  # fmt: skip
 @run_options
-def design_command(data: tuple[Path, ...], options: RunOptions, wanted: DesignOptions) -> None:
+def design_command(data: tuple[Path, ...], options: RunOptions, **asked: Any) -> None:
     """Propose the next experiment: the input that narrows weak parameters most, or tells two effects apart."""
-    from aero_bayes.commands.design import run_design
+    from aero_bayes.commands.design import DesignOptions, run_design
 
-    run_design(data, options, wanted)
+    asked["separate"] = asked["separate"] or None  # Click gives an empty tuple
+    run_design(data, options, _taken(DesignOptions, asked))
 
 
 @main.command("all")
@@ -295,7 +285,7 @@ def init_command(source: Path, data: Path, model: str | None, libraries: tuple[P
 
 
 @main.command("ports")
-@click.option("--model", help=f"Modelica class.  [default: {DEFAULT_MODEL}]")
+@click.option("--model", help="Modelica class or FMU file, where no configuration names one.")
 @click.option("--config", type=FILE, help="TOML file with the sources, and for --data columns and free parameters.")
 @click.option("--data", type=FILE, multiple=True, help="Recording; shows which ports are visible in it.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -327,12 +317,13 @@ def compare_command(directories: tuple[Path, ...], out: Path) -> None:
 
 @main.command("check")
 @click.argument("recordings", type=FILE, nargs=-1, required=True)
-@click.option("--config", type=FILE, help="TOML file with the mapping of columns.")
-def check_command(recordings: tuple[Path, ...], config: Path | None) -> None:
+@click.option("--model", help="Modelica class or FMU file, where no configuration names one.")
+@click.option("--config", type=FILE, help="TOML file with the model and the mapping of columns.")
+def check_command(recordings: tuple[Path, ...], model: str | None, config: Path | None) -> None:
     """Read, check and summarise recordings."""
     from aero_bayes.commands.commands import run_check
 
-    run_check(recordings, config)
+    run_check(recordings, config, model)
 
 
 @main.command("fleet")

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from aero_bayes.errors import InputError
+from aero_bayes.simulation.interface import Engine
 from aero_bayes.unknown_names import closest_name, no_such_file
 
 Positive = Annotated[float, Field(gt=0)]
@@ -182,7 +183,7 @@ class LoopSection(Section):
 class SolverSection(Section):
     """``[solver]``: engine and accuracy of a simulation."""
 
-    engine: Literal["native", "fmpy"] = "native"
+    engine: Engine = "native"
     relative_tolerance: Positive = 1e-6
     absolute_tolerance: Positive = 1e-6
     time_limit: Positive = 10.0

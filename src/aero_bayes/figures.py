@@ -1,22 +1,52 @@
-"""Figures of results: how a result finds what draws it, and what every figure takes."""
+"""Figures and pages of results: how a result finds what draws it, and what every figure takes."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
+
+from aero_bayes.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
+class HasPage:
+    """A result that has a page."""
+
+    def to_html(self, path: Path | str) -> Path:
+        """Write the page: a single file that loads nothing from elsewhere.
+
+        Parameters
+        ----------
+        path : path
+            Its folder is made where it is not there.
+
+        Returns
+        -------
+        Path
+
+        Examples
+        --------
+        >>> fit.to_html("fit.html").name
+        'fit.html'
+        """
+        page: str = import_module("aero_bayes.library").page_of(self)
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return write_whole(path, page)
+
+
 def drawn(name: str, *what: Any, figure: Figure | Axes | None, dark: bool) -> Figure:
-    """Draw a figure of :mod:`aero_bayes.report`, which uses the classes of results, so that they cannot import it.
+    """Draw a figure by its file in ``report`` and its name; results cannot import what uses their classes.
 
     ``figure`` is what is drawn into: a figure, or the axes whose place is taken; a new one by default."""
-    found: Figure = getattr(import_module("aero_bayes.report"), name)(*what, figure=figure, dark=dark)
+    file, _, function = name.partition(".")
+    found: Figure = getattr(import_module(f"aero_bayes.report.{file}"), function)(*what, figure=figure, dark=dark)
     return found
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aero_bayes.errors import InputError
-from aero_bayes.files import ScratchFolder, whole_file
+from aero_bayes.files import ScratchFolder
 from aero_bayes.report.compare import write_comparison
-from aero_bayes.report.page import write_run_page
+from aero_bayes.report.page import render
 from aero_bayes.report.run_directory import RunDirectory
 
 if TYPE_CHECKING:
@@ -76,45 +76,12 @@ def save(found: Result, directory: Path | str) -> Path:
     return write_folder(_result(found), Path(directory)).parent
 
 
-def write_report(found: Result | str | Path, path: str | Path | None = None) -> Path:
-    """Write the page of a fit, a posterior or a loop, or draw that of a finished run again.
-
-    Parameters
-    ----------
-    found : Fit, Posterior, LoopResult or path
-        What was found, or the folder that a command wrote with ``--out``.
-    path : path, optional
-        The page to write, where no folder is given; that of a folder is its ``report.html``.
-
-    Returns
-    -------
-    Path
-        The page: a single file that loads nothing from elsewhere.
-
-    Raises
-    ------
-    InputError
-        No ``result.json`` in the folder, or one of the files is damaged.
-
-    Examples
-    --------
-    >>> aero_bayes.write_report(fit, "fit.html").name
-    'fit.html'
-    >>> aero_bayes.write_report("out/loop").name
-    'report.html'
-    """
-    if isinstance(found, str | Path):
-        return write_run_page(found)
-    found = _result(found)
-    if path is None:
-        raise InputError("path: say where the page goes, such as fit.html")
-    path = Path(path)
+def page_of(found: Result | RunDirectory) -> str:
+    """Return the page of a result: HTML that loads nothing from elsewhere."""
+    if isinstance(found, RunDirectory):
+        return render(found)
     with ScratchFolder() as scratch:
-        page = (save(found, scratch) / "report.html").read_bytes()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        temporary.write_bytes(page)
-    return path
+        return (save(found, scratch) / "report.html").read_text("utf-8")
 
 
 def compare(*found: Result | str | Path, path: str | Path = "compare.html") -> Path:

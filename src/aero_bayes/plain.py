@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,14 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """Convert a value to types that JSON has."""
+    """Convert a value to types that JSON has; of a dataclass its fields, or the attributes that ``JSON_KEYS`` names."""
     if isinstance(value, Enum):
         return plain(value.value)
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
+        keys = value.JSON_KEYS.split() if hasattr(value, "JSON_KEYS") else [field.name for field in fields(value)]
+        return {key: plain(getattr(value, key)) for key in keys}
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, np.generic):

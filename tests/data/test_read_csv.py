@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from aero_recordings import read_aero
 from facts import facts, refusal
 
-from aero_bayes.data import ColumnMap, Layout, read_recording
+from aero_bayes.data import ColumnMap, Layout
 from aero_bayes.data.read import column_names
 
 pytestmark = pytest.mark.fast
@@ -36,13 +37,13 @@ def with_cell(row: int, column: int, cell: str) -> str:
 
 
 def complaint(path: Path, *parts: str, **options: object) -> str:
-    message = refusal(lambda: read_recording(path, **options), *parts)  # type: ignore[arg-type]
+    message = refusal(lambda: read_aero(path, **options), *parts)  # type: ignore[arg-type]
     assert str(path) in message or "column" in message
     return message
 
 
 def test_reads_the_contract(tmp_path: Path) -> None:
-    recording = read_recording(write(tmp_path, GOOD))
+    recording = read_aero(write(tmp_path, GOOD))
     assert recording.rows == 20
     assert recording.rate_hz == pytest.approx(100.0)
     assert list(recording.inputs) == ["V_m"]
@@ -86,7 +87,7 @@ def test_reads_the_contract(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_reads_variants_alike(tmp_path: Path, variant: str | bytes) -> None:
-    plain, other = read_recording(write(tmp_path, GOOD)), read_recording(write(tmp_path, variant, "b.csv"))
+    plain, other = read_aero(write(tmp_path, GOOD)), read_aero(write(tmp_path, variant, "b.csv"))
     np.testing.assert_array_equal(plain.time, other.time)
     for name, values in plain.outputs.items():
         np.testing.assert_array_equal(values, other.outputs[name])
@@ -100,7 +101,7 @@ def test_dates_count_from_the_first_sample(tmp_path: Path, mark: str, zone: str)
     for k, line in enumerate(lines[1:]):
         at = (begin + timedelta(milliseconds=10 * k)).isoformat(mark, "milliseconds")
         lines[k + 1] = ",".join([at + zone, *line.split(",")[1:]])
-    recording = read_recording(write(tmp_path, "\n".join(lines)))
+    recording = read_aero(write(tmp_path, "\n".join(lines)))
     np.testing.assert_allclose(recording.time, np.arange(20) / 100, atol=1e-6)
     assert recording.rate_hz == pytest.approx(100.0, rel=1e-4)
     assert recording.outputs["theta"][7] == 0.07
@@ -110,11 +111,11 @@ def test_a_line_of_units_is_part_of_the_names(tmp_path: Path) -> None:
     units = GOOD.replace("\n", "\ns,V,A,,deg\n", 1)
     path = write(tmp_path, units)
     assert column_names(path) == ["time [s]", "V_m [V]", "i_m [A]", "omega_m", "theta [deg]"]
-    found = read_recording(path)
+    found = read_aero(path)
     assert (found.rows, found.outputs["theta"][7]) == (20, pytest.approx(np.deg2rad(0.07)))
     assert re.search(facts("column theta", "V"), complaint(write(tmp_path, units.replace("deg", "V"), "b.csv")))
     maps = {"time": ColumnMap("time [s]"), "V_m": ColumnMap("V_m [V]"), "theta": ColumnMap("theta [deg]", "deg")}
-    recording = read_recording(path, maps)
+    recording = read_aero(path, maps)
     assert recording.rows == 20
     assert recording.outputs["theta"][7] == pytest.approx(np.deg2rad(0.07))
 
@@ -123,7 +124,7 @@ def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
     lines = GOOD.splitlines()
     lines[3] = "0.02,0,,,0.02"
     lines[4] = "0.03,0,0, ,"
-    recording = read_recording(write(tmp_path, "\n".join(lines)))
+    recording = read_aero(write(tmp_path, "\n".join(lines)))
     assert np.flatnonzero(np.isnan(recording.outputs["i_m"])).tolist() == [2]
     assert np.flatnonzero(np.isnan(recording.outputs["omega_m"])).tolist() == [2, 3]
     assert np.flatnonzero(np.isnan(recording.outputs["theta"])).tolist() == [3]
@@ -212,13 +213,13 @@ def test_degrees_and_rpm_through_a_mapping(tmp_path: Path) -> None:
         "theta": ColumnMap("pitch", unit="deg"),
         "omega_m": ColumnMap("rpm", unit="rpm"),
     }
-    recording = read_recording(write(tmp_path, text), columns)
+    recording = read_aero(write(tmp_path, text), columns)
     assert recording.time[3] == pytest.approx(0.03)
     assert recording.inputs["V_m"][0] == pytest.approx(12.0)
     assert recording.outputs["theta"][1] == pytest.approx(np.pi / 2)
     assert recording.outputs["omega_m"][2] == pytest.approx(4.0 * np.pi)
     columns["theta"] = ColumnMap("enc", unit="count", counts_per_revolution=2048)
-    assert read_recording(write(tmp_path, text), columns).outputs["theta"][1] == pytest.approx(np.pi / 2)
+    assert read_aero(write(tmp_path, text), columns).outputs["theta"][1] == pytest.approx(np.pi / 2)
 
 
 @pytest.mark.parametrize(
@@ -243,7 +244,7 @@ def test_missing_file_and_directory(tmp_path: Path) -> None:
 
 def test_another_layout_and_an_output_that_is_missing(tmp_path: Path) -> None:
     path = write(tmp_path, "time,u,y\n" + "\n".join(f"{k},{k},{1e6 * k}" for k in range(10)))
-    recording = read_recording(path, layout=Layout.of(["u"], ["y", "z"], {"y": "Pa"}))
+    recording = read_aero(path, layout=Layout.of(["u"], ["y", "z"], {"y": "Pa"}))
     assert list(recording.outputs) == ["y"]
     assert recording.units["y"] == "Pa"
 
@@ -261,7 +262,7 @@ def test_memory_grows_with_the_table_only(tmp_path: Path) -> None:
     body = "".join(f"{k / 1000:.3f},1.5,{k % 7 / 1000}\n" for k in range(rows))
     path = write(tmp_path, "time,V_m,theta\n" + body)
     tracemalloc.start()
-    recording = read_recording(path)
+    recording = read_aero(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert recording.rows == rows

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from aero_recordings import read_aero
 from facts import facts, refusal
 from scipy.io import savemat
 
-from aero_bayes.data import ColumnMap, read_recording
+from aero_bayes.data import ColumnMap
 from aero_bayes.errors import InputError
 
 TIME = np.arange(50) / 100.0
@@ -94,7 +95,7 @@ WRITERS = {"5": savemat, "7.3": write_hdf5}
 def test_layouts(tmp_path: Path, case: str, version: str) -> None:
     content, columns = CASES[case]
     WRITERS[version](tmp_path / "log.mat", content)
-    recording = read_recording(tmp_path / "log.mat", columns)
+    recording = read_aero(tmp_path / "log.mat", columns)
     np.testing.assert_array_equal(recording.time, TIME)
     np.testing.assert_array_equal(recording.inputs["V_m"], VOLTS)
     np.testing.assert_allclose(recording.outputs["theta"], np.deg2rad(DEGREES), rtol=1e-15)
@@ -104,23 +105,23 @@ def test_gaps_are_nan_and_inputs_must_be_whole(tmp_path: Path) -> None:
     gaps = DEGREES.copy()
     gaps[3:6] = np.nan
     savemat(tmp_path / "a.mat", {"log": np.vstack([TIME, VOLTS, gaps])})
-    assert np.isnan(read_recording(tmp_path / "a.mat", LOG).outputs["theta"]).sum() == 3
+    assert np.isnan(read_aero(tmp_path / "a.mat", LOG).outputs["theta"]).sum() == 3
     savemat(tmp_path / "b.mat", {"log": np.vstack([TIME, gaps, DEGREES])})
     with pytest.raises(InputError, match=facts("sample 4", "column V_m", "3")):
-        read_recording(tmp_path / "b.mat", LOG)
+        read_aero(tmp_path / "b.mat", LOG)
 
 
 def test_too_little_memory_names_the_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("aero_bayes.data.matlab.free_memory", lambda: 100)
     savemat(tmp_path / "a.mat", {"log": np.vstack([TIME, VOLTS, DEGREES])})
     with pytest.raises(InputError, match="MiB of memory"):
-        read_recording(tmp_path / "a.mat", LOG)
+        read_aero(tmp_path / "a.mat", LOG)
 
 
 def test_the_content_decides_not_the_name(tmp_path: Path) -> None:
     savemat(tmp_path / "log.mat", {"log": np.vstack([TIME, VOLTS, DEGREES])})
     (tmp_path / "log.mat").rename(tmp_path / "log.csv")
-    assert read_recording(tmp_path / "log.csv", LOG).rows == 50
+    assert read_aero(tmp_path / "log.csv", LOG).rows == 50
 
 
 @pytest.mark.parametrize("version", WRITERS)
@@ -133,7 +134,7 @@ def test_complaints(tmp_path: Path, version: str) -> None:
     ):
         WRITERS[version](tmp_path / "x.mat", content)
         with pytest.raises(InputError, match=facts(*stated)):
-            read_recording(tmp_path / "x.mat")
+            read_aero(tmp_path / "x.mat")
 
 
 @pytest.mark.parametrize("keep", [0.2, 0.6, 0.95])
@@ -143,7 +144,7 @@ def test_a_cut_file_is_one_line(tmp_path: Path, version: str, keep: float) -> No
     WRITERS[version](path, {"log": np.vstack([TIME, VOLTS, DEGREES])})
     raw = path.read_bytes()
     path.write_bytes(raw[: int(keep * len(raw))])
-    refusal(lambda: read_recording(path, LOG), str(path))
+    refusal(lambda: read_aero(path, LOG), str(path))
 
 
 @pytest.mark.parametrize(("at", "byte"), [(144, 5), (145, 14), (176, 14), (177, 255)])
@@ -154,14 +155,14 @@ def test_one_changed_byte_of_a_tag_is_one_line(tmp_path: Path, at: int, byte: in
     raw = bytearray(path.read_bytes())
     raw[at] = byte
     path.write_bytes(raw)
-    refusal(lambda: read_recording(path, LOG), str(path))
+    refusal(lambda: read_aero(path, LOG), str(path))
 
 
 def test_without_h5py_the_message_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_hdf5(tmp_path / "new.mat", {"log": np.vstack([TIME, VOLTS, DEGREES])})
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(InputError, match=r"pip install h5py"):
-        read_recording(tmp_path / "new.mat", LOG)
+        read_aero(tmp_path / "new.mat", LOG)
 
 
 def test_objects_are_named(tmp_path: Path) -> None:
@@ -172,4 +173,4 @@ def test_objects_are_named(tmp_path: Path) -> None:
         item.attrs["MATLAB_class"] = np.bytes_("timeseries")
         item.attrs["MATLAB_object_decode"] = np.int32(3)
     with pytest.raises(InputError, match=facts("ts", "timeseries")):
-        read_recording(path, LOG)
+        read_aero(path, LOG)

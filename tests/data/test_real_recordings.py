@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from aero_recordings import read_aero
 
-from aero_bayes.data import read_recording, summarise, to_experiment
+from aero_bayes.data import summarise, to_experiment
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data"
 STEP, PULSE = FOLDER / "aero_step_16v5_1khz.csv", FOLDER / "aero_pitch_pulse_500hz.csv"
@@ -18,7 +19,7 @@ pytestmark = [
 
 
 def test_step() -> None:
-    recording = read_recording(STEP)
+    recording = read_aero(STEP)
     assert (recording.rows, recording.rate_hz, recording.duration) == (30001, pytest.approx(1000.0), 30.0)
     (signal,) = to_experiment(recording, zero_at_rest=("omega_m", "i_m")).inputs
     assert signal.values.tolist() == [0.0, 16.51376]
@@ -29,7 +30,7 @@ def test_step() -> None:
 
 
 def test_pulse() -> None:
-    recording = read_recording(PULSE)
+    recording = read_aero(PULSE)
     assert list(recording.outputs) == ["theta"]
     (signal,) = to_experiment(recording, zero_at_rest=("omega_m", "i_m")).inputs
     assert signal.values.tolist() == [0.0, -20.0, 0.0]

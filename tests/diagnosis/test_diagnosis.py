@@ -7,19 +7,16 @@ import pytest
 
 import aero_bayes
 from aero_bayes.estimate.diagnosis import CAUSES, Diagnosis, DiagnosisRow
-from aero_bayes.report import RunJson, VerdictJson
+from aero_bayes.plain import plain
+from aero_bayes.report.schema_estimate import VerdictJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.words import verdict
 
 pytestmark = pytest.mark.fast
 
 
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
-    return heated_room.model(tmp_path_factory.mktemp("room"))
-
-
 def judged(diagnosis: Diagnosis) -> VerdictJson:
-    return verdict(RunJson.model_validate({"diagnosis": diagnosis.to_list()}))
+    return verdict(RunJson.model_validate({"diagnosis": plain(diagnosis.rows)}))
 
 
 def test_a_fit_without_a_fault_is_clear(room: aero_bayes.Model) -> None:

@@ -66,7 +66,7 @@ def test_nothing_better_was_seen_than_what_is_reported(modelica: Callable[[str],
         [recording], model, parameters_from_model(model, ["limit", "tau"]), settings=START_AT_READING
     )
     with open_simulator(calibration.problem(), workers=0) as simulator:
-        search = GlobalSearch(Objective(calibration, simulator), FitSettings().global_search)
+        search = GlobalSearch(Objective(calibration, simulator), FitSettings())
         found = search.run((0, 1), lambda problem: open_simulator(problem, workers=0), rng).optimum
         gains = search.seen_gains(found)
     assert gains.size > 3

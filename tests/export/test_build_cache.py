@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from aero_bayes import build_cache
-from aero_bayes.build_cache import make_once
+from aero_bayes import files
+from aero_bayes.files import make_once
 
 
 @pytest.fixture(autouse=True)
@@ -53,7 +53,7 @@ def test_a_cache_that_cannot_be_written_does_no_harm(cache: Path) -> None:
 
 
 def test_the_oldest_are_removed(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build_cache, "MAX_BYTES", 10_000)
+    monkeypatch.setattr(files, "MAX_BYTES", 10_000)
     for k in range(20):
         make_once("a.so", (bytes([k]),), lambda: bytes(1000))
     sizes = [file.stat().st_size for file in (cache / "aero-bayes" / "made").iterdir()]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from aero_bayes.commands import Table, open_executor, run_tasks
+from aero_bayes.commands.fleet_runner import Table, open_executor, run_tasks
 
 
 @dataclass(frozen=True)

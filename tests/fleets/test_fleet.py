@@ -11,11 +11,11 @@ import pytest
 from click.testing import CliRunner
 
 from aero_bayes.cli import main
-from aero_bayes.commands import FleetPlan, Rig, Table, read_fleet
-from aero_bayes.commands.fleet import attempt, fleet, tasks_of
+from aero_bayes.commands.fleet import FleetPlan, Rig, attempt, fleet, read_fleet, tasks_of
+from aero_bayes.commands.fleet_runner import Table
 from aero_bayes.errors import InputError
-from aero_bayes.report import FleetJson, undeclared
-from simulated_rigs import write_fleet
+from aero_bayes.report.schema_run import FleetJson
+from simulate_fleet import write_fleet
 
 #: Fits from where they start; nothing that only a page of a single rig wants.
 QUICK = '[prediction]\nmax_seconds = 0\n\n[fit.local]\nstarts = 1\n\n[fit]\nmethod = "local"\n'
@@ -59,7 +59,7 @@ def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, Fle
     assert [entry.rig for entry in found.stand_out] == ["cart-4"]
     assert "times the noise floor" in found.stand_out[0].reasons[0]
     assert found.simulated
-    assert not list(undeclared(FleetJson.model_validate_json((out / "fleet.json").read_text("utf-8"))))
+    FleetJson.model_validate_json((out / "fleet.json").read_text("utf-8"), extra="forbid")  # every key is declared
     page = (out / "report.html").read_text("utf-8")
     assert "Simulated data" in page
     for link in re.findall(r'href="(rigs/[^"]+)"', page):

@@ -15,7 +15,7 @@ import pytest
 from facts import facts
 from fleets.fleet_tasks import Count, Here, one_always_dies, plain, work
 
-from aero_bayes.commands import Table, open_executor, run_tasks
+from aero_bayes.commands.fleet_runner import Table, open_executor, run_tasks
 from aero_bayes.errors import InputError
 
 pytestmark = pytest.mark.long

@@ -68,7 +68,7 @@ def test_priors_columns_and_reasons_come_from_the_package(tmp_path: Path) -> Non
     assert (overrides["M"].start, overrides["M"].lower, overrides["M"].upper) == (1.0, 0.25, 4.0)
     assert (overrides["R_a"].lower, overrides["R_a"].upper) == (pytest.approx(0.04), pytest.approx(5.0))
     assert model.declared.fixed == {"k": "weighed"}
-    layout = Layout.declared(DECLARED)
+    layout = Layout.of(declared=DECLARED)
     assert layout.units == {"time": "s", "F": "N", "y": "m"}
     mild = sledge(np.random.default_rng(1), "mild", 0.0)
     path = write_csv(replace(mild, inputs={"F": 10.0 * mild.inputs["F"]}), tmp_path / "far.csv")

@@ -8,7 +8,6 @@ import pandas as pd
 
 import aero_bayes
 from aero_bayes import LoopSettings, Recording
-from aero_bayes.data import Layout
 from aero_bayes.estimate import LogNormal, Override
 
 model = aero_bayes.load_model("Rig.mo")
@@ -17,9 +16,8 @@ model = aero_bayes.load_model("Rig", sources=["Rig.mo"])
 model = aero_bayes.load_model("Rig", sources=Path("Rig.mo"))
 aero_bayes.export_fmu("Rig", "Rig.fmu", sources="Rig.mo")
 fmu = aero_bayes.load_model("Rig.fmu")
-layout = Layout.of(["F"], ["position"])
-train = aero_bayes.read_recording("train.csv", layout=layout)
-test = aero_bayes.read_recording(Path("test.csv"), layout=layout)
+train = aero_bayes.read_recording("train.csv", inputs=["F"], outputs=["position"], units={"F": "N", "position": "m"})
+test = aero_bayes.read_recording(Path("test.csv"), model=model)
 frame = pd.read_csv("train.csv")
 train = Recording.from_frame(frame, inputs=["F"], outputs=["position"], name="train")
 train = Recording.from_frame(frame.set_index("time"), inputs="F", outputs="position", name="train")
@@ -44,7 +42,7 @@ stiffer = fit.simulate(test, parameters={"k": 100.0})
 step = fit.simulate({"time": np.linspace(0.0, 2.0, 201), "F": 1.0})
 fit.export_fmu("fitted.fmu")
 fit.calibrated.write("fitted")
-aero_bayes.write_report(fit, "fit.html")
+fit.to_html("fit.html")
 short = aero_bayes.SampleSettings(max_steps=40)
 posterior = aero_bayes.sample(fit, draws=50, chains=4, seed=3, workers=0, settings=short)
 median = posterior["k"].value
@@ -52,8 +50,8 @@ posterior.save("posterior.nc")
 draws = posterior.samples("k")
 unseen = posterior.predict(test, draws=20)
 print(unseen.rms, unseen.coverage, posterior.to_frame().loc["d", "q95"])
-aero_bayes.write_report(posterior, Path("posterior.html"))
-idata = posterior.idata
+posterior.to_html(Path("posterior.html"))
+idata = posterior.to_arviz()
 print(idata.prior["k"].shape, idata.log_likelihood["train"].shape)
 settings = LoopSettings(parameters=["k", "d"], laws=["coulomb_friction", "gain"])
 loop = aero_bayes.close_loop(train, test, model=model, settings=settings, workers=0, out_dir="loop")

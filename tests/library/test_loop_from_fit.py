@@ -13,7 +13,7 @@ from aero_bayes.loop.loop import settings_of
 @pytest.mark.parametrize("cost", ["posterior", "weighted", "eq6"])
 def test_structures_are_compared_by_the_posterior_whatever_cost_the_fit_minimised(cart, cost):
     settings = settings_of(replace(cart.fit, settings=replace(cart.fit.settings, cost=cost)), LoopSettings())
-    assert settings.fitting.global_search.cost == "posterior"
+    assert settings.fitting.cost == "posterior"
     assert settings.parameters.names == ("k", "d")
     assert settings.fit.noise == cart.fit.settings.noise
 

@@ -13,7 +13,7 @@ from facts import facts
 from matplotlib.figure import Figure
 
 import aero_bayes
-from aero_bayes.report import palette
+from aero_bayes.report.plots import palette
 
 pytestmark = pytest.mark.fast
 

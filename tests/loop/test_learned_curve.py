@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
-from aero_bayes.report import EffectJson, curve_plate
+from aero_bayes.report.loop_figures import curve_plate
+from aero_bayes.report.schema_run import EffectJson
 
 SOURCE = """model Slide "A mass on a spring and a damper"
   input Real F(unit = "N");

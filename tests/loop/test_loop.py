@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,11 +14,13 @@ from aero_bayes.errors import InputError
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.loop.decide import decide
 from aero_bayes.loop.table import Table
-from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.aero import Truth, pivot_friction, scaled, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import real, white
+from simulated_rigs.truth import LawPlace, LawTruth
 
 SETTINGS = LoopSettings(max_effects=2)
+close_aero = partial(close_loop, model="Aero.Systems.OneDof")
 
 
 @pytest.fixture(scope="session")
@@ -27,16 +30,17 @@ def fmus(tmp_path_factory):
 
 def recordings(seed, sensors, delay, *effects, duration=30.0):
     rng = np.random.default_rng(seed)
-    truth = Truth("one_dof", Parameters().scaled({"R_a": 1.08, "k_t": 0.93, "D_p": 1.1}), effects, delay)
+    truth = Truth(effects, delay, scaled(R_a=1.08, k_t=0.93, D_p=1.1))
     return [
         simulate_recording(truth, random_levels(rng, 20.0, duration), sensors, stream, duration=duration, name=name)
         for name, stream in zip(("train", "test"), rng.spawn(2), strict=True)
     ]
 
 
+@pytest.mark.long
 def test_friction_is_found_written_and_judged(fmus, tmp_path):
-    train, test = recordings(11, white(1.0), 0.0, effect("pivot_coulomb_friction", tau_c=8e-4))
-    found = close_loop([train], [test], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
+    train, test = recordings(11, white(1.0), 0.0, pivot_friction(8e-4))
+    found = close_aero([train], [test], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
     assert found.outcome == "extended"
     assert [e.id for e in found.effects] == ["pivot_coulomb_friction"]
     (parameter,) = found.effects[0].parameters
@@ -58,17 +62,18 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
 
 
 def test_a_search_whose_time_is_up_is_judged_by_what_it_has_and_says_so(fmus):
-    train, test = recordings(11, white(1.0), 0.0, effect("pivot_coulomb_friction", tau_c=8e-4))
-    found = close_loop([train], [test], settings=replace(SETTINGS, cache=fmus, max_minutes=1e-6), workers=0)
+    train, test = recordings(11, white(1.0), 0.0, pivot_friction(8e-4))
+    found = close_aero([train], [test], settings=replace(SETTINGS, cache=fmus, max_minutes=1e-6), workers=0)
     assert found.outcome == "unexplained", (found.outcome, found.sentence)
     assert "1e-06 min" in found.sentence
 
 
+@pytest.mark.long
 def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_path):
-    truth = effect("pivot_presliding_friction", tau_p=9e-4, theta_p=9e-4 / 0.15)
+    truth = LawTruth("presliding_friction", LawPlace("balance", "q"), {"F_c": 9e-4, "x_s": 9e-4 / 0.15})
     train, test = recordings(15, white(1.0), 0.0, truth)
     settings = replace(SETTINGS, effects=("pivot_coulomb_friction", "pivot_presliding_friction", "cubic_stiffness"))
-    found = close_loop([train], [test], settings=replace(settings, cache=fmus), workers=0, out_dir=tmp_path)
+    found = close_aero([train], [test], settings=replace(settings, cache=fmus), workers=0, out_dir=tmp_path)
     assert [e.id for e in found.effects] == ["pivot_presliding_friction"]
     torque, angle, _ = found.effects[0].parameters
     assert torque.value == pytest.approx(9e-4, abs=5 * torque.sd + 2e-5)
@@ -79,9 +84,10 @@ def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_
 
 
 def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
-    train, test = recordings(17, white(1.0), 0.0, effect("pitch_delay", T_d=0.02), duration=20.0)
+    late = LawTruth("delay", LawPlace("output", "pitch"), {"T": 0.02})
+    train, test = recordings(17, white(1.0), 0.0, late, duration=20.0)
     settings = replace(SETTINGS, effects=("pitch_delay", "thrust_lag"))
-    found = close_loop([train], [test], settings=replace(settings, cache=fmus), workers=0)
+    found = close_aero([train], [test], settings=replace(settings, cache=fmus), workers=0)
     assert [set(ids) for ids in found.equivalent] == [{"pitch_delay", "thrust_lag"}]
     (line,) = found.separate
     assert "pitch_delay" in line
@@ -90,7 +96,7 @@ def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
 
 def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_path):
     train, _ = recordings(12, real(1.0), 0.006)
-    found = close_loop([train], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
+    found = close_aero([train], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
     assert found.outcome == "adequate"
     assert found.effects == ()
     assert set(found.predicted_before.test) == {("train", output) for output in ("i_m", "omega_m", "theta")}
@@ -101,10 +107,10 @@ def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_pat
 def test_a_quiet_recording_tells_nothing_and_says_so(fmus):
     rng = np.random.default_rng(13)
     quiet = simulate_recording(
-        Truth("one_dof", Parameters(), (effect("pivot_coulomb_friction", tau_c=5e-4),)),
+        Truth((pivot_friction(5e-4),)),
         random_levels(rng, 1e-3, 8.0), white(1.0), rng, duration=8.0, rate_hz=50.0, name="quiet",
     )  # fmt: skip
-    found = close_loop([quiet], settings=replace(SETTINGS, cache=fmus), workers=0)
+    found = close_aero([quiet], settings=replace(SETTINGS, cache=fmus), workers=0)
     assert found.outcome == "adequate"
     assert found.effects == ()
     assert "adequate" in found.sentence
@@ -115,11 +121,11 @@ def test_a_quiet_recording_tells_nothing_and_says_so(fmus):
 
 def test_bad_requests_are_refused(fmus):
     with pytest.raises(InputError, match="at least one"):
-        close_loop([])
+        close_aero([])
     train, _ = recordings(14, white(1.0), 0.0, duration=6.0)
     with pytest.raises(InputError, match=facts("held_out", "0")):
-        close_loop([train], settings=LoopSettings(held_out=0.0, cache=fmus))
+        close_aero([train], settings=LoopSettings(held_out=0.0, cache=fmus))
     with pytest.raises(InputError, match="unknown effect 'magic'"):
-        close_loop([train], settings=LoopSettings(effects=("magic",), cache=fmus))
+        close_aero([train], settings=LoopSettings(effects=("magic",), cache=fmus))
     with pytest.raises(InputError, match="no law is left to try"):
-        close_loop([train], settings=LoopSettings(effects=("current_offset",), ports=("body",), cache=fmus))
+        close_aero([train], settings=LoopSettings(effects=("current_offset",), ports=("body",), cache=fmus))

@@ -11,7 +11,7 @@ import axe_core_python
 import pytest
 from headless_chromium import Browser
 
-from aero_bayes.report import write_comparison
+from aero_bayes.report.compare import write_comparison
 
 pytestmark = pytest.mark.long
 

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.commands import Table
+from aero_bayes.commands.fleet_runner import Table
 from aero_bayes.commands.fleet_summary import summarise_fleet
-from aero_bayes.report import FleetJson, write_fleet_page
+from aero_bayes.report.fleet_page import write_fleet_page
+from aero_bayes.report.schema_run import FleetJson
 
 
 def made_up(path: Path, count: int) -> tuple[Path, FleetJson]:

@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from aero_bayes.report import CandidateJson, LoopJson, StepJson, changed_equations, rounds_table
+from aero_bayes.report.loop_figures import changed_equations, rounds_table
+from aero_bayes.report.schema_run import CandidateJson, LoopJson, StepJson
 
 pytestmark = pytest.mark.fast
 

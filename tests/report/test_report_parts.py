@@ -12,32 +12,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from aero_bayes.estimate.whiteness import autocorrelation
-from aero_bayes.report import (
-    BITS,
-    Canvas,
-    Column,
-    Line,
-    Panel,
-    Source,
-    band_envelope,
-    column_means,
-    data_table,
-    draw,
-    duration,
-    envelope,
-    html_table,
-    most_correlated,
-    nice_ticks,
-    pack_series,
-    pretty_unit,
-    rounded_value,
-    sentence,
-    signed,
-    significant,
-    symbol,
-    tidy,
-)
+from aero_bayes.estimate.noise import autocorrelation
+from aero_bayes.report.drawing import Line, Panel, data_table, draw, nice_ticks
+from aero_bayes.report.page import BITS, pack_series
+from aero_bayes.report.posterior_figures import most_correlated
+from aero_bayes.report.svg import Canvas
+from aero_bayes.report.tables import Column, html_table
+from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
+from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
 pytestmark = pytest.mark.fast
 
@@ -254,17 +236,15 @@ def test_drawings_escape_words_and_set_subscripts() -> None:
 def test_panels_put_values_where_the_axis_says() -> None:
     x = np.array([0.0, 10.0])
     panel = Panel("p (V)", (Line(x, np.array([-1.0, 1.0]), "accent"),), height=100, y_limits=(-1, 1))
-    svg = draw([panel], 300, "words", "x")
-    styles = re.findall(r'style="(fill:none[^"]*)', svg)
-    curve = next(points for points, style in zip(drawn_points(svg), styles, strict=True) if "accent" in style)
-    (left, foot), (right, top) = curve
-    assert foot - top == pytest.approx(100)
-    assert right == pytest.approx(300 - 14)
-    labels = re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)<', svg)
-    assert {text for _, _, text in labels} >= {"0", "10", "−1", "1"}
-    height_of = {text: float(y) - 4 for x, y, text in labels if float(x) < left}
-    assert height_of["1"] == pytest.approx(top, abs=0.1)
-    assert height_of["−1"] == pytest.approx(foot, abs=0.1)
+    svg = draw([panel], "words", "x")
+    (curve,) = drawn_points(svg)
+    assert curve.tolist() == [[0, 100], [1000, 0]]  # within the panel, from its left foot to its right top
+    top = float(re.findall(r'<svg y="([\d.]+)" height="100" viewBox="0 0 1000 100"', svg)[0])
+    labels = re.findall(r'<text class="tick" x="([-\d.%]+)" y="([\d.]+)"[^>]*>([^<]*)<', svg)
+    down = {text: float(y) - 4 - top for x, y, text in labels if "%" not in x}
+    assert (down["1"], down["−1"]) == pytest.approx((0, 100))
+    across = {text: x for x, _, text in labels if "%" in x}
+    assert (across["0"], across["10"]) == ("0.00%", "100.00%")
 
 
 def unpacked(packed: dict) -> np.ndarray:
@@ -315,8 +295,9 @@ def test_the_table_beside_a_figure_states_means_and_rms_of_equal_stretches() -> 
 
 def test_a_panel_tells_the_script_where_its_data_are() -> None:
     x = np.linspace(0, 1, 9)
-    source = Source("time/r", ((1, "measured/r/y"), (-1, "fitted/r/y")))
-    svg = draw([Panel("y", (Line(x, x, "accent", label="left", source=source),), factor=1e3)], 300, "words", "x")
-    specs = [json.loads(unescape(text)) for text in re.findall(r'data-spec="([^"]*)"', svg)]
-    assert specs[0]["f"] == 1e3
-    assert specs[1] == {"k": "line", "t": "time/r", "y": [[1, "measured/r/y"], [-1, "fitted/r/y"]], "n": "left"}
+    series: dict[str, np.ndarray] = {}
+    svg = draw([Panel("y", (Line(x, 2 * x, "accent", label="left"),))], "words", "x", series)
+    axes, line = (json.loads(unescape(text)) for text in re.findall(r'data-spec="([^"]*)"', svg))
+    assert axes["x"] == [0, 1]
+    assert (line["k"], line["n"]) == ("line", "left")
+    np.testing.assert_array_equal([series[line["t"]], series[line["y"]]], [x, 2 * x])

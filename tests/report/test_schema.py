@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from aero_bayes.commands import write_result
-from aero_bayes.report import RunJson, undeclared
+from aero_bayes.report.results import write_result
+from aero_bayes.report.schema_run import RunJson
 
 pytestmark = pytest.mark.fast
 
@@ -19,17 +19,16 @@ pytestmark = pytest.mark.fast
 @pytest.mark.parametrize("kind", ["loop", "posterior"])
 def test_every_key_that_a_run_writes_is_declared_and_read_back_unchanged(runs: Path, kind: str, tmp_path: Path) -> None:
     written = json.loads((runs / kind / "result.json").read_text("utf-8"))
-    result = RunJson.model_validate(written)
-    assert list(undeclared(result)) == []
+    RunJson.model_validate(written, extra="forbid")
     write_result(tmp_path, written)
     assert json.loads((tmp_path / "result.json").read_text("utf-8")) == written
 
 
-def test_a_key_that_no_class_names_is_kept_and_told() -> None:
+def test_a_key_that_no_class_names_is_kept() -> None:
     entry = {"value": 1.0, "guess": 2.0}
     result = RunJson.model_validate({"parameters": {"R": entry}, "loop": {"outcome": "adequate", "new": 1}, "odd": 3})
-    assert sorted(undeclared(result)) == ["loop.new", "odd", "parameters.R.guess"]
-    assert result.model_dump(exclude_unset=True)["parameters"]["R"] == entry
+    told = result.model_dump(exclude_unset=True)
+    assert (told["parameters"]["R"], told["loop"]["new"], told["odd"]) == (entry, 1, 3)
 
 
 def test_the_writer_refuses_what_readers_would_trip_over(tmp_path: Path) -> None:

@@ -163,7 +163,9 @@ def test_a_refused_run_says_whose_result_is_in_its_folder(recording: Path, tmp_p
     bad = tmp_path / "bad.csv"
     bad.write_text(recording.read_text("utf-8").replace("V_m", "volts", 1))
     for out_there, said in ((out, True), (tmp_path / "new", False)):
-        result = CliRunner().invoke(main, ["fit", "--data", str(bad), "--out", str(out_there)])
+        result = CliRunner().invoke(
+            main, ["fit", "--data", str(bad), "--model", "Aero.Systems.OneDof", "--out", str(out_there)]
+        )
         assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)
         assert (str(out_there / "result.json") in result.stderr) == said
 

@@ -19,7 +19,8 @@ from click.testing import CliRunner
 from pydantic import BaseModel
 
 from aero_bayes.cli import main
-from aero_bayes.commands import Job, RunOptions, fit_settings, loop_settings, open_job, sample_settings
+from aero_bayes.commands.job import Job, RunOptions, open_job
+from aero_bayes.commands.loop import fit_settings, loop_settings, sample_settings
 from aero_bayes.config import Config, load_config
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 from facts import facts
 
-from aero_bayes.commands import ProgressBar
 from aero_bayes.files import one_run_at_a_time
+from aero_bayes.progress import ProgressBar
 
 CART = Path(__file__).parents[2] / "examples" / "cart"
 ENDLESS = "[posterior]\ness = 1e9\nmax_steps = 1000000\n[fit]\nmethod = 'local'\n[fit.local]\nstarts = 1\n"

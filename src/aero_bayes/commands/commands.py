@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -18,12 +19,10 @@ from threadpoolctl import threadpool_limits
 
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.commands.context import context_part, resumable
-from aero_bayes.commands.describe import preamble, residual_table, values_line
 from aero_bayes.commands.job import (
     Job,
     RunOptions,
     built_model,
-    check_default,
     layout_of,
     open_job,
     recordings_of,
@@ -34,7 +33,6 @@ from aero_bayes.commands.loop import (
     extended_job,
     fit_settings,
     loop_part,
-    loop_series,
     loop_settings,
     profile_part,
     run_loop,
@@ -42,6 +40,7 @@ from aero_bayes.commands.loop import (
     with_chosen_values,
 )
 from aero_bayes.config import Config, ModelSection, load_config
+from aero_bayes.data.recording import Recording
 from aero_bayes.data.summary import summarise
 from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import CannotFinishError, InputError
@@ -49,6 +48,8 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.crossvalidation import leave_one_recording_out
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.initial_states import check_plausible
+from aero_bayes.estimate.other_tools import ValueTrial, trials_sentence
+from aero_bayes.estimate.residual_tests import check_residuals, reports_by_recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.modelica.library import declaration_of
@@ -56,12 +57,13 @@ from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report import words
 from aero_bayes.report.page import write_run_page
-from aero_bayes.report.results import merge, write_result, write_series
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.results import merge, recording_row, versions, write_result, write_series
+from aero_bayes.report.schema_run import SCHEMA, RunJson
 from aero_bayes.report.series import (
     Series,
     band_series,
     fitted_series,
+    loop_series,
     measured_series,
     only_measured,
     state_series,
@@ -76,6 +78,9 @@ if TYPE_CHECKING:
 
 Json = dict[str, Any]
 
+#: Written beside the recordings of the simulated bench; its presence is how a page knows to say so.
+LABEL = "simulated.json"
+
 
 def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     """Return the ``prediction`` entry of result.json; nothing for a single recording, or where it is switched off."""
@@ -88,7 +93,7 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     try:
         with threadpool_limits(limits=1, user_api="blas"):
             left_out = leave_one_recording_out(found, opener, rng, progress=progress, time_limit=limit)
-            entry["recordings"] = {one.recording: one.to_dict() for one in left_out}
+            entry["recordings"] = {one.recording: one for one in left_out}
     except CannotFinishError as error:
         entry["note"] = f"not completed: {error}"
     missing = [r.name for r in job.recordings if r.name not in entry.get("recordings", {})]
@@ -97,23 +102,20 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     return {"prediction": entry}
 
 
-def run_fit(files: Sequence[Path], options: RunOptions, command: Literal["fit", "posterior"] = "fit") -> None:
-    """Run ``aero-bayes fit``: PSO, then bounded local search; or ``posterior``: then MCMC."""
-    began = time.perf_counter()
+def run_fit(files: Sequence[Path], options: RunOptions) -> RunJson:
+    """Run ``aero-bayes fit``: PSO, then bounded local search; with ``options.posterior``, MCMC after them."""
+    began, command = time.perf_counter(), "posterior" if options.posterior else "fit"
     job = open_job(files, options)
     with resumable(job, command) as checkpoint:
         with ProgressBar(options.quiet) as progress:
             found = fit_job(job, progress, checkpoint)
             checks = _checks(job, found, progress)
-            posterior = _sample(job, found, progress, checkpoint) if command == "posterior" else None
-        result, series = fit_part(job, found)
-        if posterior is not None:
-            sampled, bands = _posterior_part(posterior)
-            result, series = merge(result, sampled), series | bands
-        _finish(job, command, began, [result, checks], series, found, _calibrated(job, found))
+            posterior = _sample(job, found, progress, checkpoint) if options.posterior else None
+        result, series = _with_posterior(fit_part(job, found), posterior)
+        return _finish(job, command, began, [result, checks], series, found, _calibrated(job, found))
 
 
-def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> None:
+def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> RunJson:
     """Run ``aero-bayes close-loop``: find the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
     job = open_job(train, options, tests=test, loop=True)
@@ -122,17 +124,14 @@ def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOpti
         with ProgressBar(options.quiet) as progress:
             if job.values:
                 found = fit_job(job, progress)
-                job, values = with_chosen_values(job, found), {"fit": {"values": [t.to_dict() for t in found.trials]}}
+                job, values = with_chosen_values(job, found), {"fit": {"values": plain(found.trials)}}
             loop = run_loop(job, progress)
             posterior = _sample(job, loop.after, progress, checkpoint) if options.posterior else None
-        result, series = _loop_page_parts(job, loop)
-        if posterior is not None:
-            sampled, bands = _posterior_part(posterior)
-            result, series = merge(result, sampled), series | bands
-        _finish(job, "close-loop", began, [result, values], series, loop.after, loop.calibrated)
+        result, series = _with_posterior(_loop_page_parts(job, loop), posterior)
+        return _finish(job, "close-loop", began, [result, values], series, loop.after, loop.calibrated)
 
 
-def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> None:
+def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -> RunJson:
     """Run all stages on one page, as plain ``make`` does: fit, closed loop, posterior of the final model."""
     began = time.perf_counter()
     job = open_job(files, options, tests=tests)
@@ -148,28 +147,22 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
             found = base if final is job else fit_job(final, progress, checkpoint, again=True)
             checks = _checks(final, found, progress)
             posterior = _sample(final, found, progress, checkpoint)
-        result, series = fit_part(final, found)
-        sampled, bands = _posterior_part(posterior)
-        result = merge(result, sampled, checks)
-        series = series | bands
-        if loop is None:
-            _finish(final, "all", began, [result], series, found, _calibrated(final, found))
-            return
-        story = loop_part(job, loop)
-        series = loop_series(job, loop) | measured_series(job.tests) | series
-        parts = [result, {key: story[key] for key in ("loop", "words")}]
-        _finish(final, "all", began, parts, series, found, _calibrated(final, found))
+        result, series = _with_posterior(fit_part(final, found), posterior)
+        parts = [result, checks]
+        if loop is not None:
+            story = loop_part(job, loop)
+            series = loop_series(loop) | measured_series(job.tests) | series
+            parts.append({key: story[key] for key in ("loop", "words")})
+        return _finish(final, "all", began, parts, series, found, _calibrated(final, found))
 
 
-def run_check(files: Sequence[Path], config_path: Path | None) -> None:
+def run_check(files: Sequence[Path], config_path: Path | None, model_name: str | None = None) -> None:
     """Run ``aero-bayes check``: summarise every recording; all are read before the first is printed."""
     config = load_config(config_path)
-    name, fmu = which_model(config, RunOptions(Path()))
+    name, fmu = which_model(config, RunOptions(Path(), model_name, config_path))
     declared = declaration_of(name, config.model.sources)
     model = None if declared.systems else built_model(config, name, fmu)
     layout = layout_of(config, model.declared if model is not None else declared, model)
-    if config_path is None:
-        check_default(files, layout)
     recordings = recordings_of(config, files, layout)
     tell_notes(recordings)
     if model is not None:
@@ -218,6 +211,46 @@ def _checks(job: Job, found: Fit, progress: ProgressBar) -> Json:
     return merge(profile_part(job, found, progress), prediction_part(job, found, progress))
 
 
+def preamble(job: Job, command: str) -> Json:
+    """Return the keys that every result.json starts with."""
+    recordings = (*job.recordings, *job.tests)
+    units = {name: unit for recording in recordings for name, unit in recording.units.items()}
+    return {
+        "schema": SCHEMA,
+        "command": command,
+        "seed": job.options.seed,
+        "versions": versions(),
+        "data": [recording.to_dict() for recording in job.read or recordings],
+        "simulated": any(_is_simulated(recording) for recording in recordings),
+        "units": units,
+        "model": {
+            "name": job.name,
+            "fmu_sha256": job.model.sha256,
+            "exporter": "Modelica source" if job.modelica else "FMU given",
+            "engine": job.engine,
+        },
+        "recordings": [
+            *(recording_row(recording, "train") for recording in job.recordings),
+            *(recording_row(recording, "test") for recording in job.tests),
+        ],
+    }
+
+
+def _is_simulated(recording: Recording) -> bool:
+    """Return whether the simulated bench wrote the recording, by the label beside its file.
+
+    Nothing else of it is read."""
+    if recording.path is None or not (label := recording.path.with_name(LABEL)).is_file():
+        return False
+    return recording.path.stem in json.loads(label.read_text("utf-8")).get("recordings", [])
+
+
+def residual_table(fit: Fit, recordings: Sequence[Mapping[str, Any]]) -> Json:
+    """Write residual reports of a fit by recording and output, with the noise floors of ``recordings``."""
+    floors = {(r["name"], output): floor for r in recordings for output, floor in r["noise_floor"].items()}
+    return reports_by_recording(check_residuals(fit.calibration, fit.series, fit.optimum, floors))
+
+
 def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
     start = preamble(job, "fit")
     result = merge(start, found.to_dict(), {"residual": residual_table(found, start["recordings"])})
@@ -233,15 +266,16 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
 
 def _loop_page_parts(job: Job, loop: LoopResult) -> tuple[Json, Series]:
     given = (*job.recordings, *job.tests)
-    series = measured_series(given) | unfitted_series(job.read, given) | loop_series(job, loop)
+    series = measured_series(given) | unfitted_series(job.read, given) | loop_series(loop)
     return merge(preamble(job, "close-loop"), loop_part(job, loop)), series
 
 
-def _posterior_part(posterior: Posterior) -> tuple[Json, Series]:
-    bands = posterior.predictive
-    return posterior.to_dict(), band_series(
-        posterior.calibration.data.names, posterior.fit.outputs, [b.lower for b in bands], [b.upper for b in bands]
-    )
+def _with_posterior(parts: tuple[Json, Series], posterior: Posterior | None) -> tuple[Json, Series]:
+    """Return result and curves with what a posterior adds to them."""
+    if posterior is None:
+        return parts
+    curves = band_series(posterior.calibration.data.names, posterior.fit.outputs, posterior.predictive)
+    return merge(parts[0], posterior.to_dict()), parts[1] | curves
 
 
 def _calibrated(job: Job, found: Fit) -> CalibratedModel | None:
@@ -257,15 +291,15 @@ def _finish(
     series: Series,
     fit: Fit,
     calibrated: CalibratedModel | None,
-) -> None:
-    """Write the run directory and print its place; then the fitted model for other tools."""
+) -> RunJson:
+    """Write the run directory and print its place; then the fitted model for other tools. Return the result."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
-    page, told = _page(job, result, series)
+    page, told = write_page(job, result, series)
     for line in (words.verdict(told).text, "", *parameter_lines(told.parameters), "", words.checks_line(told)):
         click.echo(words.plain(line))
     if result.get("fit", {}).get("values"):
-        click.echo(values_line(result["fit"]["values"]))
+        click.echo(trials_sentence([ValueTrial(**row) for row in result["fit"]["values"]]))
     click.echo(f"wrote {out / 'result.json'} and {page}")
     named = calibrated.name.rpartition(".")[2] if calibrated is not None else f"{Path(job.name).stem}_fitted"
     script = re.sub(r"\W", "_", named)
@@ -279,9 +313,10 @@ def _finish(
         else:
             made[:0] = [calibrated.write(out), fmu]
     click.echo(f"wrote {join_names([str(path) for path in made])}: all fitted values, for other tools")
+    return told
 
 
-def _page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
+def write_page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
     """Write the files of a run and draw its page; return the page, and what it tells."""
     out = job.options.out
     # Result and page stand together or not at all, also where the disk is full: both are made beside, then moved.
@@ -291,7 +326,7 @@ def _page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
             os.link(posterior, made / posterior.name)
         write_series(made, only_measured(series))
         told = RunJson.model_validate(plain(result | context_part(job, result)))
-        told = told.model_copy(update={"verdict": words.verdict(told)})
+        told = told.model_copy(update={"verdict": told.verdict or words.verdict(told)})
         write_result(made, told)
         page = write_run_page(made)
         for name in ("series.npz", "result.json", page.name):
@@ -307,7 +342,7 @@ def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
     config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
     job = Job(
         RunOptions(folder), config, source.name, model.source is not None, model, calibration.data.recordings, (),
-        calibration.parameters, dict(calibration.simulated.fixed),
+        calibration.parameters, dict(calibration.fixed),
     )  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     if isinstance(found, LoopResult):
@@ -317,9 +352,9 @@ def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
             (folder / found.modelica_path).write_text(found.modelica, encoding="utf-8")
         result, series = _loop_page_parts(job, found)
     else:
-        result, series = fit_part(job, fit)
-        if not isinstance(found, Fit):
-            sampled, bands = _posterior_part(found)
-            result, series = merge(result, sampled, {"command": "posterior"}), series | bands
-            found.save(folder / "posterior.nc")
-    return _page(job, result, series)[0]
+        posterior = None if isinstance(found, Fit) else found
+        result, series = _with_posterior(fit_part(job, fit), posterior)
+        if posterior is not None:
+            result["command"] = "posterior"
+            posterior.save(folder / "posterior.nc")
+    return write_page(job, result, series)[0]

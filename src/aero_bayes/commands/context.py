@@ -1,4 +1,4 @@
-"""Keep the checkpoint of a command in its folder until it is done, for ``--resume``."""
+"""The model's diagram, what else a page takes from the job, and the checkpoint that ``--resume`` continues from."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,26 +11,34 @@ from typing import Any
 import click
 import numpy as np
 
-from aero_bayes.commands.commands import fit_job, fit_part
-from aero_bayes.commands.context import context_part, resumable
+from aero_bayes.commands.commands import fit_job, fit_part, write_page
+from aero_bayes.commands.context import resumable
 from aero_bayes.commands.job import Job, RunOptions, open_job, which_model
 from aero_bayes.commands.loop import fit_settings
 from aero_bayes.config import load_config
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.information import Limits
-from aero_bayes.estimate.propose import Design, ProposedInput, default_limits, propose_experiment
+from aero_bayes.estimate.propose import (
+    Design,
+    Proposal,
+    Separation,
+    default_limits,
+    expected_outputs,
+    propose_experiment,
+    separating_experiment,
+)
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.separation import Separation, expected_outputs, separating_experiment
 from aero_bayes.estimate.signal_search import SearchSettings
+from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
-from aero_bayes.report.page import write_run_page
-from aero_bayes.report.results import merge, write_result, write_series
-from aero_bayes.report.series import Series, only_measured
+from aero_bayes.report.results import merge
+from aero_bayes.report.series import Series
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
+from aero_bayes.unknown_names import closest_name
 
 Json = dict[str, Any]
 
@@ -55,89 +62,64 @@ class DesignOptions:
     travel: Mapping[str, float] | None = None
 
 
-@dataclass(frozen=True)
-class Rivals:
-    """Two effects to tell apart."""
-
-    first: str
-    second: str
-
-
 def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions) -> None:
     """Fit, propose the experiment, and write signal, result and page."""
     began = time.perf_counter()
     Limits(1.0 if wanted.amplifier is None else wanted.amplifier, dict(wanted.travel or {}))
-    rivals = _rivals(wanted, options)
+    _check_rivals(wanted, options)
     job = open_job(files, options)
-    _check_request(job, wanted, rivals)
+    _check_request(job, wanted)
     with resumable(job, "design") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             base = fit_job(job, progress, checkpoint)
-            limits = _limits(base, wanted)
-            part, plan, signal = (
-                _narrow(job, base, limits, wanted, progress)
-                if rivals is None
-                else _separate(job, base, rivals, limits, wanted, progress)
-            )
+            usual = default_limits(base)
+            given: Json = {
+                "duration": wanted.duration,
+                "rate_hz": wanted.rate_hz,
+                "limits": Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})}),
+                "settings": SearchSettings(seed=options.seed, engine=job.engine),
+                "workers": options.workers,
+                "progress": progress,
+            }
+            signal: Proposal
+            if wanted.separate is None:
+                signal = design = propose_experiment(base, targets=wanted.aim or None, **given)
+                part: Json = {"design": plain(design) | {"kind": "narrow"}, "verdict": _narrow_verdict(design)}
+                models = {"expected": base}
+            else:
+                signal, models, part = _separate(job, base, wanted.separate, given)
+            plan = _plan(signal, models, given)
+        part["design"] |= {"file": SIGNAL_FILE, "unit": base.calibration.model.units[signal.input]}
         result, series = fit_part(job, base)
-        closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
-        write_series(options.out, only_measured(series) | plan)
         signal.write_csv(options.out / SIGNAL_FILE)
-        result = merge(result, part, closing)
-        result |= context_part(job, result)
-        write_result(options.out, result)
-        page = write_run_page(options.out)
-        click.echo(result["verdict"]["text"].replace("`", ""))
+        closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
+        page, _ = write_page(job, merge(result, part, closing), series | plan)
+        click.echo(part["verdict"]["text"].replace("`", ""))
         click.echo(f"wrote {options.out / SIGNAL_FILE}, {options.out / 'result.json'} and {page}")
 
 
-def _narrow(
-    job: Job, base: Fit, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, ProposedInput]:
-    """Return the experiment for parameters."""
-    design = propose_experiment(
-        base, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, targets=wanted.aim or None,
-        settings=_effort(job), workers=job.options.workers, progress=progress,
-    )  # fmt: skip
-    found = design.to_dict() | {"kind": "narrow", "file": SIGNAL_FILE, "unit": design.unit}
-    return {"design": found, "verdict": _narrow_verdict(design)}, _plan(design, {"expected": base}, job), design
-
-
-def _effort(job: Job) -> SearchSettings:
-    return SearchSettings(seed=job.options.seed, engine=job.engine)
-
-
-def _separate(
-    job: Job, base: Fit, rivals: Rivals, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, ProposedInput]:
-    """Return the experiment for two effects."""
-    section, ids = job.config.model, (rivals.first, rivals.second)
-    folder, narrowed = job.options.out / "fmu", CandidateFilter(effects=ids)
+def _separate(job: Job, base: Fit, ids: tuple[str, str], given: Json) -> tuple[Separation, dict[str, Fit], Json]:
+    """Return the experiment for two effects, the models with each, and what result.json has of them."""
+    section, folder, narrowed = job.config.model, job.options.out / "fmu", CandidateFilter(effects=ids)
     family = ModelicaFamily(LawPlaces(job.name, section.sources, section.libraries, narrowed), folder)
     family.prepare(base.calibration, base.optimum, open_simulator)
-    first, of_first = _with_effect(job, base, family, rivals.first, progress)
-    second, of_second = _with_effect(job, base, family, rivals.second, progress)
-    apart = separating_experiment(
-        first, second, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, settings=_effort(job),
-        workers=job.options.workers, progress=progress,
-    )  # fmt: skip
-    found = apart.to_dict() | {
+    (first, own), (second, others) = (_with_effect(job, base, family, name, given["progress"]) for name in ids)
+    apart = separating_experiment(first, second, **given)
+    found = plain(apart) | {
         "kind": "separate",
-        "file": SIGNAL_FILE,
-        "unit": base.calibration.model.units[apart.input],
-        "effects": [rivals.first, rivals.second],
+        "effects": list(ids),
         "log_posterior_now": [first.log_posterior, second.log_posterior],
-        "models": [_effect_entry(rivals.first, first, of_first), _effect_entry(rivals.second, second, of_second)],
+        "models": [_effect_entry(ids[0], first, own), _effect_entry(ids[1], second, others)],
     }
-    plan = _plan(apart, {rivals.first: first, rivals.second: second}, job)
     words = {id_: family.describe(id_) for id_ in ids}
-    return {"design": found, "verdict": _separate_verdict(rivals, apart), "words": words}, plan, apart
+    part: Json = {"design": found, "verdict": _separate_verdict(ids, apart), "words": words}
+    return apart, {ids[0]: first, ids[1]: second}, part
 
 
 def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
     """Return an effect as it was fitted to the recordings at hand."""
     table = found.parameters
-    parameters = {own: table[own].to_dict() for own in names if own in table}
+    parameters = {own: table[own] for own in names if own in table}
     return {"id": name, "model": found.calibration.model.name, "parameters": parameters}
 
 
@@ -171,22 +153,20 @@ def _with_effect(
     return max(found, key=lambda candidate: candidate.log_posterior), [here[n] for n in own]
 
 
-def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) -> Series:
+def _plan(proposal: Proposal, models: Mapping[str, Fit], given: Json) -> Series:
     """Return ``plan/...``: the signal and the prediction of each model."""
     series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
     for label, found in models.items():
-        seen = expected_outputs(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
-        for k, output in enumerate(seen.outputs):
-            series[f"plan/middle/{label}/{output}"] = seen.middle[:, k]
-            series[f"plan/lower/{label}/{output}"] = seen.lower[:, k]
-            series[f"plan/upper/{label}/{output}"] = seen.upper[:, k]
+        for output, band in expected_outputs(proposal, found, given["settings"], given["workers"]).items():
+            for part, values in zip(("lower", "middle", "upper"), band, strict=True):
+                series[f"plan/{part}/{label}/{output}"] = values
     return series
 
 
-def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
-    """Return which effects to tell apart, if any."""
+def _check_rivals(wanted: DesignOptions, options: RunOptions) -> None:
+    """Check the effects to tell apart, if any."""
     if wanted.separate is None:
-        return None
+        return
     if wanted.aim:
         raise InputError("--aim and --separate exclude each other: give one of them")
     config = load_config(options.config)
@@ -199,14 +179,13 @@ def _rivals(wanted: DesignOptions, options: RunOptions) -> Rivals | None:
     first, second = wanted.separate
     for id_ in wanted.separate:
         if id_ not in known:
-            near = difflib.get_close_matches(id_, known, n=1, cutoff=0.0)
-            raise InputError(f"--separate: unknown effect {id_!r}; did you mean {', '.join(near) or 'none'}?")
+            near = closest_name(id_, known, cutoff=0.0)
+            raise InputError(f"--separate: unknown effect {id_!r}; did you mean {near or 'none'}?")
     if first == second:
         raise InputError(f"--separate {first} {second}: expected two different effects")
-    return Rivals(first, second)
 
 
-def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> None:
+def _check_request(job: Job, wanted: DesignOptions) -> None:
     """Check the request before the first simulation."""
     known = {v.name for v in job.model.outputs}
     for name in wanted.travel or ():
@@ -215,16 +194,11 @@ def _check_request(job: Job, wanted: DesignOptions, rivals: Rivals | None) -> No
     for name in wanted.aim:
         if name not in job.parameters:
             raise InputError(f"--aim {name}: no parameter of the fit; it has {', '.join(job.parameters.names)}")
-    if rivals is not None and not job.modelica:
+    if wanted.separate is not None and not job.modelica:
         raise InputError(f"{job.model.path}: effects are written into Modelica source; --model must name a class")
     rate = wanted.rate_hz or job.recordings[0].rate_hz
     if not wanted.duration * rate >= 10.0:
         raise InputError(f"an experiment of {wanted.duration:g} s at {rate:g} Hz has fewer than ten samples")
-
-
-def _limits(base: Fit, wanted: DesignOptions) -> Limits:
-    usual = default_limits(base)
-    return Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})})
 
 
 def _narrow_verdict(design: Design) -> Json:
@@ -234,8 +208,8 @@ def _narrow_verdict(design: Design) -> Json:
     return {"level": "good" if design.gain > 1.1 else "warning", "text": text}
 
 
-def _separate_verdict(rivals: Rivals, apart: Separation) -> Json:
-    pair = f"`{rivals.first}` and `{rivals.second}`"
+def _separate_verdict(ids: tuple[str, str], apart: Separation) -> Json:
+    pair = f"`{ids[0]}` and `{ids[1]}`"
     if apart.log_evidence < 1.0:
         return {
             "level": "warning",

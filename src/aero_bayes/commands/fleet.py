@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import json
 import math
 import re
-import shutil
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,10 +25,9 @@ from aero_bayes.commands.job import RunOptions, fit_parameters, which_model
 from aero_bayes.config import Config, Section, read_toml, resolve_paths, validated
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.report.fleet_page import write_fleet_page
-from aero_bayes.report.results import versions
-from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.results import versions, write_json
 from aero_bayes.report.schema_estimate import ParameterJson
 from aero_bayes.report.schema_run import FleetJson, RunJson
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
@@ -230,13 +227,13 @@ def attempt(task: RigTask) -> Row:
     try:
         with (folder / LOG).open("w", encoding="utf-8") as log, redirect_stdout(log), redirect_stderr(log):
             if task.work in ("fit", "posterior"):
-                run_fit(rig.train, options, task.work)
+                result = run_fit(rig.train, replace(options, posterior=task.work == "posterior"))
             else:
-                (run_close_loop if task.work == "loop" else run_all)(rig.train, rig.test, options)
+                result = (run_close_loop if task.work == "loop" else run_all)(rig.train, rig.test, options)
     except (InputError, CannotFinishError) as error:
         return failure(rig.name, str(error))
     searched = {item.name: item for item in fit_parameters(Model.load(fmu), config)}
-    return _row(rig.name, RunDirectory.read(folder).result, searched)
+    return _row(rig.name, result, searched)
 
 
 def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
@@ -349,9 +346,7 @@ def fleet(
         run_tasks(chain(first, tasks), attempt, table, executor, progress)
         table.keep_only({rig.name for rig in plan.rigs})
         result, rows = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
-    with whole_file(folder / FLEET_RESULT) as temporary:
-        text = json.dumps(result.model_dump(by_alias=True), indent=1, ensure_ascii=False, allow_nan=False)
-        temporary.write_text(text + "\n", "utf-8")
+    write_json(folder / FLEET_RESULT, result.model_dump(by_alias=True))
     write_fleet_page(folder, result, rows)
     return result
 
@@ -385,6 +380,5 @@ def _model(config: Config, out: Path) -> Path:
     kept = out / MODELS / f"{model.sha256}.fmu"
     kept.parent.mkdir(parents=True, exist_ok=True)
     if not kept.exists():
-        with whole_file(kept) as temporary:
-            shutil.copyfile(model.path, temporary)
+        write_whole(kept, model.path.read_bytes())
     return kept

@@ -2,36 +2,29 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
 import click
 
 from aero_bayes.config import Config, ParameterSection, PriorSection, load_config
 from aero_bayes.data.columns import ColumnMap, Layout
-from aero_bayes.data.read import column_names, read_recordings
+from aero_bayes.data.read import read_recordings
 from aero_bayes.data.recording import Recording
-from aero_bayes.declared import ColumnSpec, PackageDeclaration
-from aero_bayes.default_model import DEFAULT_MODEL
+from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibrated_model import ListedValue, combinations
 from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.fittable import no_parameter_text
 from aero_bayes.estimate.initial_states import check_plausible, screened
-from aero_bayes.estimate.joint_prior import with_joint_prior
-from aero_bayes.estimate.listed_values import ListedValue, combinations
-from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model, with_joint_prior
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
-from aero_bayes.files import one_run_at_a_time, whole_file
+from aero_bayes.files import one_run_at_a_time, write_whole
 from aero_bayes.modelica.library import declaration_of
-from aero_bayes.simulation.interface import SolverSettings
+from aero_bayes.simulation.interface import Engine, SolverSettings
 from aero_bayes.simulation.load_model import load_model, with_units
 from aero_bayes.simulation.model import Model, ModelicaSource
-
-Engine = Literal["native", "fmpy"]
 
 
 @dataclass(frozen=True)
@@ -112,16 +105,13 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         if without := without_units(model):
             click.echo(f"note: {without}", err=True)
     layout = layout_of(config, declared, model if not declared.systems or fmu is not None else None)
-    if options.config is None and options.model is None:
-        check_default([*files, *tests], layout)
     recordings = recordings_of(config, files, layout)
     test_recordings = recordings_of(config, tests, layout)
     if fmu is None:
         built = options.out / f"{name.rpartition('.')[2]}.fmu"
         with one_run_at_a_time(options.out):
             if model is not None:
-                with whole_file(built) as temporary:
-                    shutil.copyfile(model.path, temporary)
+                write_whole(built, model.path.read_bytes())
                 model = replace(Model.load(built), source=ModelicaSource(name, sources, libraries))
             else:
                 model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
@@ -137,20 +127,6 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         click.echo(f"note: {finding.sentence}", err=True)
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, test_recordings, parameters, fixed, read, values)
-
-
-def check_default(files: Sequence[Path], layout: Layout) -> None:
-    """Refuse a recording that does not fit the default model, if no model was named."""
-    for path in files:
-        there = column_names(path) if path.is_file() else []
-        lacking = [q.name for q in layout.inputs if q.name not in there]
-        if there and lacking:
-            near = [p for p in sorted(path.absolute().parent.glob("*.toml")) if p.name != "pyproject.toml"]
-            which = " or ".join(f"--config {os.path.relpath(p)}" for p in near[:3]) or "--config FILE.toml"
-            raise InputError(
-                f"{path}: holds {', '.join(there)}, but no {lacking[0]}, which the default model {DEFAULT_MODEL} "
-                f"needs; name your model by {which} (aero-bayes init writes one)"
-            )
 
 
 def _different(files: Sequence[Path]) -> None:
@@ -178,7 +154,10 @@ def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
     if fmu is None:
         if units:
             raise InputError(f"{options.config}: [model] units are those of an FMU; a Modelica class declares its own")
-        return name or DEFAULT_MODEL, None
+        if name is None:
+            where = f"{options.config}: [model] names no model" if options.config else "no model"
+            raise InputError(f"{where}; name one by --model, or in a configuration (aero-bayes init writes one)")
+        return name, None
     if name is not None:
         raise InputError(f"{options.config}: [model] names both a class and an FMU; give one of them")
     return fmu.stem, with_units(fmu, units) if units else fmu
@@ -186,17 +165,8 @@ def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
 
 def layout_of(config: Config, declared: PackageDeclaration, model: Model | None = None) -> Layout:
     """Return the columns that the configuration names, else those that the package declares, else the model's own."""
-    known, constants = Layout.declared(declared), config.data.constants
-    quantities = {q.name: q for q in (*known.inputs, *known.outputs)}
-    units = {v.name: v.unit for v in (*model.inputs, *model.outputs)} if model is not None else {}
-    own = (model.inputs, model.outputs) if model is not None else ((), ())
-
-    def columns(named: Sequence[str] | None, role: int) -> tuple[ColumnSpec, ...]:
-        usual = [q.name for q in (known.inputs, known.outputs)[role]] or [v.name for v in own[role]]
-        names = [name for name in usual if name not in constants] if named is None else named
-        return tuple(quantities.get(name, ColumnSpec(name, units.get(name, ""))) for name in names)
-
-    return Layout(columns(config.data.inputs, 0), columns(config.data.outputs, 1), known.rates, constants)
+    data = config.data
+    return Layout.of(data.inputs, data.outputs, model=model, declared=declared, constants=data.constants)
 
 
 def columns_of(config: Config) -> dict[str, ColumnMap]:
@@ -263,10 +233,10 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
 
 def _after_experiment(path: Path, parameters: ParameterSet, own: Sequence[str]) -> ParameterSet:
     """Return the parameters with the posterior of an earlier experiment as prior, where they have none of their own."""
-    from aero_bayes.posterior.inferencedata import draws_in
+    from aero_bayes.posterior.posterior import draws_in
 
     try:
-        return with_joint_prior(parameters, {name: d for name, d in draws_in(path).items() if name not in own})
+        return with_joint_prior(parameters, {name: d.ravel() for name, d in draws_in(path).items() if name not in own})
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

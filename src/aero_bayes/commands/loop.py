@@ -1,4 +1,4 @@
-"""Profile likelihoods of the parameters that a Gaussian interval may misjudge."""
+"""What a job's configuration says of a fit, the loop and the sampler; what the loop and profiles add to result.json."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.identifiability import Status, fixed_reasons
 from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings, Stage
-from aero_bayes.estimate.likelihood_profile import LOG_POSTERIOR_DROP_90, profile_likelihood
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.other_tools import noise_at_interval
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.residual_tests import reports_by_recording
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.target import LOG_POSTERIOR_DROP_90, profile_likelihood
 from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.loop.loop import close_loop
 from aero_bayes.loop.result import LoopResult
+from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
-from aero_bayes.report.series import Series
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.load_model import load_model
@@ -36,7 +36,7 @@ from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
-    from aero_bayes.posterior.settings import SampleSettings
+    from aero_bayes.posterior.convergence import SampleSettings
 
 
 Settings = TypeVar("Settings", bound=Any)
@@ -80,7 +80,7 @@ def _noise(job: Job) -> NoiseModel:
 
 def sample_settings(job: Job) -> SampleSettings:
     """Return how long the job wants its posterior sampled."""
-    from aero_bayes.posterior.settings import SampleSettings
+    from aero_bayes.posterior.convergence import SampleSettings
 
     return filled(SampleSettings(), job.config.posterior)
 
@@ -197,10 +197,10 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         },
         "residual": reports_by_recording(loop.residual_after),
         "noise": noise_at_interval(loop.noise, interval),
-        "diagnosis": (loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).to_list(),
+        "diagnosis": plain((loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).rows),
         "loop": {
             **loop.to_dict(),
-            "diagnosis_before": loop.diagnosis.to_list(),
+            "diagnosis_before": loop.diagnosis.rows,
         },
         "words": dict(loop.words),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
@@ -210,7 +210,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
 
 def loop_parameters(job: Job, loop: LoopResult) -> Json:
     """Make the table of all parameters of the final model: estimates with their status, and why others were fixed."""
-    table: Json = {name: estimate.to_dict() for name, estimate in loop.parameters.items()}
+    table: Json = plain(loop.parameters)
     reasons = fixed_reasons(job.model, job.fixed)
     for variable in job.model.parameters:
         name = variable.name
@@ -229,12 +229,6 @@ def loop_parameters(job: Job, loop: LoopResult) -> Json:
                 "status": "fixed", "description": variable.description, "note": reason,
             }  # fmt: skip
     return table
-
-
-def loop_series(job: Job, loop: LoopResult) -> Series:
-    """Return the curves that the loop adds to the page: its own, and the final model's outputs as fitted ones."""
-    fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
-    return fitted | loop.series()
 
 
 #: Points of a profile, iterations of its search, and seconds after which no further one is begun.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.declared import ColumnSpec, PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.units import TEMPERATURES, base_units, conversion, to_modelica_unit, unit_written_out
+
+if TYPE_CHECKING:
+    from aero_bayes.simulation.model import Model
 
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -186,31 +190,45 @@ class Layout:
     constants: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, inputs: Sequence[str], outputs: Sequence[str], units: Mapping[str, str] | None = None) -> Layout:
-        """Return a layout of names and units, without bounds on magnitudes.
+    def of(
+        cls,
+        inputs: Sequence[str] | None = None,
+        outputs: Sequence[str] | None = None,
+        units: Mapping[str, str] | None = None,
+        *,
+        model: Model | None = None,
+        declared: PackageDeclaration | None = None,
+        constants: Mapping[str, float] | None = None,
+    ) -> Layout:
+        """Return a layout of names and units.
 
         Parameters
         ----------
-        inputs, outputs : sequence of str
-            Names.
+        inputs, outputs : sequence of str, optional
+            Names; by default those that the model's package declares, else the model's own.
         units : mapping of str to str, optional
-            By name.
+            SI units by name; by default the model's.
+        model : Model, optional
+        declared : PackageDeclaration, optional
+            By default that of the model.
+        constants : mapping of str to float, optional
+            Inputs without a column, and their constant values in SI units.
 
         Returns
         -------
         Layout
         """
-        known = units or {}
-        return cls(
-            tuple(ColumnSpec(name, known.get(name, "")) for name in inputs),
-            tuple(ColumnSpec(name, known.get(name, "")) for name in outputs),
-        )
+        recording = (declared or (model.declared if model is not None else PackageDeclaration())).recording
+        roles = (recording.inputs, model.inputs if model else ()), (recording.outputs, model.outputs if model else ())
+        known = {v.name: v.unit for _, variables in roles for v in variables} | dict(units or {})
 
-    @classmethod
-    def declared(cls, declaration: PackageDeclaration) -> Layout:
-        """Return the columns that a package declares for its rigs."""
-        known = declaration.recording
-        return cls(tuple(known.inputs.values()), tuple(known.outputs.values()), known.rates)
+        def columns(names: Sequence[str] | None, role: int) -> tuple[ColumnSpec, ...]:
+            usual = list(roles[role][0]) or [v.name for v in roles[role][1]]
+            chosen = [name for name in usual if name not in (constants or {})] if names is None else names
+            declared = {**recording.inputs, **recording.outputs}
+            return tuple(declared.get(name) or ColumnSpec(name, known.get(name, "")) for name in chosen)
+
+        return cls(columns(inputs, 0), columns(outputs, 1), recording.rates, dict(constants or {}))
 
     @property
     def units(self) -> dict[str, str]:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,12 @@ from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import hide, with_steady_clock
 from aero_bayes.data.source import Columns, Source, column_called, joined, read_columns, without_repeats
 from aero_bayes.data.tables import frame_source, text_source
-from aero_bayes.default_model import DEFAULT_MODEL
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
-from aero_bayes.modelica.library import declaration_of
 from aero_bayes.unknown_names import known_names_hint, no_such_file
+
+if TYPE_CHECKING:
+    from aero_bayes.simulation.model import Model
 
 #: Suffixes of the files of a folder that are looked at.
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".xlsx", ".parquet", ".feather", ".mf4", ".tdms", ".lvm")
@@ -63,6 +65,10 @@ def read_recording(
     path: Path | str | Sequence[Path | str],
     columns: Mapping[str, ColumnMap] | None = None,
     *,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    units: Mapping[str, str] | None = None,
+    model: Model | None = None,
     layout: Layout | None = None,
 ) -> Recording:
     """Read and check a recording.
@@ -75,10 +81,15 @@ def read_recording(
         MATLAB) of an output is a gap. Several files of one run, or the folder that they are in, are joined on time:
         each signal is in one of them, and each file has times of its own.
     columns : mapping of str to ColumnMap, optional
-        Where a column of the layout is found if not under its own name and in SI.
-    layout : Layout, optional
-        Which columns there are; by default those that the package of the default model declares. Other columns of the
+        Where a signal is found if not under its own name and in SI.
+    inputs, outputs : sequence of str, optional
+        Signals to read; by default those that the model's package declares, else the model's own. Other columns of the
         file are not read.
+    units : mapping of str to str, optional
+        SI units by signal; by default the model's.
+    model : Model, optional
+    layout : Layout, optional
+        In place of these, with bounds of plausible values and inputs that are constant.
 
     Returns
     -------
@@ -92,11 +103,12 @@ def read_recording(
 
     Examples
     --------
-    >>> layout = Layout.of(["F"], ["position"])
-    >>> aero_bayes.read_recording("train.csv", layout=layout)
+    >>> aero_bayes.read_recording("train.csv", inputs=["F"], outputs=["position"])
     <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
     """
-    asked = _asked(layout, columns)
+    if layout is None and model is None and outputs is None:
+        raise InputError(f"{path}: name inputs and outputs, or give the model whose they are")
+    asked = _Asked(layout or Layout.of(inputs, outputs, units, model=model), dict(columns or {}))
     name, parts = asked.run([Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path])
     return asked.recording(name, parts, asked.read(parts))
 
@@ -105,7 +117,7 @@ def read_recordings(
     paths: Sequence[Path | str],
     columns: Mapping[str, ColumnMap] | None = None,
     *,
-    layout: Layout | None = None,
+    layout: Layout,
     batch: str | None = None,
 ) -> tuple[Recording, ...]:
     """Read several recordings as :func:`read_recording` does; one may stand in several files, and several in one.
@@ -113,7 +125,7 @@ def read_recordings(
     Each path is a file or a folder of a run; files that have all signals only together are one run. ``batch`` is the
     column of a table that names the run of each row; without it a table whose time runs back to its start holds several
     runs. They are called by the file and the batch, ``"runs 3"``."""
-    asked = _asked(layout, columns, batch)
+    asked = _Asked(layout, dict(columns or {}), batch)
     found: list[Recording] = []
     for files in asked.runs([Path(p) for p in paths]):
         name, parts = asked.run(files)
@@ -154,22 +166,19 @@ def _batches(given: Columns, batch: str | None) -> dict[str, NDArray[np.intp]]:
     return {str(k + 1): rows for k, rows in enumerate(np.split(np.arange(time.size), starts))}
 
 
-def _asked(layout: Layout | None, maps: Mapping[str, ColumnMap] | None, batch: str | None = None) -> _Asked:
-    layout = layout or Layout.declared(declaration_of(DEFAULT_MODEL))
-    for column in maps or {}:
-        if column not in layout.units:
-            known = ", ".join(layout.units)
-            raise InputError(f"columns: {column} is not a column of the model, expected one of {known}")
-    return _Asked(layout, dict(maps or {}), batch)
-
-
 @dataclass(frozen=True)
 class _Asked:
     """What is asked of files: the columns of a layout, where they stand, and the column that names batches."""
 
     layout: Layout
     maps: dict[str, ColumnMap]
-    batch: str | None
+    batch: str | None = None
+
+    def __post_init__(self) -> None:
+        for column in self.maps:
+            if column not in self.layout.units:
+                known = ", ".join(self.layout.units)
+                raise InputError(f"columns: {column} is not a column of the model, expected one of {known}")
 
     @property
     def held(self) -> list[str]:

@@ -239,7 +239,7 @@ class Recording:
         >>> len(recording.plot().axes)  # the force, the position
         2
         """
-        return drawn("recording_figure", self, figure=ax or figure, dark=dark)
+        return drawn("plots.run_figure", self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return every column by time (s), in SI units.

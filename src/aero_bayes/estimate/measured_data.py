@@ -64,7 +64,7 @@ class MeasuredData:
     @property
     def measured(self) -> tuple[FloatArray, ...]:
         """Measurements of each experiment, shape (n, m)."""
-        return tuple(_measured(e) for e in self.experiments)
+        return tuple(readings_of(e) for e in self.experiments)
 
     @property
     def readings(self) -> tuple[FloatArray, ...]:
@@ -139,7 +139,8 @@ class MeasuredData:
         return self.with_experiments(thin(e, samples) for e in self.experiments)
 
 
-def _measured(experiment: Experiment) -> FloatArray:
+def readings_of(experiment: Experiment) -> FloatArray:
+    """Return what was measured, shape (n, m)."""
     if experiment.measured is None:
         raise InputError("an experiment without measurements cannot be fitted")
     return experiment.measured

@@ -7,24 +7,23 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import with_unit
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
+from aero_bayes.estimate.calibrated_model import CalibratedModel, ListedValue, calibrated_model, value_text, values_text
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.identifiability import Estimate, Status
+from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.initial_states import DIFFUSION_PREFIX
 from aero_bayes.estimate.laplace import Laplace
-from aero_bayes.estimate.listed_values import ListedValue, value_text, values_text
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.noise import OutputNoise, block_variance_ratio
 from aero_bayes.estimate.prediction import FittedResult
-from aero_bayes.estimate.whiteness import block_variance_ratio
-from aero_bayes.files import whole_file
+from aero_bayes.files import whole_file, write_whole
+from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import ParameterTarget, ProcessNoise, StartTarget
 
 #: Variance of averages over that of white noise above which a reader is warned.
@@ -67,7 +66,7 @@ def process_noise_table(process: ProcessNoise | None, parameters: Mapping[str, E
     table: dict[str, object] = {name: {"value": value} for name, value in given.items()}
     for name, estimate in parameters.items():
         if name.startswith(DIFFUSION_PREFIX):
-            table[name.removeprefix(DIFFUSION_PREFIX)] = estimate.to_dict()
+            table[name.removeprefix(DIFFUSION_PREFIX)] = plain(estimate)
     return table
 
 
@@ -104,6 +103,8 @@ Json = dict[str, object]
 class ValueTrial:
     """A fit with some values of the listed parameters."""
 
+    JSON_KEYS: ClassVar = "values share worse_by failed"
+
     values: Mapping[str, ListedValue]
     numbers: Mapping[str, float] = field(default_factory=dict)
     modifiers: Mapping[str, str] = field(default_factory=dict)
@@ -111,20 +112,14 @@ class ValueTrial:
     worse_by: float = math.inf
     failed: str = ""
 
-    def to_dict(self) -> Json:
-        """Return the entry of result.json."""
-        return {"values": dict(self.values), "share": self.share, "worse_by": self.worse_by, "failed": self.failed}
-
 
 def chosen_estimates(trials: Sequence[ValueTrial]) -> dict[str, Estimate]:
     """Return the listed parameters as entries of the table of parameters."""
     table = {}
     for name, value in trials[0].values.items() if trials else ():
         tried = ", ".join(dict.fromkeys(value_text(t.values[name]) for t in trials))
-        number = trials[0].numbers[name]
-        table[name] = Estimate(
-            name, number, None, None, None, None, "", Status.FIXED, note=f"{value_text(value)}: likeliest of {tried}"
-        )
+        told = f"{value_text(value)}: likeliest of {tried}"
+        table[name] = Estimate.held(name, trials[0].numbers[name], "", told)
     return table
 
 
@@ -297,7 +292,7 @@ class OtherTools(FittedResult):
         lines = [f"// {line}" for line in self._about()]
         lines += [f'openModel("{file.as_posix()}");' for file in files] + [f'translateModel("{name}");']
         units = calibration.model.units
-        given = [(held, value, units.get(held, "")) for held, value in calibration.simulated.fixed.items()]
+        given = [(held, value, units.get(held, "")) for held, value in calibration.fixed.items()]
         for p, value in zip(calibration.parameters, self.values.tolist(), strict=True):
             if isinstance(p.target, ParameterTarget | StartTarget) and p.acts_in(0):
                 told = p.target.name if isinstance(p.target, ParameterTarget) else p.target.state
@@ -306,9 +301,7 @@ class OtherTools(FittedResult):
                 lines.append(f"// {with_unit(f'{p.name} = {value!r}', p.unit)}: {p.description}, not in the model")
         lines += [with_unit(f"{told} = {value!r};  //", unit).removesuffix("  //") for told, value, unit in given]
         lines.append(f'simulateModel("{name}", stopTime={calibration.data.stop:.12g});')
-        with whole_file(path) as temporary:
-            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
-        return path
+        return write_whole(path, "\n".join([*lines, ""]))
 
     def _about(self) -> list[str]:
         data = ", ".join(self.calibration.data.names)

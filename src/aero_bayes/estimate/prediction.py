@@ -21,6 +21,7 @@ from aero_bayes.estimate.noise_estimation import reading_log_density
 from aero_bayes.estimate.simulate import as_recording, run_filter, run_problem
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import Filtered, Outcome
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
@@ -198,7 +199,7 @@ class RecordingPrediction:
         --------
         >>> posterior.predict(test).plot().savefig("prediction.png")
         """
-        return drawn("prediction_figure", self, figure=ax or figure, dark=dark)
+        return drawn("plots.prediction_figure", self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return median and 90 % band by time (s): columns (output, lower | median | upper), SI units.
@@ -251,7 +252,7 @@ class FittedPredictor:
         recording = as_recording(inputs, calibration)
         values = np.tile(self.values, (len(points), 1))
         values[:, list(self.free)] = points[:, : len(self.free)]
-        run = run_filter if calibration.simulated.process is not None else run_problem
+        run = run_filter if calibration.process is not None else run_problem
         found = run(calibration, recording, values, workers=workers, engine=self.engine)
         good = found.outcomes[:, 0] == Outcome.OK
         if not good.any():
@@ -321,7 +322,7 @@ class FittedResult(ABC):
         """
         import pandas
 
-        rows = {name: entry.to_dict() for name, entry in self.parameters.items()}
+        rows = plain(self.parameters)
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
     def predict(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -15,11 +15,11 @@ from aero_bayes.arguments import require_type
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import with_unit
-from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.diagnosis import Diagnosis
+from aero_bayes.estimate.diagnosis import Diagnosis, diagnose
+from aero_bayes.estimate.global_search import StageReport
 from aero_bayes.estimate.identifiability import Estimate, Identifiability, estimates_html
-from aero_bayes.estimate.laplace import Laplace
+from aero_bayes.estimate.laplace import Laplace, band_factors, laplace_estimates
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.modes import Mode, modes_sentence
@@ -35,10 +35,10 @@ from aero_bayes.estimate.other_tools import (
 )
 from aero_bayes.estimate.prediction import FittedPredictor
 from aero_bayes.estimate.simulate import simulate
-from aero_bayes.estimate.stage_report import StageReport, band_factors, laplace_estimates
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
+from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import Outcome, Simulator, SmoothedStates
 
 if TYPE_CHECKING:
@@ -48,8 +48,16 @@ if TYPE_CHECKING:
 Json = dict[str, object]
 
 
+def rms_by_output(residuals: Sequence[FloatArray], outputs: Sequence[str]) -> dict[str, float]:
+    """Compute the root mean square of residuals (n, m) by output; outputs without readings are left out."""
+    squares = np.concatenate(list(residuals)) ** 2
+    count = np.isfinite(squares).sum(axis=0)
+    sizes = np.sqrt(np.nansum(squares, axis=0) / np.maximum(count, 1))
+    return {o: float(size) for o, size, n in zip(outputs, sizes, count, strict=True) if n}
+
+
 @dataclass(frozen=True, eq=False)
-class Fit(OtherTools):
+class Fit(OtherTools, HasPage):
     """A fitted calibration.
 
     Parameters
@@ -188,17 +196,18 @@ class Fit(OtherTools):
     @property
     def cost_eq6(self) -> float:
         """Sum of squared errors (the paper's Eq. 6)."""
-        return costs.eq6(self.residuals)
+        return float(sum(np.nansum(r**2) for r in self.residuals))
 
     @property
     def rms(self) -> dict[str, float]:
         """Root mean square error by output over all recordings."""
-        return costs.rms_overall(self.residuals, self.outputs)
+        return rms_by_output(self.residuals, self.outputs)
 
     @property
     def rms_by_recording(self) -> Mapping[str, Mapping[str, float]]:
         """Root mean square error in the output's SI unit, by recording and output."""
-        return costs.rms_table(self.residuals, self.calibration.data.names, self.outputs)
+        pairs = zip(self.calibration.data.names, self.residuals, strict=True)
+        return {name: rms_by_output([residual], self.outputs) for name, residual in pairs}
 
     @property
     def bic(self) -> float:
@@ -229,8 +238,6 @@ class Fit(OtherTools):
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """What may be behind a residual that is not noise: data, solver, search, noise, model, in this order."""
-        from aero_bayes.estimate.diagnose import diagnose
-
         return diagnose(self)
 
     @property
@@ -256,7 +263,34 @@ class Fit(OtherTools):
 
     def to_dict(self) -> Json:
         """Return the keys of result.json that a fit fills."""
-        return _fit_json(self)
+        found: Json = plain(
+            {
+                "parameters": self.parameters,
+                "noise": self.noise_table(),
+                "process_noise": process_noise_table(self.calibration.process, self.parameters),
+                "sensors": self.sensors,
+                "fit": {
+                    "cost_eq6": self.cost_eq6,
+                    "rms": {"train": self.rms},
+                    "interpolation": self.calibration.data.interpolation,
+                    "log_likelihood": self.log_likelihood,
+                    "log_posterior": self.log_posterior,
+                    "bic": self.bic,
+                    "stages": self.stages,
+                    "pso": self.swarm,
+                    "modes": self.modes,
+                    "values": self.trials,
+                    "start_levels": self.start_levels,
+                    "local": {"iterations": self.iterations, "reason": self.reason.value},
+                },
+                "identifiability": self.identifiability.to_dict(self.unidentified),
+                "failures": self.failures,
+                "diagnosis": self.diagnosis.rows,
+                "warnings": self.warnings,
+                "seconds": self.seconds,
+            }
+        )
+        return found
 
     def simulate(
         self,
@@ -350,7 +384,7 @@ class Fit(OtherTools):
         >>> len(fit.plot().axes)  # the force, the position, what is left of it
         3
         """
-        return drawn("fit_figure", self, recording, figure=ax or figure, dark=dark)
+        return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         return estimates_html(self.parameters, f"{self.calibration.model.name}: {self.reason.value}", self.warnings)
@@ -358,34 +392,6 @@ class Fit(OtherTools):
     def __repr__(self) -> str:
         cells = ", ".join(with_unit(f"{n}={e.value:.4g}", e.unit) for n, e in self.parameters.items())
         return f"<Fit {self.calibration.model.name}: {cells}>"
-
-
-def _fit_json(fit: Fit) -> Json:
-    return {
-        "parameters": {name: e.to_dict() for name, e in fit.parameters.items()},
-        "noise": fit.noise_table(),
-        "process_noise": process_noise_table(fit.calibration.simulated.process, fit.parameters),
-        "sensors": dict(fit.sensors),
-        "fit": {
-            "cost_eq6": fit.cost_eq6,
-            "rms": {"train": fit.rms},
-            "interpolation": fit.calibration.data.interpolation,
-            "log_likelihood": fit.log_likelihood,
-            "log_posterior": fit.log_posterior,
-            "bic": fit.bic,
-            "stages": [s.to_dict() for s in fit.stages],
-            "pso": fit.swarm.to_dict() if fit.swarm is not None else None,
-            "modes": [{"values": m.values, "share": m.share} for m in fit.modes],
-            "values": [t.to_dict() for t in fit.trials],
-            "start_levels": list(fit.start_levels),
-            "local": {"iterations": fit.iterations, "reason": fit.reason.value},
-        },
-        "identifiability": fit.identifiability.to_dict(fit.unidentified),
-        "failures": fit.failures,
-        "diagnosis": fit.diagnosis.to_list(),
-        "warnings": list(fit.warnings),
-        "seconds": fit.seconds,
-    }
 
 
 class HasFit(Protocol):

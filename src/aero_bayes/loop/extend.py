@@ -67,7 +67,7 @@ class FoundEffect:
 
     def to_dict(self, modelica: str) -> dict[str, object]:
         """Return the entry of result.json; ``modelica`` is the file that holds it."""
-        parameters = {p.name: p.to_dict() for p in self.parameters}
+        parameters = {p.name: p for p in self.parameters}
         found: dict[str, object] = plain({**vars(self), "modelica": modelica, "parameters": parameters})
         return found
 

@@ -22,7 +22,7 @@ from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import FoundEffect, Limit
@@ -102,15 +102,11 @@ class StepCandidate:
 class Step:
     """What one term is worth beside those before it; ``equivalent`` are those that do as well in its place."""
 
-    number: int
+    round: int
     candidates: tuple[StepCandidate, ...]
     chosen: str | None
     equivalent: tuple[str, ...]
     why: str
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the entry of result.json."""
-        return picked(self, "candidates chosen equivalent why", round=self.number)
 
 
 def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, ...]:
@@ -154,7 +150,7 @@ LoopOutcome = Literal["adequate", "extended", "unexplained"]
 
 
 @dataclass(frozen=True, eq=False)
-class LoopResult(FittedLoop):
+class LoopResult(FittedLoop, HasPage):
     """The outcome of a closed loop.
 
     Parameters
@@ -183,7 +179,6 @@ class LoopResult(FittedLoop):
         One for each term that was chosen, and one for what was tried beside them.
     shifts : tuple of Shift
         How far parameters moved when the effects came in.
-        Of the model that came out; ``added`` are the new ones as they were searched.
     identifiability : Identifiability
         What the data say of each of them.
     noise : mapping of str to OutputNoise
@@ -197,6 +192,7 @@ class LoopResult(FittedLoop):
     seconds : mapping of str to float
         By phase.
     added : tuple of Parameter
+        New parameters, as they were searched.
     diagnosis : Diagnosis
         Of the model as it stood: no effect is looked for in what another cause explains.
     words : mapping of str to str
@@ -313,7 +309,7 @@ class LoopResult(FittedLoop):
         --------
         >>> loop.plot().savefig("loop.png")
         """
-        return drawn("loop_figure", self, figure=ax or figure, dark=dark)
+        return drawn("plots.scene_figure", self, figure=ax or figure, dark=dark)
 
     @describe_figure_parameters
     def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
@@ -328,7 +324,7 @@ class LoopResult(FittedLoop):
         --------
         >>> loop.plot_rounds().savefig("rounds.png")
         """
-        return drawn("rounds_figure", self, figure=ax or figure, dark=dark)
+        return drawn("plots.rounds_figure", self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each candidate of each round.
@@ -343,7 +339,7 @@ class LoopResult(FittedLoop):
         import pandas
 
         rows = [
-            (step.number, rival.id, rival.port, rival.share, rival.id == step.chosen)
+            (step.round, rival.id, rival.port, rival.share, rival.id == step.chosen)
             for step in self.steps
             for rival in step.candidates
         ]
@@ -361,7 +357,7 @@ class LoopResult(FittedLoop):
             for output, rms in self.predicted_before.pooled(role).items()
         ]
         table = table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
-        page = escape(import_module("aero_bayes.report").loop_page(self), quote=True)
+        page = escape(import_module("aero_bayes.library").page_of(self), quote=True)
         return f'{table}<iframe title="report" srcdoc="{page}" width="100%" height="{FRAME_HEIGHT}"></iframe>'
 
     def _errors(self) -> str:
@@ -376,18 +372,18 @@ class LoopResult(FittedLoop):
         roles, before, after = ("train", "test"), self.predicted_before, self.predicted_after
         told = "outcome sentence base model equivalent limits refused blocks separate story diff simulations failures"
         return picked(
-            self, f"{told} seconds",
+            self, f"{told} seconds steps errors",
             effects=[effect.to_dict(self.modelica_path) for effect in self.effects],
             before={role: before.pooled(role) for role in roles}, after={role: after.pooled(role) for role in roles},
             before_sd={role: before.uncertainty(role) for role in roles},
             after_sd={role: after.uncertainty(role) for role in roles},
-            noise_floor=_pooled_floors(self.floors), steps=[step.to_dict() for step in self.steps],
-            shifts={s.name: picked(s, "before before_sd after after_sd in_sd") for s in self.shifts},
+            noise_floor=_pooled_floors(self.floors),
+            shifts={shift.name: shift for shift in self.shifts},
             whiteness={
                 "before": reports_by_recording(self.residual_before),
                 "after": reports_by_recording(self.residual_after),
             },
-            errors=[error.to_dict() for error in self.errors], modelica_source=self.modelica, notes=self.data_notes,
+            modelica_source=self.modelica, notes=self.data_notes,
         )  # fmt: skip
 
     def series(self) -> dict[str, FloatArray]:

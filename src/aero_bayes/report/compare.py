@@ -9,17 +9,15 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
-from aero_bayes.report.drawing import Line, Panel, Plate, Source, plate
-from aero_bayes.report.forest import forest_plate
+from aero_bayes.report.drawing import Line, Panel, Plate, plate
 from aero_bayes.report.page import fill
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_estimate import ParameterJson, QuantilesJson
+from aero_bayes.report.schema_estimate import ParameterJson
 from aero_bayes.report.svg import SERIES
-from aero_bayes.report.tables import Column, generic_cell, html_table, parameter_quantity, status_pill
+from aero_bayes.report.tables import Column, generic_cell, html_table, intervals_glyph, parameter_quantity, status_pill
 from aero_bayes.report.text import NO_VALUE, pretty_unit, scaled_unit, signal_title, significant, symbol
 
 Runs = Mapping[str, RunDirectory]
@@ -30,20 +28,14 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
     if not 2 <= len(directories) <= len(SERIES):
         raise InputError(f"{len(directories)} runs cannot be compared; expected 2 to {len(SERIES)} directories")
     runs = dict(zip(_names([Path(d) for d in directories]), map(RunDirectory.read, directories), strict=True))
-    figures = _residual_plates(runs)
     context = {
         "title": " against ".join(runs),
         "legend": [(SERIES[k], name) for k, name in enumerate(runs)],
         "verdicts": [(name, run.result.verdict) for name, run in runs.items()],
-        "intervals": _interval_plate(runs), "parameters": _estimates_by_run_table(runs),
-        "errors": _rms_by_run_table(runs), "residuals": figures, "settings": _settings_table(runs),
+        "parameters": _estimates_by_run_table(runs),
+        "errors": _rms_by_run_table(runs), "residuals": _residual_plates(runs), "settings": _settings_table(runs),
     }  # fmt: skip
-    series = {f"{name}|{key}": values for name, run in runs.items() for key, values in run.series.items()}
-    page = fill("compare.html.jinja", context, series, [run.result for run in runs.values()])
-    target = Path(out)
-    with whole_file(target) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return target
+    return write_whole(Path(out), fill("compare.html.jinja", context, [run.result for run in runs.values()]))
 
 
 def _names(directories: Sequence[Path]) -> list[str]:
@@ -67,28 +59,20 @@ def _shared(runs: Runs) -> dict[str, dict[str, ParameterJson]]:
     }
 
 
-def _interval_plate(runs: Runs) -> Plate | None:
-    """Draw the parameters that at least two runs estimate, run by run."""
-    rows: dict[str, list[QuantilesJson | None]] = {}
-    for name, entries in _shared(runs).items():
-        known = {k: e for k, e in entries.items() if e.value is not None and parameter_quantity(e)[1]}
-        if len(known) > 1:
-            rows[name] = [known.get(run) for run in runs]
-    alt = f"Values and 90 % intervals of {', '.join(rows)} in {len(runs)} runs."
-    return forest_plate(rows, SERIES[: len(runs)], alt)
-
-
 def _estimates_by_run_table(runs: Runs) -> Markup | None:
     """Write value, interval and status of every parameter, run by run."""
     rows = []
     for name, entries in _shared(runs).items():
         unit = next((pretty_unit(entry.unit) for entry in entries.values()), "")
-        rows.append(
-            (symbol(name), unit, *(_estimate(entries.get(run)) for run in runs), _apart(list(entries.values())))
-        )
-    heads = [Column(run, "right") for run in runs]
-    last = Column("largest difference (combined sd)", "right")
-    return html_table(("parameter", "unit", *heads, last), rows, "Parameters, with 90 % intervals") if rows else None
+        sure = [e if (e := entries.get(run)) and parameter_quantity(e)[1] else None for run in runs]
+        drawn = intervals_glyph(name, sure, SERIES)
+        shown = (_estimate(entries.get(run)) for run in runs)
+        rows.append((symbol(name), drawn, unit, *shown, _apart(list(entries.values()))))
+    heads: tuple[Column | str, ...] = (
+        "parameter", "a scale for each row", "unit", *(Column(run, "right") for run in runs),
+        Column("largest difference (combined sd)", "right"),
+    )  # fmt: skip
+    return html_table(heads, rows, "Parameters, with 90 % intervals") if rows else None
 
 
 def _estimate(found: ParameterJson | None) -> Markup | str:
@@ -125,24 +109,21 @@ def _residual_plate(runs: Runs, seen: Runs, recording: str) -> Plate | None:
     outputs = dict.fromkeys(output for run in seen.values() for output in run.signals("measured", recording))
     panels = []
     for output in outputs:
-        left = {k: pair for k, run in seen.items() if (pair := left_over(run, recording, output, FINAL_SERIES))}
+        found = {k: left_over(run, recording, output, FINAL_SERIES) for k, run in seen.items()}
+        left = {k: values for k, values in found.items() if values is not None}
         if not left:
             continue
         result = seen[next(iter(left))].result
-        factor, unit = scaled_unit(largest(*(values for values, _ in left.values())), result.unit(output))
+        factor, unit = scaled_unit(largest(*left.values()), result.unit(output))
         lines = tuple(
             Line(seen[k].time(recording), factor * values, SERIES[list(runs).index(k)], 1.1, label=k, cloud=0.35,
-                 trend=True, rms=True, source=_of_run(source, k))
-            for k, (values, source) in left.items()
+                 trend=True, rms=True)
+            for k, values in left.items()
         )  # fmt: skip
         title = f"residual of {signal_title(output, unit, result.description(output))}"
-        panels.append(Panel(title, lines, 120, ticks=3, factor=factor))
+        panels.append(Panel(title, lines, 120, ticks=3))
     alt = f"Recording {recording}: residuals of {', '.join(seen)} over each other."
     return plate(panels, alt, "time (s)", link=recording) if panels else None
-
-
-def _of_run(source: Source, run: str) -> Source:
-    return Source(f"{run}|{source.time}", tuple((sign, f"{run}|{key}") for sign, key in source.terms))
 
 
 def _rms_by_run_table(runs: Runs) -> Markup | None:
@@ -161,8 +142,7 @@ def _rms_by_run_table(runs: Runs) -> Markup | None:
 
 
 def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
-    found = left_over(run, recording, output, FINAL_SERIES) if recording in run.recordings() else None
-    values: FloatArray | None = None if found is None else found[0]
+    values = left_over(run, recording, output, FINAL_SERIES) if recording in run.recordings() else None
     return None if values is None else float(np.sqrt(np.nanmean(values**2)))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, Source, Terms, plate
+from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM_COLOUR
 from aero_bayes.report.text import greek_name, role_words, scaled_unit, signal_title
@@ -37,23 +37,17 @@ def named(signals: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def summed(run: RunDirectory, recording: str, *terms: tuple[int, str]) -> tuple[FloatArray, Source] | None:
-    """Return a sum of series of one recording (sign, ``group/signal``), and where the script finds it.
-
-    None if one is absent."""
-    full: Terms = tuple((sign, f"{group}/{recording}/{name}") for sign, key in terms
-                        for group, _, name in [key.partition("/")])  # fmt: skip
-    if any(key not in run.series for _, key in full):
-        return None
-    for _, key in full:
-        run.check(key, recording)
-    values = np.sum([sign * run.series[key] for sign, key in full], axis=0)
-    return (values, Source(f"time/{recording}", full)) if np.isfinite(values).any() else None
+def curve(run: RunDirectory, group: str, recording: str, name: str) -> FloatArray | None:
+    """Return a signal of a group of one recording; None if it is absent or nowhere known."""
+    values = run.signals(group, recording).get(name)
+    return values if values is not None and np.isfinite(values).any() else None
 
 
-def left_over(run: RunDirectory, recording: str, output: str, model: str) -> tuple[FloatArray, Source] | None:
+def left_over(run: RunDirectory, recording: str, output: str, model: str) -> FloatArray | None:
     """Compute the residual, measured minus model."""
-    return summed(run, recording, (1, f"measured/{output}"), (-1, f"{model}/{output}"))
+    measured, modelled = curve(run, "measured", recording, output), curve(run, model, recording, output)
+    left = None if measured is None or modelled is None else measured - modelled
+    return left if left is not None and np.isfinite(left).any() else None
 
 
 def _before(run: RunDirectory, recording: str) -> dict[str, FloatArray]:
@@ -71,9 +65,9 @@ def opening_scene(run: RunDirectory) -> Scene | None:
         within = (run.time(name) >= stretch[0]) & (run.time(name) <= stretch[1])
         for output in run.signals("measured", name):
             sizes = [
-                float(np.sqrt(np.nanmean(found[0][within] ** 2)))
+                float(np.sqrt(np.nanmean(found[within] ** 2)))
                 for model in (BASE_SERIES, FINAL_SERIES)
-                if (found := left_over(run, name, output, model)) and np.isfinite(found[0][within]).any()
+                if (found := left_over(run, name, output, model)) is not None and np.isfinite(found[within]).any()
             ]
             if sizes:
                 floor = run.result.noise_floor(name, output) or min(sizes) or 1.0
@@ -88,7 +82,7 @@ def scene_panels(run: RunDirectory, scene: Scene) -> list[Panel]:
     return _output_panels(run, scene.recording, scene.output, (85.0, 210.0), scene.stretch)
 
 
-def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
+def scene_plate(run: RunDirectory, scene: Scene) -> Plate:
     """Return the first figure of the page: residuals, and below them the curves."""
     panels = scene_panels(run, scene)[::-1]
     low, high = scene.stretch
@@ -96,7 +90,7 @@ def scene_plate(run: RunDirectory, scene: Scene, width: float) -> Plate:
     where = scene.recording if whole else f"{scene.recording} from {low:.6g} to {high:.6g} s"
     unseen = "not fitted" if run.unseen(scene.recording) else "fitted"
     alt = f"{greek_name(scene.output)}, measured and modelled, and its residual; recording {where}, {unseen}."
-    return plate(panels, alt, "time (s)", legend=legend(run, scene.recording), link=scene.recording, width=width)
+    return plate(panels, alt, "time (s)", legend=legend(run, scene.recording), link=scene.recording)
 
 
 def recording_plate(run: RunDirectory, recording: str, without: str = "") -> Plate | None:
@@ -119,12 +113,11 @@ def recording_panels(
 ) -> list[Panel]:
     """Draw the inputs, then every recorded output (except one that is shown elsewhere) with its residual."""
     time, panels = run.time(recording), []
-    for name in run.signals("input", recording):
-        values, source = summed(run, recording, (1, f"input/{name}")) or (np.zeros(0), None)
+    for name, values in run.signals("input", recording).items():
         factor, unit = scaled_unit(largest(values), run.result.unit(name))
-        held = Line(time, factor * values, INK, 1.2, label="input", source=source, held=True)
+        held = Line(time, factor * values, INK, 1.2, label="input", held=True)
         title = signal_title(name, unit, run.result.description(name))
-        panels.append(Panel(title, (held,), 46, ticks=2, factor=factor))
+        panels.append(Panel(title, (held,), 46, ticks=2))
     for name in _outputs(run, recording, without) if outputs is None else outputs:
         panels += _output_panels(run, recording, name, (80.0, 130.0))
     return panels + [_state_panel(run, recording, name) for name in run.signals("smoothed", recording)]
@@ -133,18 +126,15 @@ def recording_panels(
 def _state_panel(run: RunDirectory, recording: str, name: str) -> Panel:
     """Return a state as all readings together have it, with its 90 % band."""
     time = run.time(recording)
-    mean, low, high = (
-        summed(run, recording, (1, f"{group}/{name}")) for group in ("smoothed", "smoothed_lower", "smoothed_upper")
-    )
-    factor, unit = scaled_unit(largest(mean[0] if mean else None), run.result.unit(name))
+    mean, low, high = (curve(run, group, recording, name) for group in ("smoothed", "smoothed_lower", "smoothed_upper"))
+    factor, unit = scaled_unit(largest(mean), run.result.unit(name))
     layers: list[Layer] = []
-    if low and high:
-        source = Source(low[1].time, low[1].terms, high[1].terms)
-        layers.append(Band(time, factor * low[0], factor * high[0], ACCENT, 0.25, label="90 %", source=source))
-    if mean:
-        layers.append(Line(time, factor * mean[0], ACCENT, 1.3, label="smoothed", source=mean[1]))
+    if low is not None and high is not None:
+        layers.append(Band(time, factor * low, factor * high, ACCENT, 0.25, label="90 %"))
+    if mean is not None:
+        layers.append(Line(time, factor * mean, ACCENT, 1.3, label="smoothed"))
     title = f"state {signal_title(name, unit, run.result.description(name))}, from all readings"
-    return Panel(title, tuple(layers), 100.0, factor=factor)
+    return Panel(title, tuple(layers), 100.0)
 
 
 def legend(run: RunDirectory, recording: str) -> tuple[tuple[str, str], ...]:
@@ -169,35 +159,35 @@ def _output_panels(
     models = [(WARM_COLOUR, "before", 0.25, BASE_SERIES), (ACCENT, "after", 0.5, FINAL_SERIES)]
     if name not in _before(run, recording):
         models = [(ACCENT, "fitted", 0.5, FINAL_SERIES)]
-    shown = [(MEASURED, "measured", summed(run, recording, (1, f"measured/{name}")))]
-    shown += [(colour, label, summed(run, recording, (1, f"{key}/{name}"))) for colour, label, _, key in models]
-    factor, unit = scaled_unit(largest(*(found[0] for *_, found in shown[:1] if found)), run.result.unit(name))
-    curves: list[Layer] = [
-        Line(time, factor * found[0], colour, 3.2 if label == "measured" else 1.3, label=label, source=found[1],
-             cloud=0.8 if label == "measured" else 0.0)
-        for colour, label, found in shown if found
-    ]  # fmt: skip
-    if unfitted := summed(run, recording, (1, f"unfitted/{name}")):
-        seen = np.isfinite(unfitted[0])
-        curves.append(Dots(time[seen], factor * unfitted[0][seen], INK, 4.0, 0.8, unfitted[1]))
-    low, high = (summed(run, recording, (1, f"{edge}/{name}")) for edge in ("lower", "upper"))
-    if low and high:
-        source = Source(low[1].time, low[1].terms, high[1].terms)
-        curves.insert(1, Band(time, factor * low[0], factor * high[0], ACCENT, 0.2, label="90 %", source=source))
+    measured = curve(run, "measured", recording, name)
+    factor, unit = scaled_unit(largest(measured), run.result.unit(name))
+    curves: list[Layer] = []
+    if measured is not None:
+        curves.append(Line(time, factor * measured, MEASURED, 3.2, label="measured", cloud=0.8))
+    low, high = (curve(run, edge, recording, name) for edge in ("lower", "upper"))
+    if low is not None and high is not None:
+        curves.append(Band(time, factor * low, factor * high, ACCENT, 0.2, label="90 %"))
+    left: list[tuple[str, str, float, FloatArray]] = []
+    for colour, label, opacity, model in models:
+        if (modelled := curve(run, model, recording, name)) is not None:
+            curves.append(Line(time, factor * modelled, colour, 1.3, label=label))
+        if (residual := left_over(run, recording, name, model)) is not None:
+            left.append((colour, label, opacity, residual))
+    if (unfitted := curve(run, "unfitted", recording, name)) is not None:
+        seen = np.isfinite(unfitted)
+        curves.append(Dots(time[seen], factor * unfitted[seen], INK, 4.0, 0.8, at_edge=True))
     title = signal_title(name, unit, run.result.description(name))
-    panels = [Panel(title, tuple(curves), heights[0], x_limits=stretch, factor=factor)]
-    left = [(colour, label, opacity, left_over(run, recording, name, key)) for colour, label, opacity, key in models]
-    found = [(colour, label, opacity, pair) for colour, label, opacity, pair in left if pair]
-    if found:
-        factor, unit = scaled_unit(largest(*(pair[0] for *_, pair in found)), run.result.unit(name))
+    panels = [Panel(title, tuple(curves), heights[0], x_limits=stretch)]
+    if left:
+        factor, unit = scaled_unit(largest(*(residual for *_, residual in left)), run.result.unit(name))
         floor = run.result.noise_floor(recording, name)
         levels = () if floor is None else (-2 * floor * factor, 2 * floor * factor)
         lines = tuple(
-            Line(time, factor * pair[0], colour, 1.1, label=label, source=pair[1], cloud=opacity, trend=True, rms=True)
-            for colour, label, opacity, pair in found
+            Line(time, factor * residual, colour, 1.1, label=label, cloud=opacity, trend=True, rms=True)
+            for colour, label, opacity, residual in left
         )
         words = f"residual of {greek_name(name)}: measured minus model" + (f" ({unit})" if unit else "")
-        panels.append(Panel(words, lines, heights[1], levels=levels, ticks=3, x_limits=stretch, factor=factor))
+        panels.append(Panel(words, lines, heights[1], levels=levels, ticks=3, x_limits=stretch))
     return panels
 
 

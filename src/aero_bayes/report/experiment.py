@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.report.curves import largest, named
-from aero_bayes.report.drawing import Band, Layer, Line, Panel, Plate, Source, plate
+from aero_bayes.report.drawing import Band, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import QuantilesJson
 from aero_bayes.report.schema_run import DesignJson
@@ -33,31 +33,18 @@ _TIME = "plan/time"
 DECISIVE = 3.0
 
 
-@dataclass(frozen=True)
-class ExperimentSection:
-    """What the page shows of a proposal."""
-
-    lead: Markup
-    file: str
-    signal: Plate | None
-    gains: Markup | None
-    models: Markup | None
-    expectation: Markup | None
-    families: Markup | None
-    limits: Markup | None
-
-
-def experiment(run: RunDirectory) -> ExperimentSection | None:
-    """Return the proposal of a run of ``aero-bayes design``; None for other runs."""
+def experiment(run: RunDirectory) -> dict[str, Any] | None:
+    """Return what the page shows of a run of ``aero-bayes design``; None for other runs."""
     plan, words = run.result.design, run.result.effect_words()
     if plan is None:
         return None
     separate = plan.kind == "separate"
-    return ExperimentSection(
-        _lead(plan, words), plan.file, _signal(run, plan), None if separate else _gains(plan),
-        _models(plan, words) if separate else None, _separation(plan, words) if separate else None,
-        _families(plan), _limits(run, plan),
-    )  # fmt: skip
+    return {
+        "lead": _lead(plan, words), "file": plan.file, "signal": _signal(run, plan),
+        "gains": None if separate else _gains(plan), "models": _models(plan, words) if separate else None,
+        "expectation": _separation(plan, words) if separate else None,
+        "families": _families(plan), "limits": _limits(run, plan),
+    }  # fmt: skip
 
 
 def _lead(plan: DesignJson, words: dict[str, str]) -> Markup:
@@ -80,8 +67,7 @@ def _signal(run: RunDirectory, plan: DesignJson) -> Plate | None:
     models = list(dict.fromkeys(k.split("/")[2] for k in run.series if k.startswith("plan/middle/")))
     outputs = list(dict.fromkeys(k.split("/")[3] for k in run.series if k.startswith("plan/middle/")))
     unit = pretty_unit(plan.unit or run.result.unit(plan.input))
-    source = Source(_TIME, ((1, f"plan/input/{plan.input}"),))
-    held = Line(time, values, INK, 1.3, label="input", source=source, held=True)
+    held = Line(time, values, INK, 1.3, label="input", held=True)
     panels = [Panel(signal_title(plan.input, unit), (held,), height=70, ticks=3)]
     panels += [_output(run, plan, time, name, models) for name in outputs]
     alt = f"Proposed {plan.input} over {duration(float(time[-1] - time[0]))} and the expected {named(outputs)}."
@@ -105,13 +91,13 @@ def _output(run: RunDirectory, plan: DesignJson, time: FloatArray, name: str, mo
         colour = SERIES[k % len(SERIES)]
         edges = factor * run.series[low], factor * run.series[high]
         layers += [
-            Band(time, *edges, colour, label=f"{model}, 90 %", source=Source(_TIME, ((1, low),), ((1, high),))),
-            Line(time, factor * run.series[middle], colour, 1.2, label=model, source=Source(_TIME, ((1, middle),))),
+            Band(time, *edges, colour, label=f"{model}, 90 %"),
+            Line(time, factor * run.series[middle], colour, 1.2, label=model),
         ]
     shown = tuple(factor * level for level in levels)
     edge = 1.06 * max(factor * most, *shown) if shown else None
     limits = None if edge is None else (-edge, edge)
-    return Panel(signal_title(name, unit), tuple(layers), 130, levels=shown, y_limits=limits, factor=factor)
+    return Panel(signal_title(name, unit), tuple(layers), 130, levels=shown, y_limits=limits)
 
 
 def _gains(plan: DesignJson) -> Markup | None:

@@ -10,10 +10,8 @@ from aero_bayes.loop.sentences import claimed, cross_validated, growing, in_word
 from aero_bayes.loop.sentences import place as where
 from aero_bayes.report import words
 from aero_bayes.report.drawing import Plate
-from aero_bayes.report.loop_figures import curve_plate
-from aero_bayes.report.loop_story import changed_equations
-from aero_bayes.report.schema_loop import EffectJson, LoopJson, RecordingErrorJson
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.loop_figures import changed_equations, curve_plate
+from aero_bayes.report.schema_run import EffectJson, LoopJson, RecordingErrorJson, RunJson
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import signed, symbol
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson
-from aero_bayes.report.schema_loop import RecordingErrorJson
-from aero_bayes.report.schema_run import RunJson
-from aero_bayes.report.tables import Column, html_table, ratio_glyph, status_pill
+from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson, QuantilesJson
+from aero_bayes.report.schema_run import RecordingErrorJson, RunJson
+from aero_bayes.report.tables import Column, bar, html_table, intervals_glyph, ratio_glyph, status_pill
 from aero_bayes.report.text import (
     NO_VALUE,
     count,
@@ -20,6 +19,7 @@ from aero_bayes.report.text import (
     significant,
     symbol,
 )
+from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 #: Above this, ensembles do not agree.
 R_HAT_LIMIT = 1.01
@@ -86,6 +86,29 @@ def _check(row: DiagnosisJson | None) -> Markup:
         return Markup(NO_VALUE)
     found = Markup("").join(Markup("<p>{}</p>").format(sentence(text)) for text in row.more)
     return Markup("{}<small>{} {}</small>").format(sentence(row.what), sentence(row.where), sentence(row.done)) + found
+
+
+def shifts_table(result: RunJson) -> Markup | None:
+    """Write parameters before and after the model was extended, and how far each moved; None for another run."""
+    loop, rows = result.loop, []
+    for name, moved in loop.shifts.items() if loop is not None and loop.effects else ():
+        now = result.parameters.get(name) or _spread(moved.after, moved.after_sd)
+        drawn = intervals_glyph(name, [_spread(moved.before, moved.before_sd), now], ("warm", "accent"))
+        change = NO_VALUE
+        if moved.before and moved.after is not None:
+            change = f"{signed(100 * (moved.after - moved.before) / abs(moved.before), 1)}\u00a0%"
+        about = Markup("{}<small>{}</small>").format(symbol(name), now.description)
+        rows.append((about, drawn, change, significant(moved.in_sd, 2)))
+    heads = ("parameter", "before (upper line), after (lower line)", Column("change", "right"),
+             Column("in combined standard deviations", "right"))  # fmt: skip
+    caption = "How far the parameters moved: 90 % intervals, a scale for each row"
+    return html_table(heads, rows, caption) if rows else None
+
+
+def _spread(value: float | None, sd: float | None) -> QuantilesJson:
+    if value is None or sd is None:
+        return QuantilesJson(value=value)
+    return QuantilesJson(value=value, q05=value - NORMAL_HALF_WIDTH * sd, q95=value + NORMAL_HALF_WIDTH * sd)
 
 
 def noise_model_table(run: RunDirectory) -> Markup | None:
@@ -200,3 +223,29 @@ def left_out_table(run: RunDirectory) -> Markup | None:
         "unit", Column("predicted over fitted", "right"), Column("floor │ ○ fitted  ● predicted", "centre"),
     )  # fmt: skip
     return html_table(columns, rows, "RMS error of each recording, predicted from the others") if rows else None
+
+
+def listed_values_table(run: RunDirectory) -> Markup | None:
+    """List every combination of values with its probability, and how far its log-posterior is below the best."""
+    trials = run.result.fit.values
+    if not trials:
+        return None
+    names = list(trials[0].values)
+    rows = []
+    for trial in trials:
+        share = trial.share or 0.0
+        shown = NO_VALUE if trial.failed else f"{significant(100.0 * share)} %" if share >= 1e-3 else "< 0.1 %"
+        values = [_shown(trial.values[name]) for name in names]
+        worse = Markup("<small>{}</small>").format(trial.failed) if trial.failed else significant(trial.worse_by)
+        rows.append((*values, shown, bar(share, f"probability {shown}"), worse))
+    columns: tuple[Column | str, ...] = (
+        *(Column(symbol(name)) for name in names), Column("probability", "right"), "",
+        Column("log-posterior below the best", "right"),
+    )  # fmt: skip
+    return html_table(columns, rows, "Listed values, each fitted; the first are reported", [0])
+
+
+def _shown(value: bool | float | str) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return value if isinstance(value, str) else f"{value:.6g}"

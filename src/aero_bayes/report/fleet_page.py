@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.report.page import fill
 from aero_bayes.report.schema_run import FleetJson, RangeJson, RunJson
 from aero_bayes.report.tables import Column, html_table
@@ -44,10 +44,8 @@ def write_fleet_page(directory: Path, result: FleetJson, rows: Sequence[Mapping[
     ]  # fmt: skip
     title = f"Fleet of {count(result.rigs)} rigs"
     context = {"result": result, "title": title, "facts": facts, "loop": loop, "rigs": _rigs(result, rows, words)}
-    page = fill("fleet.html.jinja", context, {}, [RunJson(words=words)], ())
-    with whole_file(directory / "report.html") as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return directory / "report.html"
+    page = fill("fleet.html.jinja", context, [RunJson(words=words)], ())
+    return write_whole(directory / "report.html", page)
 
 
 def _rigs(result: FleetJson, rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> Markup:

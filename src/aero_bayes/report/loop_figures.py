@@ -1,22 +1,23 @@
-"""Figures of the closed loop: its rounds, and the curves that it learned."""
+"""What the page draws of a loop: its rounds, the curves that it learned, the equations that changed."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
+from difflib import SequenceMatcher
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from aero_bayes.report.curves import largest
 from aero_bayes.report.drawing import Band, Line, Panel, Plate, plate
-from aero_bayes.report.schema_loop import CandidateJson, EffectJson, LoopJson, StepJson
+from aero_bayes.report.schema_run import CandidateJson, EffectJson, LoopJson, StepJson
 from aero_bayes.report.svg import ACCENT
 from aero_bayes.report.tables import bar, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
-PORT = 430.0
 _MOST_ROWS = 24
 #: Letters of a candidate's label beside a bar.
 LABEL_LETTERS = 52
@@ -100,10 +101,50 @@ def curve_plate(effect: EffectJson) -> Plate | None:
     # The band is wide where there are no data; showing all of it would flatten the curve.
     room = 0.3 * float(np.ptp(value)) or 1.0
     limits = (float(value.min() - room) * up, float(value.max() + room) * up)
-    return plate(
-        [Panel(title, layers, 220, y_limits=limits)],
-        alt,
-        label,
-        "The band is wide where there are no data.",
-        width=PORT,
-    )
+    panel = Panel(title, layers, 220, y_limits=limits)
+    return plate([panel], alt, label, "The band is wide where there are no data.", small=True)
+
+
+#: What begins a part of a class that holds no equations; the text of a documentation is none either.
+NO_EQUATIONS = ("end ", "public", "protected", "algorithm", "annotation")
+
+
+def changed_equations(loop: LoopJson) -> Markup | None:
+    """Equations of the extended model that the base model has not, with what is new in them marked; None if there are
+    none.
+    """
+    section, own = False, set()
+    for text in loop.modelica_source.splitlines():
+        head = text.strip().removeprefix("initial ")
+        section = (section or head == "equation") and not head.startswith(NO_EQUATIONS)
+        own |= {head} if section and head != "equation" else set()
+    old: list[str] = []
+    found = []
+    for text in loop.diff.splitlines():
+        kind, line = _diff_kind(text), text[1:].strip()
+        if kind == "add" and line in own and not line.startswith("//"):
+            found.append(_marked(old.pop(0) if old else "", line))
+        elif kind != "add":
+            old = [*old, line] if kind == "del" else []
+    return Markup("\n").join(found) if found else None
+
+
+def _marked(old: str, new: str) -> Markup:
+    """Return a line with the differences to an older one marked."""
+    before, after = (re.findall(r"[\w.]+|\s+|.", text) for text in (old, new))
+    shown = Markup("")
+    for kind, _, _, start, stop in SequenceMatcher(None, before, after, autojunk=False).get_opcodes():
+        text = "".join(after[start:stop])
+        shown += escape(text) if kind == "equal" or not text else Markup("<mark>{}</mark>").format(text)
+    return shown
+
+
+def diff_lines(loop: LoopJson) -> list[tuple[str, str]]:
+    """Return lines of the Modelica diff with their kind: add, del, hunk or same."""
+    return [(_diff_kind(entry), entry) for entry in loop.diff.splitlines()]
+
+
+def _diff_kind(entry: str) -> str:
+    if entry.startswith(("+++", "---", "@@")):
+        return "hunk"
+    return {"+": "add", "-": "del"}.get(entry[:1], "same")

@@ -8,7 +8,6 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -18,27 +17,22 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.files import whole_file
+from aero_bayes.files import write_whole
 from aero_bayes.report import (
     curves,
     experiment,
     finding,
     findings,
-    forest,
-    listed_values,
+    fit_figures,
     loop_figures,
-    loop_story,
     overview,
     posterior_figures,
-    profile_figures,
-    residual_figures,
     words,
 )
-from aero_bayes.report.drawing import WIDE_WIDTH, Plate
+from aero_bayes.report.drawing import Plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import ComponentJson, DiagramJson, ShapeJson
-from aero_bayes.report.schema_loop import LoopJson
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.schema_run import LoopJson, RunJson
 from aero_bayes.report.svg import ACCENT, INK, MUTED, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import Column, generic_cell, html_table, parameter_table, prior_table, status_words
 from aero_bayes.report.text import greek_name, named_effect, pretty_unit, sentence, significant, symbol, tidy
@@ -74,9 +68,8 @@ def diagram_plate(diagram: DiagramJson) -> Plate | None:
         diagram.title,
         f"Marked: the place where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
     )
-    return Plate(
-        canvas.svg(), None, alt, caption, (), html_table(("part", "what it is", "connected to", ""), rows, alt)
-    )
+    table = html_table(("part", "what it is", "connected to", ""), rows, alt)
+    return Plate(canvas.svg(), alt, caption, table=table)
 
 
 def _neighbours(diagram: DiagramJson, name: str) -> list[str]:
@@ -217,41 +210,22 @@ def sensor_table(run: RunDirectory) -> Markup | None:
     return html_table(("output", Column("one count", "right"), "unit", "effect on the noise"), rows, "Encoders")
 
 
-SCRIPTS = ("data", "panel", "drawing", "figure", "save", "start")
-
-
-@dataclass(frozen=True)
-class RecordingPlates:
-    """Everything drawn of one recording."""
-
-    name: str
-    role: str
-    folded: bool
-    curves: Plate | None
-    statistics: list[Plate]
+SCRIPTS = ("data", "panel", "figure", "save", "start")
 
 
 def write_run_page(directory: Path | str) -> Path:
     """Draw ``DIR/report.html`` from the run's ``result.json``, ``series.npz`` and ``posterior.nc``."""
     run = RunDirectory.read(directory)
-    target = run.path / "report.html"
-    page = render(run)
-    with whole_file(target) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return target
+    return write_whole(run.path / "report.html", render(run))
 
 
 def render(run: RunDirectory) -> str:
     """Return the page's text. The same run always gives the same page."""
-    return fill("page.html.jinja", _context(run), run.series, [run.result])
+    return fill("page.html.jinja", _context(run), [run.result])
 
 
 def fill(
-    template: str,
-    context: Mapping[str, Any],
-    series: Mapping[str, FloatArray],
-    results: Sequence[RunJson],
-    scripts: Sequence[str] = SCRIPTS,
+    template: str, context: Mapping[str, Any], results: Sequence[RunJson], scripts: Sequence[str] = SCRIPTS
 ) -> str:
     """Return a page from its template."""
     environment = _environment().overlay()
@@ -262,10 +236,10 @@ def fill(
         "effect": partial(named_effect, words=words),
     }  # fmt: skip
     script = _script(tuple(scripts))
-    keys = sorted({key for plate in _plates(context.values()) for key in plate.keys})
+    series = {key: values for plate in _plates(context.values()) for key, values in plate.series.items()}
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return environment.get_template(template).render(
-        context, script=Markup(script), script_hash=digest, series=embedded({key: series[key] for key in keys})
+        context, script=Markup(script), script_hash=digest, series=embedded(series)
     )
 
 
@@ -311,18 +285,18 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
         "verdict": verdict, "said": words.short_verdict(result),
         "simulated": result.simulated, "finding": head,
-        "opening": curves.scene_plate(run, scene, WIDE_WIDTH) if scene else None,
+        "opening": curves.scene_plate(run, scene) if scene else None,
         "opening_words": curves.stretch_words(run, scene) if scene else "",
         "diagrams": [plate for plate in plates if plate],
         "warnings": overview.warnings(result), "readings": overview.readings(result),
         "checks": words.checks_line(result), "diagnosis": findings.checks_table(result, verdict.text),
-        "moved": forest.before_and_after(result),
+        "moved": findings.shifts_table(result),
         "parameters": parameter_table({n: p for n, p in result.parameters.items() if n not in aside}),
         "aside": parameter_table(aside, "Values of single recordings, and fixed parameters"),
         "priors": prior_table(result.parameters),
-        "listed_values": listed_values.listed_values_table(run),
+        "listed_values": findings.listed_values_table(run),
         "statuses": status_words(result.parameters), "identifiability": result.identifiability,
-        "profiles": profile_figures.profile_plates(run),
+        "profiles": fit_figures.profile_plates(run),
         "combinations": [c for c in result.identifiability.combinations if c.text not in c.members],
         "recordings": [_recording(run, name, scene) for name in run.recordings()],
         "errors": findings.errors_table(result), "noise": findings.noise_model_table(run),
@@ -335,18 +309,16 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _recording(run: RunDirectory, name: str, scene: curves.Scene | None) -> RecordingPlates:
+def _recording(run: RunDirectory, name: str, scene: curves.Scene | None) -> dict[str, Any]:
     """Return the figures of a recording; those of a fitted one are folded where another one was not fitted."""
     above = scene.output if scene is not None and scene.recording == name else ""
     whole = scene is not None and scene.stretch == run.span(name)
     unseen = any(run.unseen(other) is not None for other in run.recordings())
-    return RecordingPlates(
-        name,
-        curves.role_of(run, name),
-        unseen and run.unseen(name) is None,
-        curves.recording_plate(run, name, without=above if whole else ""),
-        residual_figures.statistics(run, name),
-    )
+    return {
+        "name": name, "role": curves.role_of(run, name), "folded": unseen and run.unseen(name) is None,
+        "curves": curves.recording_plate(run, name, without=above if whole else ""),
+        "statistics": fit_figures.statistics(run, name),
+    }  # fmt: skip
 
 
 def _prediction(run: RunDirectory) -> dict[str, Any] | None:
@@ -372,5 +344,5 @@ def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
         "story": loop.story,
         "rounds": loop_figures.rounds_table(loop, run.result.effect_words()),
         "separate": loop.separate,
-        "diff": loop_story.diff_lines(loop),
+        "diff": loop_figures.diff_lines(loop),
     }

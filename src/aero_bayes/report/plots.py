@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Mapping, Sequence
-from functools import cache
+from dataclasses import replace
+from functools import cache, singledispatch
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
@@ -28,14 +29,12 @@ from aero_bayes.loop.result import LoopResult
 from aero_bayes.plain import plain
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.report.curves import legend, opening_scene, recording_panels, scene_panels, stretch_words
-from aero_bayes.report.drawing import Band, Dots, Line, Panel
+from aero_bayes.report.drawing import Band, Dots, Line, Panel, limits_of_x
 from aero_bayes.report.loop_figures import fall, fall_text, rounds, short_label
 from aero_bayes.report.results import recording_row
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_estimate import ParameterJson
-from aero_bayes.report.schema_loop import LoopJson
-from aero_bayes.report.schema_run import RunJson
-from aero_bayes.report.series import band_series, fitted_series, measured_series, only_measured
+from aero_bayes.report.schema_run import LoopJson, RunJson
+from aero_bayes.report.series import band_series, fitted_series, loop_series, measured_series, only_measured
 from aero_bayes.report.thinning import band_envelope, column_means
 from aero_bayes.simulation.model import Model
 
@@ -56,7 +55,7 @@ def palette(dark: bool = False) -> Mapping[str, str]:
 
     Examples
     --------
-    >>> from aero_bayes.report import palette
+    >>> from aero_bayes.report.plots import palette
     >>> palette()["accent"], palette(dark=True)["ground"]
     ('#0067a8', '#11161b')
     """
@@ -145,8 +144,7 @@ def draw_panels(
         for axes, panel in zip(grid[:, 0], panels, strict=True):
             _draw(axes, panel, colours)
         grid[-1, 0].set_xlabel(x_label)
-        limits = next((panel.x_limits for panel in panels if panel.x_limits), None)
-        grid[-1, 0].set_xlim(*(limits or _reach(panels)))
+        grid[-1, 0].set_xlim(*limits_of_x(panels))
         figure.align_ylabels(grid[:, 0])
         if title:
             figure.suptitle(title, x=0.01, ha="left", fontsize=10.5)
@@ -163,11 +161,6 @@ def _key(colour: str, words: str) -> Artist:
     return Line2D([], [], color=colour, linewidth=3, label=words)
 
 
-def _reach(panels: Sequence[Panel]) -> tuple[float, float]:
-    ends = [(float(np.min(layer.x)), float(np.max(layer.x))) for panel in panels for layer in panel.layers]
-    return min(low for low, _ in ends), max(high for _, high in ends)
-
-
 def _draw(axes: Axes, panel: Panel, colours: Mapping[str, str]) -> None:
     unit = re.search(r"\(([^()]*)\)$", panel.title)
     axes.set_title(mathematics(panel.title), color=colours["ink"])
@@ -180,8 +173,8 @@ def _draw(axes: Axes, panel: Panel, colours: Mapping[str, str]) -> None:
             case Band():
                 axes.fill_between(layer.x, layer.low, layer.high, color=colour, alpha=layer.opacity, linewidth=0)
             case Dots():
-                low, high = axes.get_ylim() if layer.source else (-np.inf, np.inf)
-                size = layer.size if layer.source else 2 * layer.size
+                low, high = axes.get_ylim() if layer.at_edge else (-np.inf, np.inf)
+                size = layer.size if layer.at_edge else 2 * layer.size
                 axes.plot(layer.x, np.clip(layer.y, low, high), ".", color=colour, markersize=size, alpha=layer.opacity)
     for level in panel.levels:
         axes.axhline(level, color=colours["muted"], linewidth=0.8, dashes=(4, 3))
@@ -212,7 +205,6 @@ def view(
     recordings: Sequence[tuple[Recording, Role]],
     series: Mapping[str, FloatArray],
     model: Model | None = None,
-    posterior: Mapping[str, FloatArray] | None = None,
     **result: object,
 ) -> RunDirectory:
     """Return a run directory that is on no disk; ``result`` are further keys of result.json."""
@@ -222,36 +214,41 @@ def view(
     rows = [recording_row(recording, role) for recording, role in recordings]
     found = RunJson.model_validate({"units": units, "signals": described, "recordings": rows, **result})
     measured = measured_series([recording for recording, _ in recordings])
-    return RunDirectory(Path(), found, only_measured({**measured, **series}), posterior or {})
+    return RunDirectory(Path(), found, only_measured({**measured, **series}), {})
 
 
-def fit_view(fit: Fit) -> RunDirectory:
-    """Return a fit with its curves."""
+@singledispatch
+def drawable(found: Any) -> RunDirectory:
+    """Return a recording, a fit, a posterior or a loop with its curves, as a run that is on no disk."""
+    assert isinstance(found, RunDirectory)
+    return found
+
+
+@drawable.register
+def _(recording: Recording) -> RunDirectory:
+    return view([(recording, "train")], {})
+
+
+@drawable.register
+def _(fit: Fit) -> RunDirectory:
     recordings = fit.calibration.data.recordings
     if not recordings:
         raise InputError("a fit to experiments without recordings has nothing to be drawn over")
     return view([(r, "train") for r in recordings], fitted_series(fit), fit.calibration.model)
 
 
-def posterior_view(posterior: Posterior) -> RunDirectory:
-    """Return a posterior with its fit's curves, its bands and its draws."""
-    base = fit_view(posterior.fit)
-    bands = posterior.predictive
-    names, outputs = posterior.calibration.data.names, posterior.fit.outputs
-    series = band_series(names, outputs, [b.lower for b in bands], [b.upper for b in bands])
-    draws = {name: posterior.draws[:, :, j] for j, name in enumerate(posterior.names)}
-    table = {name: ParameterJson.model_validate(plain(e.to_dict())) for name, e in posterior.parameters.items()}
-    result = base.result.model_copy(update={"parameters": table})
-    return RunDirectory(base.path, result, only_measured({**base.series, **series}), draws)
+@drawable.register
+def _(posterior: Posterior) -> RunDirectory:
+    base = drawable(posterior.fit)
+    series = band_series(posterior.calibration.data.names, posterior.fit.outputs, posterior.predictive)
+    return replace(base, series=only_measured({**base.series, **series}))
 
 
-def loop_view(loop: LoopResult) -> RunDirectory:
-    """Return a closed loop with both models' curves over its recordings."""
+@drawable.register
+def _(loop: LoopResult) -> RunDirectory:
     given = loop.recordings
     if given is None:
         raise InputError("this loop's result carries no recordings to be drawn over")
-    series = loop.series()
-    series |= {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
     settings: dict[str, object] = {}
     for recording in given.train:
         if recording.name in given.unseen_from:
@@ -259,9 +256,8 @@ def loop_view(loop: LoopResult) -> RunDirectory:
             settings = {"loop": {"held_out": float(held)}}
     roles: list[tuple[Recording, Role]] = [(r, "train") for r in given.train]
     roles += [(r, "test") for r in given.test]
-    return view(
-        roles, series, loop.plain, command="close-loop", loop=loop_json(loop), settings=settings, words=dict(loop.words)
-    )
+    told = {"command": "close-loop", "loop": loop_json(loop), "settings": settings, "words": dict(loop.words)}
+    return view(roles, loop_series(loop), loop.plain, **told)
 
 
 def loop_json(loop: LoopResult) -> LoopJson:
@@ -272,47 +268,26 @@ def loop_json(loop: LoopResult) -> LoopJson:
 TIME = "time (s)"
 
 
-def recording_figure(recording: Recording, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
-    """Return inputs and outputs of a recording."""
-    return run_figure(view([(recording, "train")], {}), recording.name, figure=figure, dark=dark)
-
-
-def fit_figure(
-    fit: Fit, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
-) -> Figure:
-    """Return a recording, what the fit makes of it, and what is left."""
-    return run_figure(fit_view(fit), recording, figure=figure, dark=dark)
-
-
-def bands_figure(
-    posterior: Posterior, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
-) -> Figure:
-    """Return a recording within the posterior's 90 % band of new readings."""
-    return run_figure(posterior_view(posterior), recording, figure=figure, dark=dark)
-
-
 def prediction_figure(
     prediction: RecordingPrediction, *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
     """Return a prediction with its 90 % band, over what was read if anything was."""
     name, part = prediction.recording.name, prediction.predictive
-    series = band_series([name], prediction.outputs, [part.lower], [part.upper])
+    series = band_series([name], prediction.outputs, [part])
     series |= {f"fitted/{name}/{o}": part.median[:, k] for k, o in enumerate(prediction.outputs)}
     recording = prediction.recording
     unread = {o: np.full(recording.rows, np.nan) for o in prediction.outputs if o not in recording.outputs}
     shown = view([(recording, "test")], series, prediction.model)
-    shown = RunDirectory(shown.path, shown.result, {**series, **shown.series}, {})
+    shown = replace(shown, series={**series, **shown.series})
     read = [o for o in prediction.outputs if o not in unread]
     return _figure(shown, name, [*read, *unread], figure, dark)
 
 
-def loop_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
-    """Return the output that most was left of, before and after, on data that was not fitted."""
-    return scene_figure(loop_view(loop), figure=figure, dark=dark)
-
-
-def scene_figure(run: RunDirectory, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
-    """Return the picture that a run's page opens with."""
+def scene_figure(
+    found: RunDirectory | LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False
+) -> Figure:
+    """Return the picture that a page opens with: of a loop the output that most was left of, before and after."""
+    run = drawable(found)
     scene = opening_scene(run)
     if scene is None:
         raise InputError(f"{run.path}: the run has no curves to draw")
@@ -321,9 +296,14 @@ def scene_figure(run: RunDirectory, *, figure: Figure | Axes | None = None, dark
 
 
 def run_figure(
-    run: RunDirectory, recording: str | None = None, *, figure: Figure | Axes | None = None, dark: bool = False
+    found: RunDirectory | Recording | Fit | Posterior,
+    recording: str | None = None,
+    *,
+    figure: Figure | Axes | None = None,
+    dark: bool = False,
 ) -> Figure:
-    """Return inputs and outputs of one recording of a run, with what the run says of them; the first by default."""
+    """Return inputs and outputs of a recording with what the result makes of them; of the first one by default."""
+    run = drawable(found)
     names = run.recordings()
     chosen = recording if recording is not None else next(iter(names), "")
     if chosen not in names:

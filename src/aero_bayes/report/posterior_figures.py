@@ -63,7 +63,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
         for row, name in enumerate(names)
     ]
     table = html_table(("", *(Column(symbol(name), "right") for name in names)), rows, "Rank correlations")
-    return Plate(canvas.svg(), None, alt, caption, (), table)
+    return Plate(canvas.svg(), alt, caption, (), table)
 
 
 def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) -> list[Plate]:
@@ -86,7 +86,7 @@ def trace_plates(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) 
         title = f"{greek_name(name)} ({unit})" if unit else greek_name(name)
         alt = f"Traces of {name}: running median of {len(draws)} ensembles."
         panel = Panel(title, tuple(layers), 84, x_limits=(0, 100), ticks=3)
-        plates.append(plate([panel], alt, "share of the chain (%)", width=300))
+        plates.append(plate([panel], alt, "share of the chain (%)", small=True))
     return plates
 
 
@@ -103,7 +103,7 @@ def waterfall_plate(levels: Sequence[float | None]) -> Plate | None:
     alt = f"Log-posterior below the best at which local fits from {len(below)} starts ended, the best first."
     caption = "A level stretch at the left: several starts ended at the same, best answer."
     panel = Panel("log-posterior below the best", layers, 120, log_y=log)
-    return plate([panel], alt, "start, the best first", caption, width=320)
+    return plate([panel], alt, "start, the best first", caption, small=True)
 
 
 def _power(draws: FloatArray) -> float:

@@ -14,13 +14,11 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import noise_floors
 from aero_bayes.data.recording import Recording
-from aero_bayes.files import whole_file
+from aero_bayes.files import whole_file, write_whole
 from aero_bayes.plain import plain
-from aero_bayes.report.schema_run import SCHEMA, RunJson
+from aero_bayes.report.schema_run import RunJson
 
 Json = dict[str, Any]
-
-__all__ = ["SCHEMA", "merge", "recording_row", "versions", "write_result", "write_series"]
 
 PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 
@@ -28,11 +26,12 @@ PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 def write_result(directory: Path, result: RunJson | Mapping[str, Any]) -> Path:
     """Write ``result.json``; numbers that are not finite become null."""
     told = result if isinstance(result, RunJson) else RunJson.model_validate(plain(result))
-    checked = told.model_dump(by_alias=True, exclude_unset=True)
-    path = directory / "result.json"
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(checked, indent=1, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
-    return path
+    return write_json(directory / "result.json", told.model_dump(by_alias=True, exclude_unset=True))
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> Path:
+    """Write a document of finite numbers."""
+    return write_whole(path, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def write_series(directory: Path, series: Mapping[str, FloatArray]) -> Path:

@@ -15,18 +15,17 @@ from pydantic import ValidationError
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
 from aero_bayes.report.schema_run import SCHEMA, RunJson
 
 if TYPE_CHECKING:
     import pandas
-    import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
-class RunDirectory:
+class RunDirectory(HasPage):
     """Files of a finished run: its result, curves and draws.
 
     Parameters
@@ -72,9 +71,8 @@ class RunDirectory:
         path = Path(directory)
         return cls(path, _read_result(path), _read_series(path / "series.npz"), _read_posterior(path / "posterior.nc"))
 
-    @property
-    def idata(self) -> Any:
-        """The draws as ArviZ opens them from ``posterior.nc``: InferenceData, from ArviZ 1.0 on a DataTree.
+    def to_arviz(self) -> Any:
+        """Return the draws as ArviZ opens them from ``posterior.nc``: InferenceData, from ArviZ 1.0 on a DataTree.
 
         Raises
         ------
@@ -83,11 +81,11 @@ class RunDirectory:
 
         Examples
         --------
-        >>> run.idata  # of a close-loop
+        >>> run.to_arviz()  # of a close-loop
         Traceback (most recent call last):
         aero_bayes.errors.InputError: ...: the run has no posterior.nc; aero-bayes posterior writes one
         """
-        from aero_bayes.posterior.inferencedata import load
+        from aero_bayes.posterior.posterior import load
 
         path = self.path / "posterior.nc"
         if not path.is_file():
@@ -117,8 +115,8 @@ class RunDirectory:
         3
         """
         if recording is None:
-            return drawn("scene_figure", self, figure=ax or figure, dark=dark)
-        return drawn("run_figure", self, recording, figure=ax or figure, dark=dark)
+            return drawn("plots.scene_figure", self, figure=ax or figure, dark=dark)
+        return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.
@@ -228,31 +226,16 @@ def _read_series(path: Path) -> dict[str, FloatArray]:
         with np.load(path, allow_pickle=False) as archive:
             return {key: np.asarray(archive[key], dtype=np.float64) for key in archive.files}
     except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable archive of series ({_first_line(error)})") from None
+        why = next(iter(str(error).splitlines()), type(error).__name__)
+        raise InputError(f"{path}: not a readable archive of series ({why})") from None
 
 
 def _read_posterior(path: Path) -> dict[str, FloatArray]:
     if not path.is_file():
         return {}
+    from aero_bayes.posterior.posterior import draws_in
+
     try:
-        import xarray  # a second of imports that only a page with a posterior needs
-
-        with xarray.open_dataset(path, group="posterior") as group:
-            return {str(name): _flat for name, values in group.items() for name, _flat in _columns(str(name), values)}
-    except (ValueError, OSError, KeyError) as error:
-        raise InputError(f"{path}: not a readable posterior ({_first_line(error)})") from None
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
-
-
-def _columns(name: str, values: xarray.DataArray) -> list[tuple[str, FloatArray]]:
-    """Return a variable as matrices (ensembles, draws): one for a scalar, one an element for a vector."""
-    if not {"chain", "draw"} <= set(values.dims):
-        return []
-    draws = np.asarray(values.transpose("chain", "draw", ...).values, dtype=np.float64)
-    if draws.ndim == 2:
-        return [(name, draws)]
-    flat = draws.reshape(*draws.shape[:2], -1)
-    return [(f"{name}[{index}]", flat[:, :, index]) for index in range(flat.shape[2])]
+        return draws_in(path)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

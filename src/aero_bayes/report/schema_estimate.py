@@ -12,7 +12,7 @@ JsonNumber = float | None
 
 
 class JsonTable(BaseModel):
-    """A table of the result. Keys that are not named here are kept (see :func:`aero_bayes.report.undeclared`)."""
+    """A table of the result. Keys that are not named here are kept."""
 
     model_config = ConfigDict(frozen=True, extra="allow", populate_by_name=True, allow_inf_nan=False)
 

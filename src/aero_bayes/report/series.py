@@ -8,7 +8,9 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
+from aero_bayes.estimate.prediction import Predictive
 from aero_bayes.estimate.result import Fit
+from aero_bayes.loop.result import LoopResult
 from aero_bayes.simulation.interface import SmoothedStates
 
 Series = dict[str, FloatArray]
@@ -64,16 +66,20 @@ def state_series(names: Sequence[str], states: Mapping[str, SmoothedStates]) -> 
     return series
 
 
-def band_series(
-    names: Sequence[str], outputs: Sequence[str], lower: Sequence[FloatArray], upper: Sequence[FloatArray]
-) -> Series:
-    """Return ``lower/...`` and ``upper/...``: the 90 % predictive band, each (n, m)."""
+def band_series(names: Sequence[str], outputs: Sequence[str], bands: Sequence[Predictive]) -> Series:
+    """Return ``lower/<rec>/<output>`` and ``upper/...``: the 90 % predictive band of each recording."""
     series: Series = {}
-    for name, low, high in zip(names, lower, upper, strict=True):
+    for name, band in zip(names, bands, strict=True):
         for column, output in enumerate(outputs):
-            series[f"lower/{name}/{output}"] = low[:, column]
-            series[f"upper/{name}/{output}"] = high[:, column]
+            series[f"lower/{name}/{output}"] = band.lower[:, column]
+            series[f"upper/{name}/{output}"] = band.upper[:, column]
     return series
+
+
+def loop_series(loop: LoopResult) -> Series:
+    """Return the curves of a loop: of both models, and those of the final one as fitted ones, too."""
+    fitted = {f"fitted/{recording}/{output}": y for (recording, output), y in loop.predicted_after.fitted.items()}
+    return fitted | loop.series()
 
 
 def only_measured(series: Mapping[str, FloatArray]) -> Series:

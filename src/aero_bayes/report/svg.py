@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Mapping
@@ -17,16 +16,22 @@ INK, MUTED, RULE, MEASURED, ACCENT, WARM_COLOUR = "ink", "muted", "rule", "measu
 SERIES = tuple(f"s{number}" for number in range(1, 7))
 
 
+#: Width of what is stretched to the width of a figure.
+WIDTH = 1000.0
+
+
 class Canvas:
     """A drawing under construction, in CSS pixels from the top left corner.
 
-    Colours are names of the page's CSS variables. Coordinates are rounded to a tenth of a pixel."""
+    Colours are names of the page's CSS variables; coordinates are rounded to a tenth of a pixel. With ``left``, room
+    for an axis, the drawing takes the width that it finds: texts and rules have places in per cent of it, and
+    what stands in a ``window`` is stretched."""
 
-    def __init__(self, width: float, height: float, alt: str) -> None:
+    def __init__(self, width: float, height: float, alt: str, left: float | None = None) -> None:
         self._size = width, height
-        self._alt = alt
+        self._alt, self._left = alt, left
         self._parts: list[Markup] = []
-        self._clips = 0
+        self._open: list[str] = []
 
     def curve(
         self, x: ArrayLike, y: ArrayLike, colour: str, width: float = 1.0, dashes: str = "",
@@ -71,13 +76,25 @@ class Canvas:
         self._path(marks, style, data)
 
     def text(
-        self, x: float, y: float, words: str, colour: str = MUTED, size: float = 11.5, anchor: str = "start"
+        self, x: float | str, y: float, words: str, colour: str = MUTED, size: float = 11.5, anchor: str = "start"
     ) -> None:
         """Write words on the base line at (x, y); R_a is set with a subscript. ``anchor``: start, middle or end."""
-        where = Markup(
-            '<text x="{:.1f}" y="{:.1f}" font-size="{:.3g}" text-anchor="{}" style="fill:var(--{})">{}</text>'
-        )
-        self._parts.append(where.format(x, y, size, anchor, colour, _subscripts(words)))
+        where = Markup('<text x="{}" y="{:.1f}" font-size="{:.3g}" text-anchor="{}" style="fill:var(--{})">{}</text>')
+        self._parts.append(where.format(_place(x), y, size, anchor, colour, _subscripts(words)))
+
+    def tick(self, x: float | str, y: float, words: str, anchor: str) -> None:
+        """Write a value beside an axis."""
+        where = Markup('<text class="tick" x="{}" y="{:.1f}" text-anchor="{}">{}</text>')
+        self._parts.append(where.format(_place(x), y, anchor, words))
+
+    def rule(self, y: float, css_class: str) -> None:
+        """Draw a line from side to side."""
+        self._parts.append(Markup('<line class="{0}" x2="100%" y1="{1:.1f}" y2="{1:.1f}"/>').format(css_class, y))
+
+    def notch(self, x: str, y: float) -> None:
+        """Mark a value on the x axis."""
+        mark = Markup('<line class="base" x1="{0}" x2="{0}" y1="{1:.1f}" y2="{2:.1f}"/>')
+        self._parts.append(mark.format(x, y, y + 3))
 
     def shape(self, outline: str, style: str) -> None:
         """Draw SVG path data with a style."""
@@ -85,31 +102,30 @@ class Canvas:
 
     def group(self, css_class: str, data: Mapping[str, object] | None = None) -> None:
         """Begin a group, to which belongs what is drawn from here to ``end``."""
-        self._parts.append(Markup('<g class="{}"{}>').format(css_class, _attribute(data)))
+        self._begin("g", Markup('<g class="{}"{}>').format(css_class, _attribute(data)))
 
-    def clip(self, left: float, top: float, width: float, height: float) -> None:
-        """Cut off what is drawn from here to ``end`` outside a frame."""
-        self._clips += 1
-        name = f"c{hashlib.sha256(f'{self._alt}{self._size}'.encode()).hexdigest()[:10]}{self._clips}"
-        self._parts.append(
-            Markup(
-                '<clipPath id="{0}"><rect x="{1:.1f}" y="{2:.1f}" width="{3:.1f}" height="{4:.1f}"/></clipPath>'
-                '<g clip-path="url(#{0})">'
-            ).format(name, left, top, width, height)
-        )
+    def window(self, top: float, height: float, *, cut: bool) -> None:
+        """Begin what is stretched from side to side, ``WIDTH`` wide for itself, to ``end``; ``cut`` hides the rest."""
+        box = Markup('<svg y="{0:g}" height="{1:g}" viewBox="0 0 {2:g} {1:g}" preserveAspectRatio="none"{3}>')
+        self._begin("svg", box.format(top, height, WIDTH, "" if cut else Markup(' overflow="visible"')))
 
     def end(self) -> None:
-        """End what ``group`` or ``clip`` began."""
-        self._parts.append(Markup("</g>"))
+        """End what ``group`` or ``window`` began."""
+        self._parts.append(Markup("</{}>").format(self._open.pop()))
 
     def svg(self) -> Markup:
         """Write the drawing as an ``<svg>`` element with its alternative text."""
-        width, height = self._size
-        frame = Markup(
-            '<svg class="plot" viewBox="0 0 {0:g} {1:g}" style="max-width:{0:.0f}px" role="img" aria-label="{2}">'
-            "{3}</svg>"
-        )
-        return frame.format(round(width, 1), round(height, 1), self._alt, Markup("").join(self._parts))
+        width, height = (f"{round(side, 1):g}" for side in self._size)
+        size = Markup('viewBox="0 0 {} {}" style="max-width:{}px"').format(width, height, width)
+        if self._left is not None:
+            size = Markup('style="--left:{:.0f}px;height:{}px"').format(self._left, height)
+        kind = "plot" if self._left is None else "plot fluid"
+        frame = Markup('<svg class="{}" {} role="img" aria-label="{}">{}</svg>')
+        return frame.format(kind, size, self._alt, Markup("").join(self._parts))
+
+    def _begin(self, element: str, start: Markup) -> None:
+        self._open.append(element)
+        self._parts.append(start)
 
     def _path(self, outline: str, style: str, data: Mapping[str, object] | None = None) -> None:
         if outline or data:
@@ -120,6 +136,10 @@ def _attribute(data: Mapping[str, object] | None) -> Markup:
     if data is None:
         return Markup("")
     return Markup(' data-spec="{}"').format(json.dumps(data, ensure_ascii=False, separators=(",", ":")))
+
+
+def _place(x: float | str) -> str:
+    return x if isinstance(x, str) else f"{x:.1f}"
 
 
 def _rounded(values: FloatArray) -> list[str]:

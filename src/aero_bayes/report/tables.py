@@ -153,6 +153,26 @@ def ratio_glyph(before: float | None, after: float | None) -> Markup:
     ).format(words, at(1.0), at(1.0), marks)
 
 
+def intervals_glyph(name: str, found: Sequence[QuantilesJson | None], colours: Sequence[str]) -> Markup:
+    """Draw values with their 90 % intervals one below the other, over a scale of their own."""
+    ends = [end for q in found if q is not None for end in (q.q05, q.q95, q.value) if end is not None]
+    if not any(q is not None and q.q05 is not None for q in found):
+        return Markup("")
+    low, spread = min(ends), (max(ends) - min(ends)) or abs(max(ends)) or 1.0
+    marks = Markup("")
+    for k, q in enumerate(found):
+        if q is not None and q.value is not None:
+            known = (q.value if end is None else end for end in (q.q05, q.value, q.q95))
+            first, middle, last = (f"{4 + 92 * (end - low) / spread:.1f}%" for end in known)
+            marks += Markup(
+                '<g style="stroke:var(--{0})"><line stroke-width="3" x1="{1}" x2="{3}" y1="{4}" y2="{4}"/>'
+                '<line stroke-width="7" stroke-linecap="round" x1="{2}" x2="{2}" y1="{4}" y2="{4}"/></g>'
+            ).format(colours[k], first, middle, last, 11 * k + 6)
+    return Markup(
+        '<svg class="forest" height="{}" role="img" aria-label="values and 90 % intervals of {}">{}</svg>'
+    ).format(11 * len(found) + 1, name, marks)
+
+
 def bar(share: float, words: str) -> Markup:
     """Return a horizontal bar, ``share`` of 1 of its column wide."""
     return Markup(

@@ -8,8 +8,7 @@ from __future__ import annotations
 from aero_bayes.display import join_names
 from aero_bayes.loop.sentences import lacking, left_over
 from aero_bayes.report.schema_estimate import DiagnosisJson, VerdictJson
-from aero_bayes.report.schema_loop import EffectJson, LimitJson, LoopJson, RecordingErrorJson
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.schema_run import EffectJson, LimitJson, LoopJson, RecordingErrorJson, RunJson
 from aero_bayes.report.text import pretty_unit, rounded_value, significant
 
 #: Paragraphs of the page, by section.

@@ -1,15 +1,10 @@
-"""States given all readings, from what a filter knew before each of them.
-
-The modified Bryson-Frazier form of the Rauch-Tung-Striebel smoother (Bierman, 1973, International Journal of Control
-18, 65): no covariance is inverted, so that states without any uncertainty are no exception.
-"""
+"""The contract between the engines and everything that simulates; likelihoods and smoothed states from results."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from types import TracebackType
 from typing import Literal, Protocol, Self
 
 import numpy as np
@@ -73,6 +68,7 @@ def gauss_newton_products(
 
 
 Interpolation = Literal["hold", "linear"]
+Engine = Literal["native", "fmpy"]
 
 
 class Outcome(IntEnum):
@@ -173,14 +169,6 @@ class DelayTarget:
 
 
 @dataclass(frozen=True)
-class InputTarget:
-    """A column that is added to one value of an input signal (the ``index``-th of its grid)."""
-
-    input: str
-    index: int
-
-
-@dataclass(frozen=True)
 class DiffusionTarget:
     """A column that sets the diffusion of a state, in the state's unit over the square root of a second."""
 
@@ -194,7 +182,7 @@ class ReadingNoiseTarget:
     output: str
 
 
-ProblemTarget = ParameterTarget | StartTarget | DelayTarget | InputTarget | DiffusionTarget | ReadingNoiseTarget
+ProblemTarget = ParameterTarget | StartTarget | DelayTarget | DiffusionTarget | ReadingNoiseTarget
 
 
 @dataclass(frozen=True)
@@ -321,9 +309,7 @@ class Simulator(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *error: object) -> None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +336,10 @@ class SmoothedStates:
 
 
 def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:
-    """Smooth a filter's states."""
+    """Return the states given all readings, from what a filter knew before each of them.
+
+    The modified Bryson-Frazier form of the Rauch-Tung-Striebel smoother (Bierman, 1973, International Journal of
+    Control 18, 65): no covariance is inverted, so that states without any uncertainty are no exception."""
     n, s = filtered.mean.shape
     mean, sd = np.empty((n, s)), np.empty((n, s))
     adjoint, information = np.zeros(s), np.zeros((s, s))
@@ -378,3 +367,17 @@ def reading_updates(
         covariance = covariance - np.outer(gain, gain) * variance
         found.append((h, gain, float(measured[k, o] - filtered.predicted[k, o]), variance))
     return found
+
+
+class ClosedAtExit:
+    """A context manager that closes itself."""
+
+    def close(self) -> None:
+        """Give back what is held."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

@@ -14,11 +14,16 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.cosimulation_runs import signal_values, signals_of_run
-from aero_bayes.simulation.interface import Outcome, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation.interface import Outcome, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
-from aero_bayes.simulation.problem_checks import SingleRuns, check_problem
+from aero_bayes.simulation.problem_checks import (
+    SingleRuns,
+    check_problem,
+    parameters_of_run,
+    signal_values,
+    signals_of_run,
+)
 
 #: An input as a function of time (s), of a number or of an array.
 Signal = Callable[[ArrayLike], FloatArray]
@@ -93,19 +98,11 @@ class PythonSimulator(SingleRuns):
         check_problem(problem)
         self.problem = problem
         self._model = cast(PythonModel, problem.model)
-        self._defaults = {v.name: v.start or 0.0 for v in self._model.parameters} | dict(problem.fixed)
+        self._defaults = {v.name: v.start or 0.0 for v in self._model.parameters}
 
     def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
         experiment, row = self.problem.experiments[number], self.problem.targets[number]
-        parameters = (
-            self._defaults
-            | dict(experiment.known)
-            | {
-                target.name: float(value)
-                for target, value in zip(row, values, strict=True)
-                if isinstance(target, ParameterTarget)
-            }
-        )
+        parameters = self._defaults | parameters_of_run(self.problem, number, values)
         inputs = {signal.name: partial(signal_values, signal) for signal in signals_of_run(experiment, row, values)}
         shape, failed = (experiment.time.size, len(experiment.outputs)), np.full(1, np.nan)
         assert self._model.function is not None

@@ -1,7 +1,7 @@
 // The series embedded in the page, and small tools of drawing.
-const SVG = "http://www.w3.org/2000/svg", NARROW = 600;
+const SVG = "http://www.w3.org/2000/svg", WIDTH = 1000;
 const store = JSON.parse(document.getElementById("series").textContent);
-const arrays = new Map(), sums = new Map(), links = new Map();
+const arrays = new Map(), links = new Map();
 
 // Data: differences of whole numbers, split into byte planes, deflated; zero stands for a gap.
 async function unpack(key) {
@@ -19,17 +19,6 @@ async function unpack(key) {
   return values;
 }
 const load = (key) => arrays.get(key) ?? arrays.set(key, unpack(key)).get(key);
-async function total(terms) {
-  const name = JSON.stringify(terms);
-  if (!sums.has(name)) {
-    const parts = await Promise.all(terms.map(([, key]) => load(key)));
-    const sum = terms.length === 1 && terms[0][0] === 1 ? parts[0] : new Float64Array(parts[0].length);
-    if (sum !== parts[0]) parts.forEach((part, k) => part.forEach((v, i) => { sum[i] += terms[k][0] * v; }));
-    sums.set(name, sum);
-  }
-  return sums.get(name);
-}
-
 // Numbers: the same round ticks as the still picture.
 function niceTicks(low, high, most) {
   if (!(high > low) || most < 1) return [];
@@ -41,7 +30,7 @@ function niceTicks(low, high, most) {
   return [];
 }
 const words = (v, digits = 6) => Number.isFinite(v) ? (Math.abs(v) < 1e-12 ? "0" : String(+v.toPrecision(digits)).replace("-", "−")) : "no reading";
-const ink = (colour) => getComputedStyle(document.documentElement).getPropertyValue(colour.replace(/^var\(|\)$/g, ""));
+const percent = (share) => `${(100 * share).toFixed(2)}%`;
 const tenth = (v) => Math.round(v * 10) / 10;
 function index(time, x) {
   let low = 0, high = time.length;
@@ -53,5 +42,11 @@ function element(name, attributes, parent, text) {
   for (const key in attributes) made.setAttribute(key, attributes[key]);
   if (text !== undefined) made.textContent = text;
   parent.append(made);
+  return made;
+}
+function button(textContent, title, act) {
+  const made = Object.assign(document.createElement("button"), { type: "button", textContent, title });
+  made.setAttribute("aria-label", title);
+  made.addEventListener("click", act);
   return made;
 }

@@ -1,47 +1,39 @@
 // Every figure as a file: the picture as it is seen, and its numbers.
-const KEPT = ["fill", "fill-opacity", "stroke", "stroke-opacity", "stroke-width", "stroke-dasharray", "stroke-linecap", "display"];
+const KEPT = ["fill", "fill-opacity", "stroke", "stroke-opacity", "stroke-width", "stroke-dasharray", "stroke-linecap", "vector-effect", "font-size", "display"];
 class Saver {
   constructor(box) {
-    this.box = box;
+    Object.assign(this, { box, svg: box.querySelector("svg.plot") });
     this.time = [...links.values()].flatMap((link) => link.figures).find((figure) => figure.element === box);
-    this.bar = Object.assign(document.createElement("div"), { className: "tools save" });
-    const name = this.svg?.getAttribute("aria-label") ?? "figure", file = name.replace(/[^\p{L}\d]+/gu, "_").slice(0, 60);
+    const bar = Object.assign(document.createElement("div"), { className: "tools save" }), numbers = box.querySelector(".numbers");
+    const name = this.svg.getAttribute("aria-label"), file = name.replace(/[^\p{L}\d]+/gu, "_").slice(0, 60);
     const kinds = [["PNG", () => this.png()], ["SVG", () => new Blob([this.picture()], { type: "image/svg+xml" })]];
-    if (this.time || box.querySelector(".numbers table")) kinds.push(["CSV", () => this.csv()]);
-    for (const [kind, make] of kinds) {
-      const button = Object.assign(document.createElement("button"), { type: "button", textContent: kind, title: `Save as ${kind}` });
-      button.setAttribute("aria-label", `Save as ${kind}: ${name}`);
-      button.addEventListener("click", async () => {
-        const href = URL.createObjectURL(await make());
-        Object.assign(document.createElement("a"), { href, download: `${file}.${kind.toLowerCase()}` }).click();
-        setTimeout(() => URL.revokeObjectURL(href), 60000);
-      });
-      this.bar.append(button);
-    }
-    const numbers = box.querySelector(".numbers");
-    if (numbers) numbers.querySelector("summary").after(this.bar);
-    else box.append(this.bar);
-  }
-  get svg() {
-    const drawings = [...this.box.querySelectorAll("svg.plot")];
-    return drawings.find((svg) => svg.getBoundingClientRect().width > 0) ?? drawings[0];
+    if (numbers) kinds.push(["CSV", () => this.csv()]);
+    bar.append(...kinds.map(([kind, make]) => button(kind, `Save as ${kind}: ${name}`, async () => {
+      const href = URL.createObjectURL(await make());
+      Object.assign(document.createElement("a"), { href, download: `${file}.${kind.toLowerCase()}` }).click();
+      setTimeout(() => URL.revokeObjectURL(href), 60000);
+    })));
+    if (numbers) numbers.querySelector("summary").after(bar);
+    else box.append(bar);
   }
   // The drawing with its colours written out, on the page's ground, its legend below.
   picture() {
-    const { svg } = this, copy = svg.cloneNode(true), { width, height } = svg.viewBox.baseVal;
-    const own = [...copy.querySelectorAll("*")];
+    const { svg } = this, copy = svg.cloneNode(true), own = [...copy.querySelectorAll("*")], labels = [...this.box.querySelectorAll(".legend span")];
+    const box = svg.getBoundingClientRect(), fluid = svg.classList.contains("fluid"), style = getComputedStyle(svg);
+    const [width, tall] = fluid ? [box.width, box.height] : [svg.viewBox.baseVal.width, svg.viewBox.baseVal.height], left = fluid ? parseFloat(style.marginLeft) : 0;
     [...svg.querySelectorAll("*")].forEach((element, k) => {
-      const style = getComputedStyle(element);
-      for (const property of KEPT) own[k].style.setProperty(property, style.getPropertyValue(property));
+      for (const property of KEPT) own[k].style.setProperty(property, getComputedStyle(element).getPropertyValue(property));
       own[k].removeAttribute("data-spec");
     });
-    for (const element of copy.querySelectorAll(".cursor, .readout, .mark, a")) element.remove();
-    const labels = [...this.box.querySelectorAll(".legend span")], tall = height + (labels.length ? 22 : 0);
-    copy.prepend(element("rect", { width, height: tall, fill: ink("--ground") }, copy));
-    const legend = element("text", { x: 3, y: height + 14, "font-size": 11.5 }, copy);
+    for (const element of copy.querySelectorAll(".cursor, .readout, .mark")) element.remove();
+    const across = width + left + (fluid ? 14 : 0), height = tall + (labels.length ? 22 : 0), whole = document.createElementNS(SVG, "svg");
+    for (const [key, value] of Object.entries({ xmlns: SVG, width: across, height, "font-family": style.fontFamily })) whole.setAttribute(key, value);
+    element("rect", { width: across, height, fill: getComputedStyle(document.body).backgroundColor }, whole);
+    for (const [key, value] of Object.entries({ x: left, width, height: tall, overflow: "visible" })) copy.setAttribute(key, value);
+    whole.append(copy);
+    const legend = element("text", { x: 3, y: tall + 14, "font-size": 11.5 }, whole);
     for (const label of labels) element("tspan", { dx: 12, fill: getComputedStyle(label.querySelector("i")).backgroundColor }, legend, `━ ${label.textContent}`);
-    for (const [key, value] of Object.entries({ xmlns: SVG, width, height: tall, viewBox: `0 0 ${width} ${tall}`, "font-family": getComputedStyle(svg).fontFamily })) copy.setAttribute(key, value);
-    return new XMLSerializer().serializeToString(copy);
+    return new XMLSerializer().serializeToString(whole);
   }
   async png() {
     const image = new Image();
@@ -53,28 +45,23 @@ class Saver {
   }
   // Every sample of the curves within the stretch that is seen, else the figure's table.
   async csv() {
-    let rows;
-    if (this.time) rows = await this.samples();
-    else {
-      const text = (cell) => [...cell.childNodes].map((node) => node.textContent.trim()).join(" ").replaceAll("−", "-").replaceAll("\u202f", "").replace(/^–$/, "");
-      rows = [...this.box.querySelectorAll(".numbers tr")].map((row) => [...row.children].map(text));
-    }
+    const text = (cell) => [...cell.childNodes].map((node) => node.textContent.trim()).join(" ").replaceAll("−", "-").replaceAll("\u202f", "").replace(/^–$/, "");
+    const rows = this.time ? await this.samples() : [...this.box.querySelectorAll(".numbers tr")].map((row) => [...row.children].map(text));
     const cell = (value) => (typeof value === "number" ? (Number.isFinite(value) ? String(+value.toPrecision(7)) : "") : /[",\n]/.test(value) ? `"${value.replaceAll('"', '""')}"` : value);
     return new Blob([rows.map((row) => row.map(cell).join(",")).join("\n"), "\n"], { type: "text/csv" });
   }
   async samples() {
-    const { panels, range } = this.time.drawings[0], columns = [], heads = [];
+    const { panels, range } = this.time, columns = [], heads = [];
     let last = "";
     for (const panel of panels) {
       await panel.load();
-      for (const layer of panel.layers.filter((l) => l.n)) {
-        const from = index(layer.time, range[0]), to = index(layer.time, range[1] * (1 + 1e-12));
-        const add = (head, values, factor) => { heads.push(head); columns.push(Array.from(values.slice(from, Math.max(to, from + 1)), (v) => factor * v)); };
-        if (layer.t !== last) add("time (s)", layer.time, 1);
-        last = layer.t;
-        const title = `${panel.title.textContent}: ${layer.n}`;
-        add(layer.u ? `${title}, low` : title, layer.low, panel.f);
-        if (layer.u) add(`${title}, high`, layer.high, panel.f);
+      for (const { n, t, u, time, low, high } of panel.layers.filter((layer) => layer.n)) {
+        const from = index(time, range[0]), to = index(time, range[1] * (1 + 1e-12));
+        const add = (head, values) => { heads.push(head); columns.push([...values.slice(from, Math.max(to, from + 1))]); };
+        if (t !== last) add("time (s)", time);
+        last = t;
+        add(`${panel.title}: ${n}${u ? ", low" : ""}`, low);
+        if (u) add(`${panel.title}: ${n}, high`, high);
       }
     }
     const size = Math.max(...columns.map((values) => values.length));

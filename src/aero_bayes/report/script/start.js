@@ -2,7 +2,6 @@
 document.documentElement.classList.add("scripted");
 for (const box of document.querySelectorAll("figure[data-link]")) new Figure(box);
 for (const box of document.querySelectorAll("figure")) if (box.querySelector("svg.plot")) new Saver(box);
-addEventListener("resize", () => { for (const link of links.values()) link.schedule(); });  // the other form may be seen now
 const seen = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) {
     const link = document.querySelector(`nav a[href="#${target.id}"]`);

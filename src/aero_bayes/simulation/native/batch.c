@@ -4,13 +4,47 @@
 #include <xmmintrin.h>
 #endif
 
+#include <time.h>
 #include <unistd.h>
 
 #include "lanes.h"
 
 enum { TODO = 255 };
 
-/* In shared memory; offsets are in bytes from `base`. Written by Python (workers.py). */
+/* The clocks, and what a worker tells of its progress: when the run under way began, and its computing time then. */
+static int64_t read_clock(clockid_t id)
+{
+    struct timespec t;
+    clock_gettime(id, &t);
+    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+}
+
+int64_t now_ns(void) { return read_clock(CLOCK_MONOTONIC); }
+
+int64_t thread_ns(void) { return read_clock(CLOCK_THREAD_CPUTIME_ID); }
+
+typedef struct {
+    int64_t task, started, spent; /* started by the clock on the wall, spent in computing time; in ns */
+} Slot;
+
+static Slot *watched; /* or NULL: nobody watches */
+
+static void progress_stamp(void)
+{
+    if (!watched) return;
+    __atomic_store_n(&watched->spent, read_clock(CLOCK_PROCESS_CPUTIME_ID), __ATOMIC_RELEASE);
+    __atomic_store_n(&watched->started, now_ns(), __ATOMIC_RELEASE);
+}
+
+void start_time_limit(Run *r)
+{
+    const int64_t limit = (int64_t)(1e9 * r->problem->time_limit);
+    r->deadline = thread_ns() + limit;
+    r->earliest = now_ns() + limit;
+    progress_stamp();
+}
+
+/* In shared memory; offsets are in bytes from `base`. Written by Python (batches.py). */
 typedef struct {
     int64_t next, total, mode, experiments, p, q;
     int64_t noise_row, noise_experiment; /* strides in doubles, zero where broadcast */
@@ -31,11 +65,10 @@ static void gauss_newton_result(const Run *r, double *out)
     out[0] = k->cost;
     out[1] = -k->cost - k->log_det;
     for (int i = 0; i < q; i++) {
-        out[2 + r->order[i]] = k->gradient[i];
+        out[2 + i] = k->gradient[i];
         for (int j = i; j < q; j++) {
             const double v = k->hessian[i * r->ld + j];
-            out[2 + q + r->order[i] * q + r->order[j]] = v;
-            out[2 + q + r->order[j] * q + r->order[i]] = v;
+            out[2 + q + i * q + j] = out[2 + q + j * q + i] = v;
         }
     }
 }
@@ -209,11 +242,11 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
     const unsigned int mode = _mm_getcsr();
     _mm_setcsr(mode | 0x8040); /* denormal numbers are zero: a decayed sensitivity must not cost a hundredfold */
 #endif
-    progress_to(mine);
+    watched = mine;
     const int plain = job->q == 0 && (job->mode == MODE_TRAJECTORY || job->mode == MODE_LIKELIHOOD);
     Lanes *lanes = plain ? lanes_of(p) : NULL;
     const int full = lanes ? run_lanes(lanes, base, job, mine, first) : run_singly(p, base, job, mine, first);
-    progress_to(NULL);
+    watched = NULL;
 #if defined(__x86_64__)
     _mm_setcsr(mode);
 #endif

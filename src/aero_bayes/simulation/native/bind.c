@@ -1,5 +1,5 @@
 /* An FMU's library and its functions, FMI 2.0 or 3.0 alike. The FMUs that put laws around another one are made of this
- * file too (laws/native/coupler.c). */
+ * file too (structure/native/coupler.c). */
 #include <stdio.h>
 
 #include "fmu_library.h"
@@ -7,6 +7,25 @@
 void fmu_quiet(fmi_environment e, const char *name, int status, const char *category, const char *message, ...)
 {
     (void)e, (void)name, (void)status, (void)category, (void)message;
+}
+
+/* The functions of FMI 2.0 into f; not 0 where the library lacks one. */
+static int fmi2_bind(Fmu *f)
+{
+    int bad = 0;
+#define FIND(where, name) bad |= fmu_symbol(f, "fmi2" name, &f->where)
+    SAME_NAMES
+    FIND(instantiate, "Instantiate");
+    FIND(setup, "SetupExperiment");
+    FIND(get_real, "GetReal");
+    FIND(set_real, "SetReal");
+    FIND(new_discrete, "NewDiscreteStates");
+    FIND(get_derivatives, "GetDerivatives");
+#undef FIND
+    fmu_symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
+    fmu_symbol(f, "fmi2GetInteger", &f->get_integer);
+    fmu_symbol(f, "fmi2GetBoolean", &f->get_boolean);
+    return bad;
 }
 
 /* Why the library could not be loaded, without its own path, which is that of a temporary copy. */

@@ -13,6 +13,21 @@ static double step_of(const Target *t, double value, double relative)
 
 static int touches_start(const Target *t) { return t->kind == TARGET_PARAMETER || t->kind == TARGET_START; }
 
+/* The model's own values of what the columns set, to `trial`; r->x is its own start. Returns an outcome. */
+int own_values(Run *r, double *trial)
+{
+    r->values = NULL;
+    int outcome = initialise(r);
+    for (int64_t j = 0; j < r->problem->p && !outcome; j++) {
+        const Target *t = &r->e->targets[j];
+        const fmi_reference reference = (fmi_reference)t->a;
+        if (t->kind == TARGET_START) trial[j] = r->x[t->a];
+        if (t->kind == TARGET_PARAMETER)
+            outcome = outcome_of(r->fmu, r->fmu->get_real(r->fmu->instance, &reference, 1, &trial[j]));
+    }
+    return outcome;
+}
+
 /* Which columns move x(t0)? Found once at the model's own values, so that every worker finds the same. */
 static void find_start_columns(Run *r)
 {
@@ -20,15 +35,8 @@ static void find_start_columns(Run *r)
     Problem *p = r->problem;
     const double *values = r->values;
     double *trial = calloc((size_t)p->p + 1, sizeof *trial), *base = calloc((size_t)r->n + 1, sizeof *base);
-    r->values = NULL;
-    const int failed = initialise(r) != AB_OK;
+    const int failed = own_values(r, trial) != AB_OK;
     memcpy(base, r->x, sizeof *base * (size_t)r->n);
-    for (int64_t j = 0; j < p->p && !failed; j++) {
-        const fmi_reference reference = (fmi_reference)e->targets[j].a;
-        if (e->targets[j].kind == TARGET_START) trial[j] = base[e->targets[j].a];
-        if (e->targets[j].kind == TARGET_PARAMETER)
-            r->fmu->get_real(r->fmu->instance, &reference, 1, &trial[j]);
-    }
     r->values = trial;
     for (int64_t j = 0; j < p->p; j++) {
         const Target *t = &e->targets[j];
@@ -170,7 +178,6 @@ int run_differences(Run *r)
     }
     for (int j = 0; j < r->q && !outcome; j++) {
         const int64_t column = r->active[j];
-        r->order[j] = j;
         slopes[j] = calloc((size_t)size, sizeof **slopes);
         if (!slopes[j]) outcome = AB_SOLVER_FAILED;
         if (outcome || e->targets[column].kind == TARGET_NONE) continue;

@@ -1,38 +1,28 @@
 /* Types shared by the engine's files. One idea a file:
- *   problem_file.c reads a problem written by Python (problem_file.py)
- *   bind.c         loads an FMU's binary
- *   fmi2.c         finds the functions of FMI 2.0 in it
+ *   problem_file.c reads a problem written by Python (native_simulator.py)
+ *   workspace.c    the buffers of a run
+ *   bind.c         loads an FMU's binary and finds the functions of FMI 2.0 in it
  *   fmi3.c         the same of FMI 3.0, behind the functions of FMI 2.0
- *   fmu.c          one instance of it, and its right-hand side and Jacobian
- *   initialise.c   initialisation, to the first sample
+ *   fmu.c          one instance of it, its right-hand side and Jacobian, and its initialisation, to the first sample
+ *   probe.c        what an FMU does that its description does not say, and whether its derivatives can be built on
  *   inputs.c       input signals, their delay, and the times at which they break
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
- *   events.c       event iteration, indicators and their roots
- *   outputs.c      outputs that are no states, asked of the FMU at samples or at a few points of a step
- *   sink.c         where samples go: a trajectory, a likelihood, Gauss-Newton products
- *   noise.c        the innovations filter of white + Ornstein-Uhlenbeck noise
- *   kalman.c       the extended Kalman filter of a model with process noise
- *   covariance.c   and its mean and covariance over a step
  *   exponential.c  steps with an exact linear part, where the input moves at each sample
- *   moving.c       where a run takes them, and its samples between them
  *   columns.c      and the sensitivities over them
  *   phi.c          and their matrices
+ *   events.c       event iteration, indicators and their roots
  *   step.c         the steps of a segment between two jumps or events, with error control
- *   crossing.c     what happens between two segments
- *   run.c          one simulation from initialisation to the last sample
- *   simulate.c     the same with sensitivities: forward ones, or differences
- *   repeat.c       whether a reset does as much as a new instance
- *   trust.c        whether the FMU's derivatives can be built on
- *   probe.c        what an FMU does that its description does not say
+ *   run.c          one simulation from initialisation to the last sample, with what happens between two segments
  *   differences.c  sensitivities by internal numerical differentiation, for FMUs without derivatives
- *   workspace.c    the buffers of a run
- *   progress.c     clocks, and what a worker tells of its progress
- *   batch.c        many runs, handed out from a shared counter
+ *   outputs.c      outputs that are no states, asked of the FMU at samples or at a few points of a step
+ *   sink.c         where samples go: a trajectory, a likelihood with its noise filter, Gauss-Newton products
+ *   kalman.c       the extended Kalman filter of a model with process noise
+ *   batch.c        many runs, handed out from a shared counter, and what a worker tells of its progress
  *   lanes.c        several runs at a time, for FMUs that carry their equations in this form (lanes.h)
- *   lanes.inc      their vector arithmetic, compiled for the baseline and for AVX2 by lane_kernels.c
- *   confine.c      what a worker gives up before it loads a model
- *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 */
+ *   lanes.inc      their vector arithmetic, and
+ *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 by kernels.c
+ *   confine.c      what a worker gives up before it loads a model */
 #ifndef AB_ENGINE_H
 #define AB_ENGINE_H
 
@@ -52,13 +42,14 @@ enum {
 };
 
 enum {
-    TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT, TARGET_DIFFUSION, TARGET_READING_NOISE
+    TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_DIFFUSION, TARGET_READING_NOISE
 };
 enum {
     MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON,
     MODE_FILTER, MODE_FILTER_LIKELIHOOD, MODE_FILTER_STATES /* with process noise */
 };
 
+#define LOG_2PI 1.8378770664093454836
 #define BLOCK 256 /* samples held back before a sink sees them */
 
 typedef struct {
@@ -66,13 +57,13 @@ typedef struct {
     int linear; /* 0 hold, 1 linear */
     int64_t count;
     const double *time, *values;
-    int64_t n_breaks; /* grid indices at which the signal or a target on it may break */
+    int64_t n_breaks; /* grid indices at which the signal breaks */
     int64_t *breaks;
 } Signal;
 
 typedef struct {
     int kind;
-    int64_t a, b;
+    int64_t a;
     double scale; /* a natural size of the column, for differences */
 } Target;
 
@@ -96,7 +87,7 @@ typedef struct {
     int n_signals;
     Signal *signals;
     int n_start;
-    int64_t *start_state;
+    const int64_t *start_state;
     const double *start_value;
     int64_t n_known; /* parameters that are known in this run */
     fmi_reference *known_reference;
@@ -108,6 +99,7 @@ typedef struct {
 
 typedef struct {
     void *map; /* the mapped spec file */
+    struct Owned *owned; /* memory that is freed with the problem */
     size_t map_size;
     const char *library, *resources, *guid, *name;
     int version; /* of FMI */
@@ -151,7 +143,6 @@ typedef struct {
     int mode;
     const Experiment *e;
     int q, ld; /* active columns, padded leading dimension */
-    const int *order; /* sorted column -> its place among the active ones */
     int64_t filled, first; /* block: count, index of its first sample */
     double *y;             /* m x BLOCK */
     double *s;             /* m x BLOCK x ld */
@@ -160,7 +151,6 @@ typedef struct {
     Filter *filter;
     double *filter_mean; /* m x ld: the sensitivities' filters */
     double cost, log_det;
-    int64_t used;
     double *gradient, *hessian; /* ld, ld x ld */
     double *residual, *gain, *decay, *weight;
 } Sink;
@@ -219,19 +209,16 @@ typedef struct Run {
     int64_t deadline, earliest; /* in this thread's computing time, and by the clock: no sooner */
     /* inputs */
     double *delay, *u_before; /* of each signal; its value before a jump */
-    double **signal_values, *signal_store; /* with input targets added */
     int64_t *cell;
     double *u0, *slope, u_time, *u_now; /* value and slope of each signal in this segment */
     fmi_reference *u_reference;
     int any_slope, any_linear;
     Break *breaks;
     int64_t n_breaks, next_break;
-    /* sensitivities: columns sorted by the time from which they matter, rows of ld */
-    int q, ld, acting, sensitive; /* acting: columns that matter already */
+    /* sensitivities: rows of ld */
+    int q, ld, sensitive;
     const int64_t *active;
     Target *column_target;
-    int *order;
-    double *column_from;
     double *s, *s1, *sv, *su, *sdense, *s0;
     double *a_node, *b_node, *b_now, *g_dot, *a_packed;
     double *s_largest; /* the largest that each column has been */
@@ -254,38 +241,34 @@ typedef struct Run {
 /* problem_file.c */
 Problem *problem_open(const char *path, char *error, size_t size);
 void problem_close(Problem *);
+void *own(Problem *, int64_t count, size_t size);
 
 /* fmu.c */
 int fmu_load(Problem *);
 int fmu_ready(Problem *);
-void fmu_discard(Fmu *);
 int outcome_of(Fmu *, int status);
 int rhs(Run *, double t, const double *x, double *f);
 int set_point(Run *, double t, const double *x);
 int jacobian(Run *, double t, const double *x, const double *f, double *jac);
 int directional_column(Run *, fmi_reference known, double *column);
-
-/* initialise.c */
 int initialise(Run *);
 int read_nominals(Run *);
 
 /* inputs.c */
 void inputs_prepare(Run *);
+int inputs_pass(Run *, int *kink);
 void inputs_enter(Run *, double t);
 int inputs_apply(Run *, double t);
-double input_weight(const Run *, const Target *, double t);
 
 /* rodas.c */
+enum { STAGES = 8 };
 typedef struct {
-    int stages, order, dense;
     double gamma;
-    double a[8][8], c[8][8], alpha[8], d[8], H[3][8];
+    double a[STAGES][STAGES], c[STAGES][STAGES], alpha[STAGES], d[STAGES], H[3][STAGES];
 } Method;
-extern const Method *method;
+extern const Method rodas5p;
 double rodas_step(Run *, double h, const double *ft);
 void rodas_dense(Run *);
-int lu_factor(double *a, int n, int *pivot, Sparse *factors);
-void lu_solve(const Sparse *factors, const int *pivot, double *b);
 double scaled_norm(const Run *, const double *v, const double *x, const double *x1);
 double first_step(Run *, double limit);
 double first_step_of(double slope, double bend, double limit);
@@ -294,10 +277,9 @@ double first_step_of(double slope, double bend, double limit);
 int sensitivity_begin(Run *);
 int delay_jump(Run *, int *);
 int sensitivity_node(Run *, int node, double t, const double *x, const double *jac);
-int sensitivity_slopes(Run *, double t, double *b);
+int sensitivity_slopes(Run *, double *b);
 double sensitivity_error(Run *, const double *v);
 double sensitivity_step(Run *, double h, double root);
-void sensitivity_activate(Run *, double t);
 
 /* events.c */
 int event_iterate(Run *);
@@ -315,11 +297,6 @@ void sink_begin(Run *, int mode, const double *noise);
 int emit_until(Run *, double h, double limit, int inclusive);
 void sink_flush(Run *);
 
-/* noise.c */
-void filter_begin(Filter *, const double *noise, double spacing);
-int64_t filter_gains(Filter *, const double *time, const double *measured, int64_t count, double spacing,
-                     double *gain, double *decay, double *weight, double *log_det);
-
 /* kalman.c */
 static inline int filters(const Run *r) { return r->mode >= MODE_FILTER; }
 int kalman_open(Run *);
@@ -332,11 +309,8 @@ int kalman_linearised(Run *, double h, int forced);
 void kalman_advance(Run *, double h);
 int kalman_read(Run *, int *finite);
 
-/* moving.c */
 /* Do inputs move at each sample, or nearly so? */
 static inline int moves_at_samples(const Experiment *e) { return e->n_breaks * (MOST_INSIDE + 1) >= e->n; }
-int exponential_may(Run *, double end);
-int exponential_emit(Run *, double limit);
 
 /* columns.c */
 int columns_renew(Run *);
@@ -358,34 +332,18 @@ void note_sizes(Run *);
 void remember_step(Run *, double fraction);
 int exceeds_limits(Run *);
 int reject_step(Run *, Segment *, double h, double error);
-static inline double step_growth(double error)
-{
-    return error > 0.0 ? fmin(8.0, fmax(0.2, 0.9 * pow(error, -0.2))) : 8.0;
-}
 int integrate_segment(Run *, Segment *);
-
-/* crossing.c */
-enum { NEED_DIFFERENCES = -1 };
-int depends_on_time(Run *, double until, int times);
-int cross_segment_end(Run *, Segment *);
-int filter_samples(Run *, Segment *);
 
 /* run.c */
 int run_once(Run *);
-
-/* simulate.c */
-int simulate(Run *, int mode, const double *noise);
-
-/* repeat.c */
 int run_repeatable(Run *, int mode, const double *noise);
 
-/* trust.c */
-int derivatives_are_right(Run *);
-
 /* probe.c */
+int derivatives_are_right(Run *);
 void probe(Run *);
 
 /* differences.c */
+int own_values(Run *, double *trial);
 int start_sensitivities(Run *);
 int run_differences(Run *);
 
@@ -395,26 +353,20 @@ void run_close(Run *);
 Run *problem_run(Problem *, int64_t experiment, int64_t q, const int64_t *active);
 void problem_close_runs(Problem *);
 
-/* progress.c */
-typedef struct {
-    int64_t task, started, spent; /* started by the clock on the wall, spent in computing time; in ns */
-} Slot;
-int64_t now_ns(void);     /* by the clock on the wall */
-int64_t process_ns(void); /* computed by this process */
-int64_t thread_ns(void);  /* and by this thread */
-void progress_to(Slot *); /* or NULL: from now on nobody watches */
-void progress_stamp(void);
+/* batch.c */
+int64_t now_ns(void);    /* by the clock on the wall */
+int64_t thread_ns(void); /* computed by this thread */
 void start_time_limit(Run *);
 
 /* kernels.inc, twice */
 typedef struct {
-    void (*horner)(const double *c, int stride, int degree, const double *fraction, int64_t count, double *out);
+    void (*horner)(const double *c, int stride, const double *fraction, int64_t count, double *out);
     void (*combine)(double *out, const double *base, const double *w, int terms, const double *v, int64_t stride,
                     int64_t count);
     void (*multiply)(double *out, const Sparse *a, const double *s, int64_t q, int64_t ld);
     void (*solve)(const Sparse *lu, const int *pivot, double *b, int64_t q, int64_t ld);
-    void (*dense_rows)(double *out, const double *c, int64_t stride, int degree, const double *fraction, int64_t count,
-                       int64_t q, int64_t ld);
+    void (*dense_rows)(double *out, const double *c, int64_t stride, const double *fraction, int64_t count, int64_t q,
+                       int64_t ld);
     int64_t (*residual)(const double *y, const double *measured, int64_t count, double *r);
     double (*square)(const double *r, int64_t count);
     double (*colour)(double *r, int64_t count, const double *gain, const double *decay, const double *weight,

@@ -37,66 +37,66 @@ enum {
 };
 #define MOST_MEMORY 64e6 /* bytes of them */
 
-static double *take(double **at, size_t count)
-{
-    double *here = *at;
-    *at += count;
-    return here;
-}
+#define REALS(count) take(a, (size_t)(count), sizeof(double))
 
-static Matrix take_matrices(double **at, size_t count, const Exponential *k, int ld)
+static Matrix take_matrices(Arena *a, size_t count, const Exponential *k, int ld)
 {
     const size_t n = (size_t)k->system.n;
-    const Matrix m = {take(at, count * n * (size_t)k->rows), take(at, count * n * n * (size_t)ld)};
+    const Matrix m = {REALS(count * n * (size_t)k->rows), REALS(count * n * n * (size_t)ld)};
     return m;
 }
 
-static void lay_out_flow(Flow *f, double **at, const Exponential *k, int ld)
+static void lay_out_flow(Flow *f, Arena *a, const Exponential *k, int ld)
 {
-    f->transition = take_matrices(at, 4, k, ld);
-    f->of_slope = take_matrices(at, 1, k, ld), f->of_ramp = take_matrices(at, 1, k, ld);
-    for (int j = 0; j < NODES_X; j++) f->of_node[j] = take_matrices(at, 1, k, ld);
+    f->transition = take_matrices(a, 4, k, ld);
+    f->of_slope = take_matrices(a, 1, k, ld), f->of_ramp = take_matrices(a, 1, k, ld);
+    for (int j = 0; j < NODES_X; j++) f->of_node[j] = take_matrices(a, 1, k, ld);
+}
+
+static void lay_out(Exponential *k, Arena *a, size_t inputs, int ld)
+{
+    const size_t n = (size_t)k->system.n, rows = (size_t)k->rows, all_rows = (size_t)k->all_rows;
+    k->system.a = take_matrices(a, 1, k, ld), k->system.work = take_matrices(a, 8, k, ld);
+    k->b = REALS(inputs * rows);
+    for (int t = 0; t < MOST_TABLES; t++) {
+        StepTable *table = &k->table[t];
+        for (int j = 0; j < NODES_X; j++) lay_out_flow(&table->node[j], a, k, ld);
+        lay_out_flow(&table->between, a, k, ld);
+        table->of_slope = REALS(n * all_rows), table->of_ramp = REALS(n * all_rows);
+        table->of_nodes = REALS(NODES_X * n * all_rows);
+        for (int j = 0; j < MOST_INSIDE; j++) lay_out_flow(&table->inside[j], a, k, ld);
+    }
+    k->points = REALS(all_rows + rows), k->linear = REALS(all_rows + rows), k->remainders = REALS(all_rows + rows);
+    for (int j = 0; j < NODES_X; j++) {
+        k->x[j] = k->points + (size_t)j * n, k->d[j] = k->remainders + (size_t)j * n;
+        k->nearness[j] = REALS(n * rows);
+        k->g[j] = REALS(n * (size_t)ld), k->s_linear[j] = REALS(n * (size_t)ld);
+    }
+    k->s_slope = REALS(n * (size_t)ld), k->s_ramp = REALS(n * (size_t)ld);
+    k->f0 = REALS(rows), k->x0 = REALS(rows), k->ramp = REALS(rows), k->v = REALS(rows);
+    k->change = REALS(rows), k->end = REALS(rows), k->first = REALS(rows), k->second = REALS(rows);
+    k->middle = REALS(rows), k->weight = REALS(rows);
 }
 
 /* Memory of the steps, kept for all runs of an experiment; 0 where there is none. */
 int exponential_open(Run *r)
 {
     if (r->exponential) return 1;
-    const size_t n = (size_t)r->n, rows = (n + 3) / 4 * 4, size = n * rows, inputs = (size_t)r->e->n_signals;
-    const size_t all_rows = (NODES_X * n + 3) / 4 * 4;
-    const size_t matrices = MOST_TABLES * (NODES_X + 1 + MOST_INSIDE) * 9 + 9;
-    const int columns = (double)(matrices * n * n * (size_t)r->ld) * sizeof(double) <= MOST_MEMORY, ld = columns ? r->ld : 0;
+    const size_t n = (size_t)r->n, matrices = MOST_TABLES * (NODES_X + 1 + MOST_INSIDE) * 9 + 9;
     Exponential *k = calloc(1, sizeof *k);
-    const size_t count = matrices * n * (rows + n * (size_t)ld) + inputs * rows + 10 * rows + 3 * (all_rows + rows) +
-                         MOST_TABLES * (NODES_X + 2) * n * all_rows + NODES_X * size + (2 * NODES_X + 2) * n * (size_t)ld;
-    double *at = k ? calloc(count + 8, sizeof *at) : NULL;
-    if (!at) {
-        free(k);
-        return 0;
-    }
-    k->memory = at;
-    k->rows = (int)rows, k->all_rows = (int)all_rows;
-    k->columns = columns;
+    if (!k) return 0;
+    k->rows = (r->n + 3) / 4 * 4, k->all_rows = (NODES_X * r->n + 3) / 4 * 4;
+    k->columns = (double)(matrices * n * n * (size_t)r->ld) * sizeof(double) <= MOST_MEMORY;
     k->system = (Linear){.n = r->n, .rows = k->rows};
-    k->system.a = take_matrices(&at, 1, k, ld), k->system.work = take_matrices(&at, 8, k, ld);
-    k->b = take(&at, inputs * rows);
-    for (int t = 0; t < MOST_TABLES; t++) {
-        for (int j = 0; j < NODES_X; j++) lay_out_flow(&k->table[t].node[j], &at, k, ld);
-        lay_out_flow(&k->table[t].between, &at, k, ld);
-        k->table[t].of_slope = take(&at, n * all_rows), k->table[t].of_ramp = take(&at, n * all_rows);
-        k->table[t].of_nodes = take(&at, NODES_X * n * all_rows);
-        for (int j = 0; j < MOST_INSIDE; j++) lay_out_flow(&k->table[t].inside[j], &at, k, ld);
+    Arena arena = {NULL, 0};
+    for (int pass = 0; pass < 2; pass++) {
+        lay_out(k, &arena, (size_t)r->e->n_signals, k->columns ? r->ld : 0);
+        if (!pass) arena = (Arena){k->memory = calloc(1, arena.used), 0};
+        if (!k->memory) {
+            free(k);
+            return 0;
+        }
     }
-    k->points = take(&at, all_rows + rows), k->linear = take(&at, all_rows + rows), k->remainders = take(&at, all_rows + rows);
-    for (int j = 0; j < NODES_X; j++) {
-        k->x[j] = k->points + (size_t)j * n, k->d[j] = k->remainders + (size_t)j * n;
-        k->nearness[j] = take(&at, size);
-        k->g[j] = take(&at, n * (size_t)ld), k->s_linear[j] = take(&at, n * (size_t)ld);
-    }
-    k->s_slope = take(&at, n * (size_t)ld), k->s_ramp = take(&at, n * (size_t)ld);
-    k->f0 = take(&at, rows), k->x0 = take(&at, rows), k->ramp = take(&at, rows), k->v = take(&at, rows);
-    k->change = take(&at, rows), k->end = take(&at, rows), k->first = take(&at, rows), k->second = take(&at, rows);
-    k->middle = take(&at, rows), k->weight = take(&at, rows);
     r->exponential = k;
     exponential_begin(r); /* the first run as every other */
     return 1;

@@ -3,9 +3,24 @@
 #ifndef AB_EXPONENTIAL_H
 #define AB_EXPONENTIAL_H
 
+#include <stddef.h>
+
 struct Run;
 
 static inline double larger(double a, double b) { return a > b ? a : b; }
+
+/* Hands out parts of one block of memory, each on a 64-byte line; the first pass (base NULL) only measures. */
+typedef struct {
+    char *base;
+    size_t used;
+} Arena;
+
+static inline void *take(Arena *a, size_t count, size_t size)
+{
+    const size_t at = a->used;
+    a->used += (count * size + 127) / 64 * 64;
+    return a->base ? a->base + at : NULL;
+}
 
 /* Least size of a state of which no nominal value is known: what is smaller may be rounding. */
 #define LEAST_SIZE 1e-6
@@ -43,7 +58,7 @@ typedef struct {
 } StepTable;
 
 typedef struct {
-    double *memory;
+    void *memory;
     int rows, all_rows, n_tables; /* all_rows: those of a column for all points */
     int known, stale, age; /* of the kept Jacobian; steps since it was taken */
     int linear_model;      /* the last step left no remainder */

@@ -1,10 +1,6 @@
 /* FMI 3.0 Model Exchange behind the functions of FMI 2.0 that the engine calls: the same ideas under other names, with
  * lengths beside the values and with C's own booleans. Signatures follow "Functional Mock-up Interface 3.0", chapters 2
  * and 3. */
-#include <dlfcn.h>
-#include <stdbool.h>
-#include <stdint.h>
-
 #include "fmu_library.h"
 
 typedef void *Instance;
@@ -18,11 +14,11 @@ typedef struct {
     int (*enter_initialization)(Instance, bool, double, double, bool, double);
     int (*exit_initialization)(Instance), (*enter_event)(Instance), (*enter_continuous)(Instance), (*reset)(Instance);
     int (*terminate)(Instance);
-    int (*get_float)(Instance, const fmi_reference *, size_t, double *, size_t);
-    int (*get_int)(Instance, const fmi_reference *, size_t, int32_t *, size_t);
-    int (*get_bool)(Instance, const fmi_reference *, size_t, bool *, size_t);
-    int (*set_float)(Instance, const fmi_reference *, size_t, const double *, size_t);
-    int (*update)(Instance, bool *, bool *, bool *, bool *, bool *, double *);
+    int (*get_real)(Instance, const fmi_reference *, size_t, double *, size_t);
+    int (*get_integer)(Instance, const fmi_reference *, size_t, int32_t *, size_t);
+    int (*get_boolean)(Instance, const fmi_reference *, size_t, bool *, size_t);
+    int (*set_real)(Instance, const fmi_reference *, size_t, const double *, size_t);
+    int (*new_discrete)(Instance, bool *, bool *, bool *, bool *, bool *, double *);
     int (*completed)(Instance, bool, bool *, bool *);
     int (*set_time)(Instance, double);
     int (*set_states)(Instance, const double *, size_t);
@@ -77,27 +73,19 @@ VECTOR(get_indicators, double)
 VECTOR(get_states, double)
 VECTOR(get_nominals, double)
 
-static int get_real(fmi_component c, const fmi_reference *vr, size_t n, double *v)
-{
-    return ((Three *)c)->get_float(((Three *)c)->instance, vr, n, v, n);
-}
-
-static int set_real(fmi_component c, const fmi_reference *vr, size_t n, const double *v)
-{
-    return ((Three *)c)->set_float(((Three *)c)->instance, vr, n, v, n);
-}
-
-static int get_integer(fmi_component c, const fmi_reference *vr, size_t n, int *v)
-{
-    return ((Three *)c)->get_int(((Three *)c)->instance, vr, n, v, n);
-}
+#define VALUES(name, type) \
+    static int name(fmi_component c, const fmi_reference *vr, size_t n, type *v) \
+    { return ((Three *)c)->name(((Three *)c)->instance, vr, n, v, n); }
+VALUES(get_real, double)
+VALUES(set_real, const double)
+VALUES(get_integer, int)
 
 static int get_boolean(fmi_component c, const fmi_reference *vr, size_t n, int *v)
 {
     int status = FMI_OK;
     for (size_t i = 0; i < n && !is_error(status); i++) {
         bool b = false;
-        status = ((Three *)c)->get_bool(((Three *)c)->instance, vr + i, 1, &b, 1);
+        status = ((Three *)c)->get_boolean(((Three *)c)->instance, vr + i, 1, &b, 1);
         v[i] = b;
     }
     return status;
@@ -107,7 +95,7 @@ static int new_discrete(fmi_component c, fmi_event_info *info)
 {
     bool again = false, stop = false, nominals = false, states = false, next = false;
     const int status =
-        ((Three *)c)->update(((Three *)c)->instance, &again, &stop, &nominals, &states, &next, &info->next_event_time);
+        ((Three *)c)->new_discrete(((Three *)c)->instance, &again, &stop, &nominals, &states, &next, &info->next_event_time);
     info->new_discrete_states_needed = again;
     info->terminate_simulation = stop;
     info->nominals_changed = nominals;
@@ -140,36 +128,18 @@ int fmi3_bind(Fmu *f)
     Three *t = calloc(1, sizeof *t);
     if (!t) return 1;
     int bad = 0;
-#define FIND(where, name) bad |= fmu_symbol(f, "fmi3" name, &t->where)
+#define FIND(where, name) bad |= fmu_symbol(f, "fmi3" name, &t->where), f->where = where
+    SAME_NAMES
     FIND(instantiate, "InstantiateModelExchange");
-    FIND(free_instance, "FreeInstance");
-    FIND(enter_initialization, "EnterInitializationMode");
-    FIND(exit_initialization, "ExitInitializationMode");
-    FIND(enter_event, "EnterEventMode");
-    FIND(enter_continuous, "EnterContinuousTimeMode");
-    FIND(reset, "Reset");
-    FIND(terminate, "Terminate");
-    FIND(get_float, "GetFloat64");
-    FIND(get_int, "GetInt32");
-    FIND(get_bool, "GetBoolean");
-    FIND(set_float, "SetFloat64");
-    FIND(update, "UpdateDiscreteStates");
-    FIND(completed, "CompletedIntegratorStep");
-    FIND(set_time, "SetTime");
-    FIND(set_states, "SetContinuousStates");
+    FIND(get_real, "GetFloat64");
+    FIND(get_integer, "GetInt32");
+    FIND(get_boolean, "GetBoolean");
+    FIND(set_real, "SetFloat64");
+    FIND(new_discrete, "UpdateDiscreteStates");
     FIND(get_derivatives, "GetContinuousStateDerivatives");
-    FIND(get_indicators, "GetEventIndicators");
-    FIND(get_states, "GetContinuousStates");
-    FIND(get_nominals, "GetNominalsOfContinuousStates");
 #undef FIND
     if (!fmu_symbol(f, "fmi3GetDirectionalDerivative", &t->directional)) f->directional = directional;
     f->environment = t;
-    f->instantiate = instantiate, f->free_instance = free_instance, f->setup = setup;
-    f->enter_initialization = enter_initialization, f->exit_initialization = exit_initialization;
-    f->enter_event = enter_event, f->enter_continuous = enter_continuous, f->reset = reset, f->terminate = terminate;
-    f->get_real = get_real, f->set_real = set_real, f->get_integer = get_integer, f->get_boolean = get_boolean;
-    f->new_discrete = new_discrete, f->completed = completed, f->set_time = set_time;
-    f->set_states = set_states, f->get_derivatives = get_derivatives, f->get_indicators = get_indicators;
-    f->get_states = get_states, f->get_nominals = get_nominals;
+    f->setup = setup;
     return bad;
 }

@@ -3,8 +3,6 @@
  * is in lanes.inc. Models with events, algebraic loops or step callbacks are run one by one. */
 #include "lanes.h"
 
-static int instructions(void) { return has_wide() ? AB_AVX2 : AB_BASELINE; }
-
 /* Whether all that the experiment asks for is in the lane functions. Where inputs move at each sample or nearly so, the
  * exponential steps of a single run are cheaper. */
 static int covers(const LaneTable *model, const Experiment *e)
@@ -27,43 +25,31 @@ static const LaneTable *table_of(Problem *p, ab_lanes_constants_function **const
     if (asked && !strcmp(asked, "0")) return NULL;
     if (p->version == 3 || !p->n || p->nz || p->step_callback || p->diffusion || fmu_load(p)) return NULL;
     if (fmu_symbol(p->fmu, "ab_lanes", &tables) || fmu_symbol(p->fmu, "ab_lanes_constants", constants)) return NULL;
-    const LaneTable *model = tables(instructions());
+    const LaneTable *model = tables(has_wide() ? AB_AVX2 : AB_BASELINE);
     if (!model || model->version != AB_LANES_VERSION || model->lanes != WIDE || model->nx != p->n) return NULL;
     for (int64_t e = 0; e < p->n_experiments; e++)
         if (!covers(model, &p->experiments[e])) return NULL;
     return model;
 }
 
-typedef struct {
-    char *base;
-    size_t used;
-} Room;
+#define REALS(count) take(a, (size_t)(count) * WIDE, sizeof(double))
+#define INTEGERS(count) take(a, (size_t)(count), sizeof(int))
 
-static void *take(Room *room, size_t count, size_t size)
-{
-    const size_t at = room->used;
-    room->used += (count * size + 127) / 64 * 64;
-    return room->base ? room->base + at : NULL;
-}
-
-#define REALS(count) take(room, (size_t)(count) * WIDE, sizeof(double))
-#define INTEGERS(count) take(room, (size_t)(count), sizeof(int))
-
-static void lay_out(Lanes *s, Room *room)
+static void lay_out(Lanes *s, Arena *a)
 {
     const int n = s->n, nk = s->model->constants + 1, nu = s->nu + 1;
     s->k = REALS(nk), s->u = REALS(nu), s->u0 = REALS(nu), s->slope = REALS(nu), s->u_time = REALS(1);
     s->time = REALS(1), s->h = REALS(1), s->over_h = REALS(1), s->later = REALS(1), s->error = REALS(1), s->growth = REALS(1);
-    s->norm = REALS(2), s->accepted = take(room, WIDE, sizeof(int64_t));
+    s->norm = REALS(2), s->accepted = take(a, WIDE, sizeof(int64_t));
     s->x = REALS(n), s->x1 = REALS(n), s->f = REALS(n), s->ft = REALS(n), s->point = REALS(n), s->value = REALS(n);
     s->largest = REALS(n), s->nominal = REALS(n), s->inverse = REALS(n);
     s->jac = REALS(n * n), s->lu = REALS(n * n), s->stage = REALS(STAGES * n), s->dense = REALS(5 * n);
     s->output_u = REALS(nu), s->output_x = REALS(n), s->output = REALS(s->model->ny);
-    s->pivot = INTEGERS(n * WIDE), s->there = take(room, (size_t)(n * n), 1);
+    s->pivot = INTEGERS(n * WIDE), s->there = take(a, (size_t)(n * n), 1);
     s->lower_start = INTEGERS(n + 1), s->upper_start = INTEGERS(n + 1);
     s->lower = INTEGERS(n * n), s->upper = INTEGERS(n * n);
-    s->constant = take(room, (size_t)nk + (size_t)nu, sizeof(double));
-    s->input_reference = take(room, (size_t)nu, sizeof(fmi_reference));
+    s->constant = take(a, (size_t)nk + (size_t)nu, sizeof(double));
+    s->input_reference = take(a, (size_t)nu, sizeof(fmi_reference));
     for (int l = 0; l < WIDE; l++) s->lane[l].constants = REALS(nk);
 }
 
@@ -108,17 +94,17 @@ static Lanes *lanes_open(Problem *p)
     Lanes *s = model ? calloc(1, sizeof *s) : NULL;
     if (!s) return NULL;
     *s = (Lanes){.problem = p, .model = model, .constants = constants, .n = p->n, .nu = model->nu};
-    for (int half = 0; half < 2; half++) s->kernels[half] = lane_kernels_for(instructions(), half);
+    for (int half = 0; half < 2; half++) s->kernels[half] = lane_kernels_for(half);
     s->moves = model->time_varying;
     for (int64_t e = 0; e < p->n_experiments; e++)
         for (int i = 0; i < p->experiments[e].n_signals; i++) s->moves |= p->experiments[e].signals[i].linear;
-    Room room = {NULL, 0};
-    lay_out(s, &room);
-    int failed = posix_memalign(&s->memory, 64, room.used + 64) != 0;
+    Arena arena = {NULL, 0};
+    lay_out(s, &arena);
+    int failed = posix_memalign(&s->memory, 64, arena.used + 64) != 0;
     if (!failed) {
-        memset(s->memory, 0, room.used + 64);
-        room = (Room){s->memory, 0};
-        lay_out(s, &room);
+        memset(s->memory, 0, arena.used + 64);
+        arena = (Arena){s->memory, 0};
+        lay_out(s, &arena);
         find_pattern(s);
     }
     for (int l = 0; l < WIDE; l++) {
@@ -225,13 +211,8 @@ static void finish(Lanes *s, Lane *lane)
 static int cross(Lanes *s, Lane *lane)
 {
     Run *r = lane->run;
-    int jump = 0, kink = 0;
-    while (r->next_break < r->n_breaks && r->breaks[r->next_break].time <= r->t + r->resolution) {
-        if (r->breaks[r->next_break++].jump)
-            jump = 1;
-        else
-            kink = 1;
-    }
+    int kink;
+    const int jump = inputs_pass(r, &kink);
     if (jump || kink) {
         inputs_enter(r, r->t);
         put_inputs(s, lane->at);

@@ -7,7 +7,7 @@
 #include "../../modelica/native/lanes.h"
 #include "engine.h"
 
-enum { WIDE = AB_LANES, STAGES = 8 };
+enum { WIDE = AB_LANES };
 
 /* What one lane does; its Run has inputs, samples and the sink, as in a single run. */
 typedef struct Lane {
@@ -54,8 +54,8 @@ struct LaneKernels {
     void (*accept)(Lanes *);
 };
 
-/* lane_kernels.c */
-const LaneKernels *lane_kernels_for(int instructions, int half);
+/* kernels.c */
+const LaneKernels *lane_kernels_for(int half);
 
 /* lanes.c */
 Lanes *lanes_of(Problem *);

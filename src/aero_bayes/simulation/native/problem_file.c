@@ -1,4 +1,4 @@
-/* Reads the problem that problem_file.py wrote: a stream of 8-byte words, mapped and used in place. */
+/* Reads the problem that native_simulator.py wrote: a stream of 8-byte words, mapped and used in place. */
 #include <fcntl.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -6,11 +6,16 @@
 
 #include "lanes.h"
 
-#define SPEC_MAGIC 0x4142535045430007LL
+#define SPEC_MAGIC 0x4142535045430008LL
+
+typedef struct Owned {
+    struct Owned *next;
+} Owned;
 
 typedef struct {
     const char *at, *end;
     int broken;
+    Problem *problem;
 } Reader;
 
 static int64_t integer(Reader *r)
@@ -45,32 +50,51 @@ static const char *text(Reader *r)
     return s;
 }
 
-static const void *array(Reader *r, int64_t *count)
+/* The words of an array; where `expected` is not negative there must be so many. */
+static const void *array(Reader *r, int64_t expected, int64_t *count)
 {
-    *count = integer(r);
-    if (*count < 0 || (r->end - r->at) / 8 < *count) {
+    int64_t size = integer(r);
+    if (size < 0 || (r->end - r->at) / 8 < size || (expected >= 0 && size != expected)) {
         r->broken = 1;
-        *count = 0;
+        size = 0;
     }
     const void *p = r->at;
-    r->at += 8 * *count;
+    r->at += 8 * size;
+    if (count) *count = size;
     return p;
 }
 
-static fmi_reference *references(Reader *r, int64_t *count)
+/* What must have `expected` numbers, or none at all: then NULL. */
+static const double *optional(Reader *r, int64_t expected)
 {
-    const int64_t *p = array(r, count);
-    fmi_reference *v = malloc(sizeof *v * (size_t)(*count + 1));
-    for (int64_t i = 0; i < *count; i++) v[i] = (fmi_reference)p[i];
+    int64_t count;
+    const double *p = array(r, -1, &count);
+    r->broken |= count != 0 && count != expected;
+    return count ? p : NULL;
+}
+
+/* Zeroed memory that goes with the problem; some more than asked for. */
+void *own(Problem *p, int64_t count, size_t size)
+{
+    Owned *block = calloc(1, sizeof *block + (size_t)(count + 1) * size);
+    block->next = p->owned;
+    p->owned = block;
+    return block + 1;
+}
+
+static int *integers(Reader *r, int64_t expected, int64_t *count)
+{
+    int64_t size;
+    const int64_t *from = array(r, expected, &size);
+    int *v = own(r->problem, size, sizeof *v);
+    for (int64_t i = 0; i < size; i++) v[i] = (int)from[i];
+    if (count) *count = size;
     return v;
 }
 
-static int *integers(Reader *r, int64_t *count)
+static fmi_reference *references(Reader *r, int64_t expected, int64_t *count)
 {
-    const int64_t *p = array(r, count);
-    int *v = malloc(sizeof *v * (size_t)(*count + 1));
-    for (int64_t i = 0; i < *count; i++) v[i] = (int)p[i];
-    return v;
+    return (fmi_reference *)integers(r, expected, count);
 }
 
 /* The uniform sample time, or 0. A rounding of the times to six digits of a step is still called uniform. */
@@ -83,18 +107,18 @@ static double uniform(const double *time, int64_t n)
     return dt;
 }
 
-static void find_breaks(Signal *s, const char *touched)
+static void find_breaks(Problem *p, Signal *s)
 {
-    s->breaks = malloc(sizeof *s->breaks * (size_t)(s->count + 1));
+    s->breaks = own(p, s->count, sizeof *s->breaks);
     s->n_breaks = 0;
     for (int64_t k = 0; k < s->count; k++) {
-        int is = touched[k] || (k > 0 && touched[k - 1]) || (s->linear && k + 1 < s->count && touched[k + 1]);
-        if (!is && s->linear && s->count > 1) {
+        int is = 0;
+        if (s->linear && s->count > 1) {
             const double before = k > 0 ? (s->values[k] - s->values[k - 1]) / (s->time[k] - s->time[k - 1]) : 0.0;
             const double after =
                 k + 1 < s->count ? (s->values[k + 1] - s->values[k]) / (s->time[k + 1] - s->time[k]) : 0.0;
             is = fabs(after - before) > 1e-9 * (fabs(after) + fabs(before));
-        } else if (!is && !s->linear)
+        } else if (!s->linear)
             is = k > 0 && s->values[k] != s->values[k - 1];
         if (is) s->breaks[s->n_breaks++] = k;
     }
@@ -103,14 +127,11 @@ static void find_breaks(Signal *s, const char *touched)
 static void read_experiment(Reader *r, Experiment *e, int64_t p)
 {
     int64_t count;
-    e->time = array(r, &e->n);
+    e->time = array(r, -1, &e->n);
     e->spacing = uniform(e->time, e->n);
-    e->output_reference = references(r, &e->m);
-    e->output_kind = integers(r, &count);
-    r->broken |= count != e->m;
-    e->output_state = integers(r, &count);
-    r->broken |= count != e->m;
-    e->n_other = 0;
+    e->output_reference = references(r, -1, &e->m);
+    e->output_kind = integers(r, e->m, NULL);
+    e->output_state = integers(r, e->m, NULL);
     for (int64_t i = 0; i < e->m && !r->broken; i++) e->n_other += e->output_state[i] < 0;
     e->n_signals = (int)integer(r);
     if (r->broken || e->n_signals < 0 || e->n_signals > 1000000) {
@@ -118,52 +139,35 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
         e->n_signals = 0;
         return;
     }
-    e->signals = calloc((size_t)e->n_signals + 1, sizeof *e->signals);
+    e->signals = own(r->problem, e->n_signals, sizeof *e->signals);
     for (int i = 0; i < e->n_signals; i++) {
         Signal *s = &e->signals[i];
         s->reference = (fmi_reference)integer(r);
         s->linear = (int)integer(r);
-        s->time = array(r, &s->count);
-        s->values = array(r, &count);
-        r->broken |= count != s->count || count < 1;
+        s->time = array(r, -1, &s->count);
+        s->values = array(r, s->count, NULL);
+        r->broken |= s->count < 1;
     }
-    e->start_state = (int64_t *)array(r, &count);
+    e->start_state = array(r, -1, &count);
     e->n_start = (int)count;
-    e->start_value = array(r, &count);
-    r->broken |= count != e->n_start;
-    e->known_reference = references(r, &e->n_known);
-    e->known_value = array(r, &count);
-    r->broken |= count != e->n_known;
-    e->measured = array(r, &count);
-    r->broken |= count != 0 && count != e->n * e->m;
-    if (count == 0) e->measured = NULL;
-    e->spread = array(r, &count);
-    r->broken |= count != 0 && count != e->n * e->m;
-    if (count == 0) e->spread = NULL;
+    e->start_value = array(r, count, NULL);
+    e->known_reference = references(r, -1, &e->n_known);
+    e->known_value = array(r, e->n_known, NULL);
+    e->measured = optional(r, e->n * e->m);
+    e->spread = optional(r, e->n * e->m);
     e->most_steps = integer(r);
-    e->targets = calloc((size_t)p + 1, sizeof *e->targets);
+    e->targets = own(r->problem, p, sizeof *e->targets);
     for (int64_t j = 0; j < p; j++) {
         e->targets[j].kind = (int)integer(r);
         e->targets[j].a = integer(r);
-        e->targets[j].b = integer(r);
         e->targets[j].scale = real(r);
     }
-    e->start_matters = malloc((size_t)p + 1);
+    e->start_matters = own(r->problem, p, 1);
     memset(e->start_matters, -1, (size_t)p + 1);
     if (r->broken) return;
     for (int i = 0; i < e->n_signals; i++) {
-        Signal *s = &e->signals[i];
-        char *touched = calloc((size_t)s->count + 1, 1);
-        for (int64_t j = 0; j < p; j++)
-            if (e->targets[j].kind == TARGET_INPUT && e->targets[j].a == i) {
-                if (e->targets[j].b < 0 || e->targets[j].b >= s->count)
-                    r->broken = 1;
-                else
-                    touched[e->targets[j].b] = 1;
-            }
-        find_breaks(s, touched);
-        e->n_breaks += s->n_breaks;
-        free(touched);
+        find_breaks(r->problem, &e->signals[i]);
+        e->n_breaks += e->signals[i].n_breaks;
     }
 }
 
@@ -172,27 +176,58 @@ void problem_close(Problem *p)
     if (!p) return;
     problem_close_runs(p);
     lanes_close(p->lanes);
-    for (int64_t i = 0; p->experiments && i < p->n_experiments; i++) {
-        Experiment *e = &p->experiments[i];
-        for (int j = 0; e->signals && j < e->n_signals; j++) free(e->signals[j].breaks);
-        free(e->signals);
-        free(e->output_reference);
-        free(e->output_kind);
-        free(e->output_state);
-        free(e->known_reference);
-        free(e->targets);
-        free(e->start_matters);
+    for (Owned *block = p->owned, *next; block; block = next) {
+        next = block->next;
+        free(block);
     }
-    free(p->experiments);
-    free(p->state_reference);
-    free(p->derivative_reference);
-    free(p->state_settable);
-    free(p->color);
-    free(p->column_start);
-    free(p->row);
-    free(p->fixed_reference);
     if (p->map) munmap(p->map, p->map_size);
     free(p);
+}
+
+/* All that the file tells; what is wrong is left in the reader. */
+static void read_problem(Reader *r, Problem *p)
+{
+    int64_t count;
+    r->broken |= integer(r) != SPEC_MAGIC;
+    p->library = text(r);
+    p->resources = text(r);
+    p->guid = text(r);
+    p->name = text(r);
+    p->version = (int)integer(r);
+    p->has_directional = (int)integer(r);
+    p->step_callback = (int)integer(r);
+    p->single_instance = (int)integer(r);
+    p->parameter_directional = p->has_directional ? -1 : 0;
+    p->nz = (int)integer(r);
+    p->state_reference = references(r, -1, &count);
+    p->n = (int)count;
+    p->derivative_reference = references(r, p->n, NULL);
+    p->state_settable = integers(r, p->n, NULL);
+    p->n_colors = (int)integer(r);
+    p->color = integers(r, p->n, NULL);
+    p->column_start = integers(r, p->n + 1, NULL);
+    p->row = integers(r, -1, NULL);
+    p->fixed_reference = references(r, -1, &p->n_fixed);
+    p->fixed_value = array(r, p->n_fixed, NULL);
+    p->rtol = real(r);
+    p->atol = real(r);
+    p->max_steps = integer(r);
+    p->time_limit = real(r);
+    p->p = integer(r);
+    p->n_experiments = integer(r);
+    r->broken |= p->p < 0 || p->n_experiments < 0 || p->n_experiments > (1 << 24);
+    if (r->broken) {
+        p->n_experiments = 0;
+        return;
+    }
+    p->experiments = own(p, p->n_experiments, sizeof *p->experiments);
+    for (int64_t i = 0; i < p->n_experiments && !r->broken; i++) read_experiment(r, &p->experiments[i], p->p);
+    if (!integer(r)) return;
+    p->diffusion = array(r, p->n, NULL);
+    for (int64_t i = 0; i < p->n_experiments && !r->broken; i++) {
+        p->experiments[i].start_sd = array(r, p->n, NULL);
+        p->experiments[i].reading_sd = array(r, p->experiments[i].m, NULL);
+    }
 }
 
 Problem *problem_open(const char *path, char *error, size_t size)
@@ -214,62 +249,10 @@ Problem *problem_open(const char *path, char *error, size_t size)
         free(p);
         return NULL;
     }
-    Reader r = {p->map, (const char *)p->map + p->map_size, 0};
-    int64_t count;
-    r.broken |= integer(&r) != SPEC_MAGIC;
-    p->library = text(&r);
-    p->resources = text(&r);
-    p->guid = text(&r);
-    p->name = text(&r);
-    p->version = (int)integer(&r);
-    p->has_directional = (int)integer(&r);
-    p->step_callback = (int)integer(&r);
-    p->single_instance = (int)integer(&r);
-    p->parameter_directional = p->has_directional ? -1 : 0;
-    p->nz = (int)integer(&r);
-    p->state_reference = references(&r, &count);
-    p->n = (int)count;
-    p->derivative_reference = references(&r, &count);
-    r.broken |= count != p->n;
-    p->state_settable = integers(&r, &count);
-    r.broken |= count != p->n;
-    p->n_colors = (int)integer(&r);
-    p->color = integers(&r, &count);
-    r.broken |= count != p->n;
-    p->column_start = integers(&r, &count);
-    r.broken |= count != p->n + 1;
-    p->row = integers(&r, &count);
-    p->fixed_reference = references(&r, &p->n_fixed);
-    p->fixed_value = array(&r, &count);
-    r.broken |= count != p->n_fixed;
-    p->rtol = real(&r);
-    p->atol = real(&r);
-    p->max_steps = integer(&r);
-    p->time_limit = real(&r);
-    p->p = integer(&r);
-    p->n_experiments = integer(&r);
-    if (r.broken || p->p < 0 || p->n_experiments < 0 || p->n_experiments > (1 << 24)) {
-        snprintf(error, size, "the problem at %s is damaged", path);
-        p->n_experiments = 0;
-        problem_close(p);
-        return NULL;
-    }
-    p->experiments = calloc((size_t)p->n_experiments + 1, sizeof *p->experiments);
-    for (int64_t i = 0; i < p->n_experiments && !r.broken; i++) read_experiment(&r, &p->experiments[i], p->p);
-    if (integer(&r)) {
-        p->diffusion = array(&r, &count);
-        r.broken |= count != p->n;
-        for (int64_t i = 0; i < p->n_experiments && !r.broken; i++) {
-            p->experiments[i].start_sd = array(&r, &count);
-            r.broken |= count != p->n;
-            p->experiments[i].reading_sd = array(&r, &count);
-            r.broken |= count != p->experiments[i].m;
-        }
-    }
-    if (r.broken) {
-        snprintf(error, size, "the problem at %s is damaged", path);
-        problem_close(p);
-        return NULL;
-    }
-    return p;
+    Reader r = {p->map, (const char *)p->map + p->map_size, 0, p};
+    read_problem(&r, p);
+    if (!r.broken) return p;
+    snprintf(error, size, "the problem at %s is damaged", path);
+    problem_close(p);
+    return NULL;
 }

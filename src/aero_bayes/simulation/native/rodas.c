@@ -6,8 +6,8 @@
 
 #include "engine.h"
 
-static const Method rodas5p = {
-    8, 5, 4, 0.21193756319429014,
+const Method rodas5p = {
+    0.21193756319429014,
     {{0},
      {3.0},
      {2.849394379747939, 0.45842242204463923},
@@ -38,11 +38,9 @@ static const Method rodas5p = {
       -59.78993625266729, -0.15582684282751913, 4.883087185713722}},
 };
 
-const Method *method = &rodas5p;
-
 /* LU with row exchanges, kept without its zeros: physical models are sparse even when they are small. Returns 1 for a
  * singular matrix. */
-int lu_factor(double *restrict a, int n, int *restrict pivot, Sparse *out)
+static int lu_factor(double *restrict a, int n, int *restrict pivot, Sparse *out)
 {
     out->n = n;
     out->pivoted = 0;
@@ -83,7 +81,7 @@ int lu_factor(double *restrict a, int n, int *restrict pivot, Sparse *out)
     return 0;
 }
 
-void lu_solve(const Sparse *lu, const int *restrict pivot, double *restrict b)
+static void lu_solve(const Sparse *lu, const int *restrict pivot, double *restrict b)
 {
     const int n = lu->n, *restrict start = lu->start, *restrict col = lu->col;
     const double *restrict val = lu->val;
@@ -121,30 +119,29 @@ double scaled_norm(const Run *r, const double *v, const double *x, const double 
  * the stages in r->k. Returns the scaled error estimate; not a number where the step must be repeated smaller. */
 double rodas_step(Run *r, double h, const double *ft)
 {
-    const Method *m = method;
     const int n = r->n;
-    const double diagonal = 1.0 / (h * m->gamma);
+    const double diagonal = 1.0 / (h * rodas5p.gamma);
     double w[8];
     for (int i = 0; i < n * n; i++) r->lu[i] = -r->jac[i];
     for (int i = 0; i < n; i++) r->lu[i * n + i] += diagonal;
     r->status = FMI_OK;
     if (lu_factor(r->lu, n, r->pivot, &r->factors)) return NAN;
-    for (int s = 0; s < m->stages; s++) {
+    for (int s = 0; s < STAGES; s++) {
         double *k = r->k + s * n;
         const double *f = r->f;
         if (s) {
-            kernels->combine(r->u, r->x, m->a[s], s, r->k, n, n);
-            r->status = rhs(r, r->t + m->alpha[s] * h, r->u, r->r);
+            kernels->combine(r->u, r->x, rodas5p.a[s], s, r->k, n, n);
+            r->status = rhs(r, r->t + rodas5p.alpha[s] * h, r->u, r->r);
             if (is_error(r->status)) return NAN;
             f = r->r;
         }
-        for (int j = 0; j < s; j++) w[j] = m->c[s][j] / h;
+        for (int j = 0; j < s; j++) w[j] = rodas5p.c[s][j] / h;
         kernels->combine(k, f, w, s, r->k, n, n);
-        if (ft && m->d[s] != 0.0)
-            for (int i = 0; i < n; i++) k[i] += h * m->d[s] * ft[i];
+        if (ft && rodas5p.d[s] != 0.0)
+            for (int i = 0; i < n; i++) k[i] += h * rodas5p.d[s] * ft[i];
         lu_solve(&r->factors, r->pivot, k);
     }
-    const double *last = r->k + (m->stages - 1) * n;
+    const double *last = r->k + (STAGES - 1) * n;
     for (int i = 0; i < n; i++) r->x1[i] = r->u[i] + last[i];
     return scaled_norm(r, last, r->x, r->x1);
 }
@@ -152,13 +149,12 @@ double rodas_step(Run *r, double h, const double *ft)
 /* Coefficients of the continuous extension in powers of fraction = (t - t_n) / h. */
 void rodas_dense(Run *r)
 {
-    const Method *m = method;
     const int n = r->n;
     double *c = r->dense, *k1 = r->u, *k2 = r->r, *k3 = r->column;
     memset(c, 0, sizeof(double) * (size_t)n);
-    kernels->combine(k1, c, m->H[0], m->stages, r->k, n, n);
-    kernels->combine(k2, c, m->H[1], m->stages, r->k, n, n);
-    kernels->combine(k3, c, m->H[2], m->stages, r->k, n, n);
+    kernels->combine(k1, c, rodas5p.H[0], STAGES, r->k, n, n);
+    kernels->combine(k2, c, rodas5p.H[1], STAGES, r->k, n, n);
+    kernels->combine(k3, c, rodas5p.H[2], STAGES, r->k, n, n);
     for (int i = 0; i < n; i++) {
         c[i] = r->x[i];
         c[n + i] = r->x1[i] - r->x[i] + k1[i];

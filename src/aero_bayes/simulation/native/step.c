@@ -1,4 +1,5 @@
-/* The steps of one segment, with error control: a Rosenbrock step, its sensitivities, and a search for state events. */
+/* The steps of one segment, with error control: exponential steps where the input moves at each sample, elsewhere a
+ * Rosenbrock step, its sensitivities, and a search for state events. */
 #include <float.h>
 
 #include "engine.h"
@@ -44,7 +45,7 @@ static int evaluate_start(Run *r, Segment *g)
         if (is_error(status = jacobian(r, r->t, r->x, r->f, r->jac))) return status;
         g->have_jac = 1;
     }
-    if (r->q && r->acting && !g->have_node) {
+    if (r->sensitive && !g->have_node) {
         if (is_error(status = set_point(r, r->t, r->x))) return status;
         if (is_error(status = sensitivity_node(r, 0, r->t, r->x, r->jac))) return status;
         g->have_node = 1;
@@ -64,10 +65,7 @@ static int time_derivative(Run *r, double h)
 int reject_step(Run *r, Segment *g, double h, double error)
 {
     r->rejected++;
-    if (error < INFINITY) {
-        g->h = h * fmax(0.15, 0.9 * pow(error, -0.2));
-    } else
-        g->h = 0.2 * h;
+    g->h = h * (error < INFINITY ? fmax(0.15, 0.9 * pow(error, -0.2)) : 0.2);
     if (g->h > 16.0 * DBL_EPSILON * fmax(fabs(r->t), 1e-30)) return AB_OK;
     return error < INFINITY || r->status == FMI_DISCARD ? AB_SOLVER_FAILED : AB_NOT_FINITE;
 }
@@ -98,6 +96,42 @@ static int complete_step(Run *r, Segment *g)
     } else if (g->event && is_error(status = set_point(r, r->t, r->x)))
         return outcome_of(r->fmu, status);
     return AB_OK;
+}
+
+/* Do such steps pay up to `end`? Not where many samples lie before it, or where they failed just now. */
+static int exponential_may(Run *r, double end)
+{
+    const Experiment *e = r->e;
+    if (r->n == 0 || r->n > MOST_STATES || filters(r) || !moves_at_samples(e)) return 0;
+    const int64_t last = r->sample + MOST_INSIDE + 1;
+    if (last < e->n && e->time[last] < end - r->resolution) return 0;
+    if (!exponential_open(r) || (r->sensitive && !r->exponential->columns)) return 0;
+    return exponential_ready(r);
+}
+
+/* Samples before `limit`, from the step's own solution at their times. */
+static int exponential_emit(Run *r, double limit)
+{
+    const Experiment *e = r->e;
+    Exponential *k = r->exponential;
+    const int n = r->n;
+    memset(r->dense, 0, sizeof *r->dense * (size_t)(5 * n));
+    if (r->sensitive) memset(r->sdense, 0, sizeof *r->sdense * (size_t)(5 * n * r->ld));
+    while (r->sample < e->n && e->time[r->sample] < limit) {
+        const double time = e->time[r->sample], theta = (time - r->t) / k->now->h;
+        if (time - r->t <= r->resolution) {
+            memcpy(r->dense, k->x0, sizeof *r->dense * (size_t)n);
+            if (r->sensitive) memcpy(r->sdense, r->s, sizeof *r->s * (size_t)(n * r->ld));
+        } else {
+            const Flow *f = flow_inside(r, k->now, theta);
+            state_at(r, f, k->v);
+            memcpy(r->dense, k->v, sizeof *r->dense * (size_t)n);
+            if (r->sensitive) columns_at(r, f, r->sdense);
+        }
+        const int status = emit_until(r, 0.0, time, 1);
+        if (is_error(status)) return status;
+    }
+    return FMI_OK;
 }
 
 /* Exponential steps over the segment, as far as they are good enough. */
@@ -189,7 +223,7 @@ int integrate_segment(Run *r, Segment *g)
             }
         }
         int have_f1 = 0;
-        if (r->q && r->acting && n) {
+        if (r->sensitive && n) {
             if (is_error(status = rhs(r, t1, r->x1, r->f1))) return outcome_of(r->fmu, status);
             double *jac = r->a_node + 3 * n * n;
             if (is_error(status = jacobian(r, t1, r->x1, r->f1, jac))) return outcome_of(r->fmu, status);
@@ -206,7 +240,7 @@ int integrate_segment(Run *r, Segment *g)
             have_f1 = root > 1.0;
         }
         for (int i = 0; i < n && root <= 1.0; i++)
-            kernels->horner(r->dense + i, n, method->dense, &root, 1, r->x1 + i);
+            kernels->horner(r->dense + i, n, &root, 1, r->x1 + i);
         const double reached = root <= 1.0 ? r->t + root * h : t1;
         const double limit = root <= 1.0 ? reached : last ? g->end - r->resolution : t1;
         if (!n) memset(r->dense, 0, sizeof *r->dense);
@@ -214,9 +248,7 @@ int integrate_segment(Run *r, Segment *g)
             kalman_advance(r, h);
         else if (is_error(status = filters(r) ? kalman_step(r, h, fmin(root, 1.0)) : emit_until(r, h, limit, 0)))
             return outcome_of(r->fmu, status);
-        if (!r->replay && !linearised) {
-            g->h = h * step_growth(error);
-        }
+        if (!r->replay && !linearised) g->h = h * (error > 0.0 ? fmin(8.0, fmax(0.2, 0.9 * pow(error, -0.2))) : 8.0);
         remember_step(r, linearised ? LINEARISED : h / (g->end - g->begin));
         r->at_step++;
         r->taken++;

@@ -1,30 +1,15 @@
 /* The buffers of a run: one block of memory for each experiment of a problem, kept from run to run. */
 #include "engine.h"
 
-/* Hands out parts of one block, each on a 64-byte line; the first pass (base NULL) only measures. */
-typedef struct {
-    char *base;
-    size_t used;
-} Block;
+#define REALS(count) take(a, (size_t)(count), sizeof(double))
+#define PART(type, count) take(a, (size_t)(count), sizeof(type))
 
-static void *part(Block *p, size_t count, size_t size)
-{
-    const size_t at = p->used;
-    p->used += (count * size + 127) / 64 * 64;
-    return p->base ? p->base + at : NULL;
-}
-
-#define REALS(count) part(p, (size_t)(count), sizeof(double))
-#define PART(type, count) part(p, (size_t)(count), sizeof(type))
-
-static void lay_out(Run *r, Block *p)
+static void lay_out(Run *r, Arena *a)
 {
     const Problem *problem = r->problem;
     const Experiment *e = r->e;
     const size_t n = (size_t)r->n, nz = (size_t)r->nz, m = (size_t)e->m, ld = (size_t)r->ld, q = (size_t)r->q;
     const size_t inputs = (size_t)e->n_signals, columns = (size_t)problem->p;
-    size_t grid = 0;
-    for (size_t i = 0; i < inputs; i++) grid += (size_t)e->signals[i].count;
     r->x = REALS(n), r->x1 = REALS(n), r->f = REALS(n), r->f1 = REALS(n), r->ft = REALS(n), r->u = REALS(n);
     r->r = REALS(n), r->derivatives_unused = REALS(n), r->nominal = REALS(n), r->largest = REALS(n), r->column = REALS(n);
     r->jac = REALS(n * n), r->lu = REALS(n * n), r->k = REALS(8 * n), r->dense = REALS(5 * n);
@@ -37,16 +22,12 @@ static void lay_out(Run *r, Block *p)
     r->start_value = REALS(starts);
     r->start_reference = PART(fmi_reference, starts);
     r->z0 = REALS(nz), r->z1 = REALS(nz), r->z2 = REALS(nz), r->z_try = REALS(nz);
-    r->signal_values = PART(double *, inputs);
-    r->signal_store = REALS(grid);
     r->cell = PART(int64_t, inputs);
     r->u0 = REALS(inputs), r->slope = REALS(inputs), r->u_now = REALS(inputs);
     r->delay = REALS(inputs), r->u_before = REALS(inputs);
     r->u_reference = PART(fmi_reference, inputs);
     r->breaks = PART(Break, e->n_breaks);
     r->column_target = PART(Target, q);
-    r->order = PART(int, q);
-    r->column_from = REALS(q);
     r->s0 = REALS(n * q);
     if (q) {
         r->s = REALS(n * ld), r->s1 = REALS(n * ld), r->su = REALS(n * ld), r->g_dot = REALS(n * ld);
@@ -81,20 +62,20 @@ Run *run_open(Problem *problem, Experiment *e, int q, const int64_t *active)
     r->rtol = problem->rtol;
     r->atol = problem->atol;
     int64_t *columns = malloc(sizeof *columns * (size_t)(q + 1));
-    Block block = {NULL, 0};
-    lay_out(r, &block);
+    Arena arena = {NULL, 0};
+    lay_out(r, &arena);
     void *memory = NULL;
-    if (!columns || posix_memalign(&memory, 64, block.used + 64)) {
+    if (!columns || posix_memalign(&memory, 64, arena.used + 64)) {
         free(columns);
         free(r);
         return NULL;
     }
-    memset(memory, 0, block.used + 64);
+    memset(memory, 0, arena.used + 64);
     if (q) memcpy(columns, active, sizeof *columns * (size_t)q);
     r->active = columns;
     r->memory = memory;
-    block = (Block){memory, 0};
-    lay_out(r, &block);
+    arena = (Arena){memory, 0};
+    lay_out(r, &arena);
     for (int64_t o = 0; o < e->m; o++)
         if (e->output_state[o] < 0 && e->output_kind[o] == 0) r->other_reference[r->n_other++] = e->output_reference[o];
     return r;

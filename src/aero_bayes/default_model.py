@@ -1,3 +1,0 @@
-"""The model that is used if none is named."""
-
-DEFAULT_MODEL = "Aero.Systems.OneDof"
