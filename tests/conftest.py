@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import heated_room
@@ -46,3 +48,16 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Model:
 @pytest.fixture
 def rng() -> Generator:
     return np.random.default_rng(20)
+
+
+@pytest.fixture
+def modelica(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a Modelica file, named after its first class or as told, and returns its path."""
+
+    def write(text: str, name: str = "") -> Path:
+        found = re.search(r"^[\s\ufeff]*(?:model|package|block|partial model) (\w+)", text, re.MULTILINE)
+        path = tmp_path / f"{name or (found[1] if found else 'Model')}.mo"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write

@@ -12,7 +12,7 @@ import aero_bayes
 from aero_bayes import FitSettings, Recording
 from aero_bayes.estimate import Override
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.start_parameters import start_parameters
+from aero_bayes.simulation.probed_facts import start_parameters
 
 LAG = """
 model Lag

@@ -65,7 +65,7 @@ def test_a_delay_of_a_recorded_input_moves_it_and_is_written_as_a_law(family: Mo
 
     offer = family.with_candidates(["delay@P"])
     assert offer.model.sha256 == plain.sha256
-    (delay,) = offer.parameters
+    ((_, (delay,)),) = offer.terms
     assert delay.target == DelayTarget("P")
     beside = family.with_candidates(["delay@P", "lag@P"])
     assert len(beside.model.states) == len(plain.states) + 1

@@ -32,7 +32,7 @@ from aero_bayes.estimate.fittable import (
 from aero_bayes.estimate.parameters import ChosenParameters, Override, ParameterSet
 from aero_bayes.files import ScratchFolder, write_whole
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.modelica.compose import rename_model, set_elements
+from aero_bayes.modelica.compose import set_elements
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel, FlatVariable
 from aero_bayes.modelica.rumoca_front import load_flat
@@ -40,7 +40,7 @@ from aero_bayes.modelica.syntax import Array, Number
 from aero_bayes.modelica.tokens import without_indices
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.simulation.start_parameters import start_parameters
+from aero_bayes.simulation.probed_facts import start_parameters
 
 #: Values of one element, or of the elements of an array.
 ParameterValues = float | str | list["ParameterValues"]
@@ -111,7 +111,7 @@ class CalibratedModel:
                     raise
             # The embedded compiler cannot give components that are declared with `each` values of their own: they
             # are set after the model has been made flat.
-            flat = rename_model(load_flat(self.base.name, sources, libraries), self.name)
+            flat = replace(load_flat(self.base.name, sources, libraries), name=self.name)
             return export_flat(set_elements(flat, numbers), path, stop=self.stop)
 
 

@@ -38,7 +38,7 @@ from aero_bayes.simulation.interface import (
     StartTarget,
 )
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.start_parameters import start_parameters as parameters_that_start_states
+from aero_bayes.simulation.probed_facts import start_parameters as parameters_that_start_states
 
 
 def with_started_states(parameters: ParameterSet, model: Model) -> ParameterSet:

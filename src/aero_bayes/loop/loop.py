@@ -15,6 +15,7 @@ from aero_bayes.data.recording import Recording
 from aero_bayes.data.split import Recordings
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, steps_taken, templates, with_step_budget
+from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, chosen_parameters, parameters_from_model
 from aero_bayes.estimate.result import Fit
@@ -33,7 +34,8 @@ from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.python_model import PythonModel
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
+from aero_bayes.structure.fmu_family import FmuFamily
+from aero_bayes.structure.fmu_ports import FmuPlaces
 from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 
@@ -120,7 +122,7 @@ def close_loop(
     ):
         folder = Path(out_dir) if out_dir is not None else scratch.path
         base = family.base_model()
-        if settings.parameters is None and not family.overrides(base):
+        if settings.parameters is None and not declared_overrides(base):
             has = ", ".join(v.name for v in base.parameters)
             raise InputError(
                 f"model {base.name} declares no parameters to fit: name some of {has} by LoopSettings(parameters=[...])"
@@ -224,7 +226,7 @@ def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: 
         family: ModelicaFamily = FmuFamily(FmuPlaces(fmu.stem, *given, fmu=fmu), folder)
     else:
         family = ModelicaFamily(LawPlaces(model.name, *given), folder)
-    family.check()
+    family.places.check()
     return family
 
 

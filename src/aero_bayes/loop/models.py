@@ -172,10 +172,7 @@ class ModelSource:
         """Return the model with some terms and no others, switched off. CannotFinishError if there is none."""
         laws = sorted(t for t in terms if t not in self.held)
         offer = self.family.with_candidates(laws)
-        parts, first = [], 0
-        for candidate, count in offer.candidates:
-            parts.append((candidate, offer.parameters[first : first + count]))
-            first += count
+        parts = [*offer.terms]
         for id_ in sorted(t for t in terms if t in self.held):
             parts.append((value_candidate(self.held[id_]), (replace(self.held[id_], free_if_identified=False),)))
         calibration = self.family.transfer(self.plain, offer.model)
