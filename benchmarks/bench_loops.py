@@ -13,16 +13,16 @@ import subprocess
 import sys
 import tempfile
 import time
-import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from harness import update
 
-ROOT = Path(__file__).resolve().parents[1]
-RECORDINGS = tuple(ROOT.parent / "shared" / name for name in ("rigs", "data"))
-#: Folder of model and configuration by loop; recordings of real rigs stand in the studies' list of cases.
-LOOPS = ("cart", "coil", "battery", "silverbox", "aero_step", "aero_pulse")
+from study.real import cases
+
+#: The loops on recordings of real rigs.
+RIGS = ("coil", "battery", "silverbox", "aero_step", "aero_pulse")
 #: A loop that takes longer, in s, is stopped and said to be not done: three times the longest goal, so that six loops
 #: end within ten minutes.
 TIME_LIMIT = 90.0
@@ -30,7 +30,7 @@ TIME_LIMIT = 90.0
 
 @dataclass(frozen=True)
 class LoopCase:
-    """Configuration and recordings of one loop."""
+    """Folder of model and configuration, and recordings, of one loop."""
 
     name: str
     folder: Path
@@ -38,21 +38,13 @@ class LoopCase:
     test: tuple[Path, ...]
 
 
-def cases() -> list[LoopCase]:
+def loops() -> Iterator[LoopCase]:
     """Find the loops whose recordings are on this machine."""
-    document = tomllib.loads((ROOT / "studies" / "real_rigs" / "cases.toml").read_text(encoding="utf-8"))
-    example = ROOT / "examples" / "cart"
-    found = [LoopCase("cart", example, (example / "train.csv",), (example / "test.csv",))]
-    for name in LOOPS[1:]:
-        entry = document[name]
-        paths = {
-            role: [next((f / file for f in RECORDINGS if (f / file).is_file()), None) for file in entry.get(role, ())]
-            for role in ("train", "test")
-        }
-        if all(path is not None for files in paths.values() for path in files):
-            train, test = (tuple(p.resolve() for p in paths[role] if p is not None) for role in ("train", "test"))
-            found.append(LoopCase(name, ROOT / "studies" / "real_rigs" / str(entry.get("model", name)), train, test))
-    return found
+    example = Path(__file__).resolve().parents[1] / "examples" / "cart"
+    yield LoopCase("cart", example, (example / "train.csv",), (example / "test.csv",))
+    for case in (cases()[name] for name in RIGS):
+        if files := case.find():
+            yield LoopCase(case.name, case.folder, *(tuple(files[f] for f in role) for role in (case.train, case.test)))
 
 
 def run_loop(case: LoopCase) -> tuple[float | None, float | None, str]:
@@ -82,7 +74,7 @@ def run_loop(case: LoopCase) -> tuple[float | None, float | None, str]:
 def run(out: Path, rounds: int = 1) -> None:
     """Run all loops once and write each to ``out``/bench.json as it ends; computing time counts on a busy machine."""
     seconds: dict[str, dict[str, float | None]] = {"loop_seconds": {}, "loop_computing_seconds": {}}
-    for case in cases():
+    for case in loops():
         whole, computing, note = run_loop(case)
         seconds["loop_seconds"][case.name], seconds["loop_computing_seconds"][case.name] = whole, computing
         print(f"loop of {case.name}: {note}", flush=True)

@@ -30,10 +30,9 @@ from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import Target
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.posterior.inferencedata import check_convergence
+from aero_bayes.posterior.convergence import SampleSettings, check_convergence
 from aero_bayes.posterior.mcmc import MakeMoves, run_chain, standard_moves
 from aero_bayes.posterior.moves import WarpedStudentT
-from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
 from simulated_rigs.aero import Truth, simulate_recording
@@ -99,8 +98,8 @@ def own_sampler(fit: Fit, value: Density, settings: SampleSettings, moves: MakeM
     began = time.perf_counter()
     chain = run_chain(value, proposal, settings, 1, moves=moves)
     seconds = time.perf_counter() - began
-    found = bool(chain.diagnoses)
-    return Sampled(seconds, chain.evaluations, chain.ess_bulk if found else 0.0, chain.r_hat if found else np.nan)
+    ess, r_hat = (chain.worst.ess_bulk, chain.worst.r_hat) if chain.diagnoses else (0.0, np.nan)
+    return Sampled(seconds, chain.evaluations, ess, r_hat)
 
 
 def pints_sampler(fit: Fit, value: Density) -> Sampled:

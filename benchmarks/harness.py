@@ -18,19 +18,10 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
 
 @dataclass(frozen=True)
 class Pair:
-    """A row of the report: how often the second call, which does ``units[1]`` units of work, goes into the first.
+    """A row of the report: how often the second call goes into the first.
 
-    Parameters
-    ----------
-    key : str
-        Of the ratio in ``bench.json``.
-    name : str
-        What is compared.
-    first, second : callable
-    units : (int, int)
-        Units of work that each call does; the ratio is that of the times of one unit.
-    error : float, optional
-        Largest error of the second over the range.
+    The ratio, ``key`` in ``bench.json``, is that of the times of one of the ``units`` of work that each call does;
+    ``error`` is the largest one of the second over the range.
     """
 
     key: str

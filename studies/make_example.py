@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, write_csv
-from simulated_rigs import LawPlace, LawTruth, simulate_rig
-from simulated_rigs.designs import random_levels, random_multi_sine
+from simulated_rigs.designs import InputDesign, random_levels, random_multi_sine
 from simulated_rigs.kinds import KINDS
+from simulated_rigs.truth import LawPlace, LawTruth, simulate_rig
 
 FOLDER = Path(__file__).parents[1] / "examples" / "cart"
 TRUE = {"mass.m": 1.2, "spring.k": 56.0, "damper.d": 2.2}
@@ -21,8 +22,12 @@ NOISE, STEP, ROWS = 3e-4, 0.02, 2001
 def main() -> None:
     rng = np.random.default_rng(2)
     kind = replace(KINDS["cart"], step=STEP)
-    time = np.arange(ROWS) * STEP
-    designs = {"train": random_levels(rng, 5.0, time[-1]), "test": random_multi_sine(rng, 5.0, 0.1, 2.0)}
+    time: FloatArray = np.arange(ROWS, dtype=np.float64) * STEP
+    end = float(time[-1])
+    designs: dict[str, InputDesign] = {
+        "train": random_levels(rng, 5.0, end),
+        "test": random_multi_sine(rng, 5.0, 0.1, 2.0),
+    }
     for name, design in designs.items():
         force = np.where(time < 1.0, 0.0, np.round(design.volts(time), 2))
         outputs, _ = simulate_rig(kind, TRUE, [FRICTION], time, force[:, None], (0.0, 0.0))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from run import STUDIES
-from study.real_rigs import change, said
+from study.real import change, said
 from study.study import markdown, number
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -20,14 +20,13 @@ SECTIONS = {
     "Simulated rigs": ("rig_trial", "fault_trial"),
     "Intervals": ("coverage", "coverage_wrong"),
 }
-#: Ratios of ``bench.json``, larger is faster but for the last two, and their goals.
+#: Ratios of ``bench.json``, larger is faster but for the last one, and their goals.
 SPEED = {
     "engine_over_fmpy_me": ("engine over FMPy, Model Exchange with CVode", "≥ 500"),
     "two_cores_over_one": ("two cores over one", "≥ 1.8"),
     "ess_per_s_over_stretch": ("effective samples a second over emcee's stretch move", ""),
     "ess_per_s_over_fmpy": ("effective samples a second over FMPy with the same sampler", ""),
     "sensitivities_over_plain": ("cost of a run with sensitivities over a plain one", "≤ 5"),
-    "max_relative_error": ("largest error of an output, over its range", "≤ 1e-6"),
 }
 #: Rigs that README shows, and the marks between which its table stands.
 SHOWN = ("aero_pulse", "battery", "coastdown", "silverbox", "tank2006", "whiffle")
@@ -42,20 +41,22 @@ def read(folder: Path, name: str) -> Mapping[str, Any] | None:
 
 
 def page(folder: Path) -> str:
-    """Write the page of results."""
+    """Write the page of results; studies of one section share a table."""
     lines = ["# Results", "", "`make results` writes this page from what the studies and the bench left in `reports/`."]
     for heading, names in SECTIONS.items():
         lines += ["", f"## {heading}"]
+        cells: list[tuple[object, ...]] = []
         for name in names:
+            study, found = STUDIES[name], read(folder, name)
             command = f"`make {name.replace('_', '-')}`"
-            found = read(folder, name)
             if found is None:
-                lines += [f"{command}: not run. {STUDIES[name].about}", ""]
+                lines.append(f"{command}: not run. {study.about}")
                 continue
             left = f", {found['left']} trials left" if found["left"] else ""
-            lines += [f"{command} ({', '.join(found['code'])}{left}): {STUDIES[name].about}", ""]
-            lines += [*STUDIES[name].table(found), ""]
-        lines.pop()
+            text, own = study.table(found)
+            cells += own
+            lines.append(f"{command} ({', '.join(found['code'])}{left}): {study.about} {text}")
+        lines += ["", *markdown(STUDIES[names[0]].head, cells)] if cells else []
     return "\n".join([*lines, "", "## Speed", *speed(read(folder, "bench"))]) + "\n"
 
 
@@ -64,7 +65,8 @@ def speed(found: Mapping[str, Any] | None) -> list[str]:
     if found is None:
         return ["`make bench`: not run."]
     lines = [(words, goal, number(found.get(key))) for key, (words, goal) in SPEED.items()]
-    return ["`make bench`: ratios in one run.", "", *markdown(("", "goal", "measured"), lines)]
+    error = f"The largest error of an output is {number(found.get('max_relative_error'))} of its range (goal: ≤ 1e-6)."
+    return [f"`make bench`: ratios in one run. {error}", "", *markdown(("", "goal", "measured"), lines)]
 
 
 def readme(text: str, found: Mapping[str, Any] | None) -> str:

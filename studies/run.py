@@ -13,11 +13,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import argparse
 from pathlib import Path
 
-from study import coverage, coverage_wrong, fault_trial, real_rigs, real_trial, rig_trial
-from study.study import run
+from study import coverage, coverage_wrong, fault_trial, real, rig_trial
+from study.study import markdown, run
 
-MODULES = (real_rigs, real_trial, rig_trial, fault_trial, coverage, coverage_wrong)
-STUDIES = {module.STUDY.name: module.STUDY for module in MODULES}
+OTHERS = (rig_trial, fault_trial, coverage, coverage_wrong)
+STUDIES = {study.name: study for study in (real.REAL_RIGS, real.REAL_TRIAL, *(module.STUDY for module in OTHERS))}
 
 
 def main() -> None:
@@ -35,8 +35,9 @@ def main() -> None:
     parser.add_argument("--loop-minutes", type=float, help="[loop] max_minutes of each loop on measured recordings")
     parser.add_argument("--alone", action="store_true", help="real_rigs: each recording of a rig alone, too")
     options = parser.parse_args()
-    found = run(STUDIES[options.study], options)
-    print("\n".join(STUDIES[options.study].table(found)))
+    study = STUDIES[options.study]
+    text, cells = study.table(run(study, options))
+    print("\n".join([text, "", *markdown(study.head, cells)]))
 
 
 if __name__ == "__main__":

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from aero_bayes.loop.loop import close_loop
     from aero_bayes.loop.result import LoopResult
     from aero_bayes.modelica.compilers import export_fmu
+    from aero_bayes.posterior.convergence import SampleSettings
     from aero_bayes.posterior.posterior import Posterior
     from aero_bayes.posterior.sample import sample
-    from aero_bayes.posterior.settings import SampleSettings
     from aero_bayes.report.run_directory import RunDirectory
     from aero_bayes.simulation.load_model import load_model
     from aero_bayes.simulation.model import Model
@@ -91,9 +91,9 @@ _HOMES = {
     "library": "compare load_result save",
     "loop": "LoopResult LoopSettings close_loop",
     "modelica.compilers": "export_fmu",
+    "posterior.convergence": "SampleSettings",
     "posterior.posterior": "Posterior",
     "posterior.sample": "sample",
-    "posterior.settings": "SampleSettings",
     "report.run_directory": "RunDirectory",
     "simulation.load_model": "load_model",
     "simulation.model": "Model",

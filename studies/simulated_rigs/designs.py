@@ -1,24 +1,14 @@
-"""Voltage signals for experiments, sampled and held."""
+"""Voltage signals (V over time in s) for experiments, sampled and held."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-
-
-class InputDesign(Protocol):
-    """A voltage in V as a function of time in s."""
-
-    def volts(self, time: FloatArray) -> FloatArray:
-        """Return the values at ``time``, shape (n,); each is held to the next sample."""
-        ...
+from aero_bayes.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -36,16 +26,15 @@ class Levels:
 
 @dataclass(frozen=True)
 class MultiSine:
-    """A sum of sines: amplitudes in V, frequencies in Hz, phases in rad, around ``offset`` V."""
+    """A sum of sines: amplitudes in V, frequencies in Hz, phases in rad."""
 
     amplitudes: tuple[float, ...]
     frequencies: tuple[float, ...]
     phases: tuple[float, ...]
-    offset: float = 0.0
 
     def volts(self, time: FloatArray) -> FloatArray:
         waves = np.outer(time, 2.0 * np.pi * np.array(self.frequencies)) + np.array(self.phases)
-        values: FloatArray = self.offset + np.sin(waves) @ np.array(self.amplitudes)
+        values: FloatArray = np.sin(waves) @ np.array(self.amplitudes)
         return values
 
 
@@ -57,13 +46,15 @@ class Chirp:
     low: float
     high: float
     duration: float
-    offset: float = 0.0
 
     def volts(self, time: FloatArray) -> FloatArray:
         t = np.mod(time, self.duration)
-        return self.offset + self.amplitude * np.sin(
+        return self.amplitude * np.sin(
             2.0 * np.pi * (self.low * t + 0.5 * (self.high - self.low) / self.duration * t * t)
         )
+
+
+InputDesign = Levels | MultiSine | Chirp
 
 
 def paper_step() -> Levels:

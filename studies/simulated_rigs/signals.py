@@ -6,29 +6,13 @@ A command holds from its sample to the next. Every law of an input turns it into
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Pieces:
-    """A signal's coefficients in every interval of a grid."""
-
-    start: list[float]
-    base: list[float]
-    slope: list[float]
-    decay: list[float]
-    rate: float
-
-    def at(self, k: int, t: float) -> float:
-        """Return the value at time ``t`` s within interval ``k``."""
-        s = t - self.start[k]
-        return self.base[k] + self.slope[k] * s + (self.decay[k] * exp(-self.rate * s) if self.rate else 0.0)
+from aero_bayes.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -49,17 +33,16 @@ class PiecewiseSignal:
         """Whether every piece is constant."""
         return not self.rate and not self.slope.any()
 
-    def pieces(self, grid: FloatArray) -> Pieces:
-        """Return the coefficients in every interval that begins at a point of ``grid``."""
-        at = np.maximum(np.searchsorted(self.breaks, grid + 1e-9 * (grid[-1] - grid[0]) / grid.size, "right") - 1, 0)
-        early = grid < self.breaks[0] - 1e-12
-        return Pieces(
-            self.breaks[at].tolist(),
-            np.where(early, self.base[0] + self.decay[0], self.base[at]).tolist(),
-            np.where(early, 0.0, self.slope[at]).tolist(),
-            np.where(early, 0.0, self.decay[at]).tolist(),
-            self.rate,
-        )
+    def piece(self, at: float) -> Callable[[float], float]:
+        """Return the signal as a function of time (s) from ``at`` to the next break."""
+        k, rate = int(np.searchsorted(self.breaks, at, "right")) - 1, self.rate
+        if k < 0:
+            before = float(self.base[0] + self.decay[0])
+            return lambda t: before
+        start, base, slope, decay = (float(of[k]) for of in (self.breaks, self.base, self.slope, self.decay))
+        if not rate:
+            return lambda t: base + slope * (t - start)
+        return lambda t: base + slope * (t - start) + decay * exp(-rate * (t - start))
 
 
 def held_command(time: FloatArray, values: FloatArray) -> PiecewiseSignal:

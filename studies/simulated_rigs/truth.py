@@ -5,15 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from simulated_rigs.assembly import Assembly
-from simulated_rigs.kinds import RigKind
-from simulated_rigs.laws import LAWS, LawKind, Scale
-from simulated_rigs.linear import run_linear
-from simulated_rigs.outside import OUTSIDE
+from simulated_rigs.laws import LAWS, OUTSIDE, LawKind
+from simulated_rigs.rig import Assembly, RigKind, run_linear
 
 
 @dataclass(frozen=True)
@@ -26,7 +21,7 @@ class LawPlace:
 
 @dataclass(frozen=True)
 class LawTruth:
-    """A law at a place, its parameters in SI units, whether the library has it (``named``), and how visible it is.
+    """A law at a place, its parameters in SI units, and how visible it is.
 
     ``d`` is the size of what no change of the base parameters can imitate, in units of the noise; NaN if not measured.
     """
@@ -34,13 +29,7 @@ class LawTruth:
     law: str
     place: LawPlace
     parameters: Mapping[str, float]
-    named: bool = True
     d: float = field(default=float("nan"), compare=False)
-
-    @property
-    def id(self) -> str:
-        """``law@name``."""
-        return f"{self.law}@{self.place.name}"
 
 
 def law_places(kind: RigKind) -> list[tuple[str, LawPlace]]:
@@ -76,6 +65,14 @@ def law_kind(kind: RigKind, law: str, place: LawPlace) -> LawKind:
     return found
 
 
+def assembled(kind: RigKind, parameters: Mapping[str, float], laws: Sequence[LawTruth]) -> Assembly:
+    """Put a rig together with its laws. Raises InputError for a law that the kind cannot have."""
+    assembly = Assembly(kind, parameters)
+    for law in laws:
+        law_kind(kind, law.law, law.place).install(assembly, law.place.name, law.parameters)
+    return assembly
+
+
 def simulate_rig(
     kind: RigKind,
     parameters: Mapping[str, float],
@@ -94,50 +91,3 @@ def simulate_rig(
         return run_linear(kind.plant(parameters), kind.step, commands, start)
     outputs, states = assembled(kind, parameters, laws).run(time, commands, start, relative)
     return outputs, states[:, : len(kind.states)]
-
-
-def assembled(kind: RigKind, parameters: Mapping[str, float], laws: Sequence[LawTruth]) -> Assembly:
-    """Put a rig together with its laws. Raises InputError for a law that the kind cannot have."""
-    assembly = kind.assemble(parameters)
-    for law in laws:
-        law_kind(kind, law.law, law.place).install(assembly, law.place.name, law.parameters)
-    return assembly
-
-
-def scale_at(
-    kind: RigKind, place: LawPlace, time: FloatArray, commands: FloatArray, outputs: FloatArray, states: FloatArray
-) -> Scale:
-    """Measure what happens at a place in a run without laws (``outputs``, ``states``: see :func:`simulate_rig`)."""
-    names = list(kind.states)
-    if place.kind == "input":
-        values = commands[:, list(kind.inputs).index(place.name)]
-        # A held signal jumps; what counts is how fast the rig answers it.
-        answer = outputs[:, 0]
-        pace = float(np.std(answer) / np.std(np.gradient(answer, time)))
-    else:
-        values = (
-            outputs[:, kind.outputs.index(place.name)] if place.kind == "output" else states[:, names.index(place.name)]
-        )
-        pace = float(np.std(values) / np.std(np.gradient(values, time)))
-    effort = position = farthest = difference = 0.0
-    if place.kind == "balance":
-        index, balance = names.index(place.name), kind.states[place.name]
-        effort = kind.plant(kind.parameters).capacity[index] * float(np.std(np.gradient(values, time)))
-        if balance.position:
-            travel = states[:, names.index(balance.position)]
-            position, farthest = float(np.std(travel)), float(np.abs(travel).max())
-        if balance.neighbour:
-            difference = float(np.std(values - states[:, names.index(balance.neighbour)]))
-    return Scale(
-        spread=float(np.std(values)),
-        largest=float(np.abs(values).max()),
-        lowest=float(values.min()),
-        highest=float(values.max()),
-        mean=float(values.mean()),
-        effort=effort,
-        time=pace,
-        duration=float(time[-1] - time[0]),
-        position=position,
-        farthest=farthest,
-        difference=difference,
-    )

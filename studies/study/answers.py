@@ -20,10 +20,7 @@ def close_loop(
 ) -> Row:
     """Close the loop on ``rig.toml`` of a folder by the command, in one process, and read ``result.json``.
 
-    Raises
-    ------
-    RuntimeError
-        With the last line that the command printed, where it fails.
+    Raises RuntimeError with the last line that the command printed, where it fails.
     """
     if minutes:
         with (folder / "rig.toml").open("a", encoding="utf-8") as config:
@@ -44,7 +41,6 @@ def close_loop(
 class LoopTask:
     """One loop on measured recordings: texts of the model's files by name, and the folder in which it runs."""
 
-    key: str
     files: Mapping[str, str]
     train: tuple[Path, ...]
     test: tuple[Path, ...]
@@ -52,14 +48,13 @@ class LoopTask:
     seed: int
     minutes: float
 
-
-def close_loop_of(task: LoopTask) -> Row:
-    """Close the loop of a task, and keep the run."""
-    shutil.rmtree(task.folder, ignore_errors=True)
-    task.folder.mkdir(parents=True)
-    for name, text in task.files.items():
-        (task.folder / name).write_text(text, encoding="utf-8")
-    return close_loop(task.folder, task.train, task.test, seed=task.seed, minutes=task.minutes)
+    def close(self) -> Row:
+        """Close the loop, and keep the run."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder.mkdir(parents=True)
+        for name, text in self.files.items():
+            (self.folder / name).write_text(text, encoding="utf-8")
+        return close_loop(self.folder, self.train, self.test, seed=self.seed, minutes=self.minutes)
 
 
 def answer_of(result: Mapping[str, Any]) -> Row:

@@ -17,17 +17,19 @@ import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.random import Generator
 
 import aero_bayes
 from aero_bayes.data import Recording, write_csv
 from study.answers import close_loop
-from study.repeated import RepeatedRig, repeated_rigs
-from study.study import Row, Study, markdown, percent, rate, write_json
+from study.coverage import HEAD, RepeatedRig, repeated_rigs
+from study.study import Row, Study, Told, percent, rate, write_json
 
 STATES = {
     "right": "the model is right",
@@ -63,21 +65,16 @@ class Repetition:
         """Factor of the size of what is missing."""
         return SIZES[self.number % len(SIZES)]
 
-    @property
-    def key(self) -> str:
-        """Seed, state, rig, number."""
-        return f"{self.seed}/{self.state}/{self.rig}/{self.number}"
-
     def generator(self, *parts: int) -> Generator:
         """Return random numbers of this rig and state."""
         return np.random.default_rng([self.seed, *self.rig.encode(), *self.state.encode(), *parts])
 
 
-def tasks(options: Namespace) -> list[Repetition]:
+def tasks(options: Namespace) -> dict[str, Repetition]:
     """List all repetitions, states and rigs in turn."""
     seed, folder = (DEVELOPMENT if options.development else REPORT), (options.out / "coverage_wrong").resolve()
-    rigs = repeated_rigs()
-    return [Repetition(seed, rig, state, k, folder) for k in range(COUNT) for state in STATES for rig in rigs]
+    cells = product(range(COUNT), STATES, repeated_rigs())
+    return {f"{seed}/{state}/{rig}/{k}": Repetition(seed, rig, state, k, folder) for k, state, rig in cells}
 
 
 def kept(path: Path, make: Callable[[], Row]) -> Row:
@@ -188,69 +185,59 @@ def summary(rows: Sequence[Row]) -> Row:
     rows = [dict(zip(("seed", "state", "rig", "number"), row["key"].split("/"), strict=True)) | row for row in rows]
     good = [row for row in rows if "methods" in row]
     bands = [share for row in good for share in row.get("bands", {}).values()]
-    by_rig = [
-        {"state": state, "rig": rig, **of_rigs([row for row in good if (row["state"], row["rig"]) == (state, rig)])}
-        for state in STATES for rig in repeated_rigs()
-    ]  # fmt: skip
+    by_rig = of_rigs(good)
+    means = by_rig.groupby(["state", "method"])[["50", "90", "width_90"]].mean()
     return {
-        "states": {state: of_rigs([row for row in good if row["state"] == state]) for state in STATES},
+        "states": {
+            state: {
+                "recordings": len(own), "error_of_model": rate(own, lambda row: row["error_of_model"]),
+                **{method: means.loc[state, method].to_dict() for method in METHODS if (state, method) in means.index},
+            }
+            for state in STATES for own in [[row for row in good if row["state"] == state]]
+        },
+        "by_rig": by_rig.to_dict("records"),
         "bands_90": float(np.mean(bands)) if bands else None,
         "bands": len(bands),
-        "seeds": {"report": REPORT, "development": DEVELOPMENT},
-        "by_rig": by_rig,
         "failed": sorted({f"{row['rig']}, {row['state']}: {row['error']}" for row in rows if "error" in row}),
-        "repetitions": len(rows),
-    }
+    }  # fmt: skip
 
 
-def of_rigs(rows: Sequence[Row]) -> Row:
-    """Return shares held and relative widths, the mean over rigs, and how often a residual is no noise."""
-    found: Row = {"recordings": len(rows), "error_of_model": rate(rows, lambda row: row["error_of_model"])}
-    for method in METHODS:
-        each = [of_rig([row for row in rows if row["rig"] == rig], method) for rig in repeated_rigs()]
-        if any(each):
-            found[method] = {key: float(np.mean([one[key] for one in each if one])) for key in ("50", "90", "width_90")}
-    return found
-
-
-def of_rig(rows: Sequence[Row], method: str) -> dict[str, float]:
-    """Average over the parameters of one rig; empty where there is nothing to compare.
+def of_rigs(rows: Sequence[Row]) -> pd.DataFrame:
+    """Return shares held and relative widths of each state, method and rig, the mean over parameters.
 
     Recordings with different sizes of what is missing have different errors: widths are compared within each size.
     """
-    held, widths = [], []
-    groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
-    for row in rows:
-        for name, (estimate, low_50, high_50, low_90, high_90) in row["methods"][method].items():
-            target = row["targets"][name]
-            held.append((low_50 < target < high_50, low_90 < target < high_90))
-            groups.setdefault((name, int(row["number"]) % len(SIZES)), []).append((high_90 - low_90, estimate - target))
-    for pairs in groups.values():
-        width, error = np.array(pairs).T
-        if len(pairs) > 1:
-            widths.append(float(width.mean() / (2.0 * HALF_90 * np.sqrt(np.mean(error**2)))))
-    if not widths:
-        return {}
-    half, most = np.mean(held, axis=0).tolist()
-    return {"50": half, "90": most, "width_90": float(np.mean(widths))}
+    cell, columns = ["state", "method", "rig"], ["name", "size", "50", "90", "width", "square"]
+    entries = [
+        (row["state"], method, row["rig"], name, int(row["number"]) % len(SIZES), low_50 < target < high_50,
+         low_90 < target < high_90, high_90 - low_90, (estimate - target) ** 2)
+        for row in rows
+        for method, intervals in row["methods"].items()
+        for name, (estimate, low_50, high_50, low_90, high_90) in intervals.items()
+        for target in [row["targets"][name]]
+    ]  # fmt: skip
+    frame = pd.DataFrame(entries, columns=[*cell, *columns])
+    groups = frame.groupby([*cell, "name", "size"])[["width", "square"]]
+    repeated = groups.mean()[groups.size() > 1]
+    widths = (repeated["width"] / (2.0 * HALF_90 * np.sqrt(repeated["square"]))).groupby(cell).mean()
+    held = frame.groupby(cell)[["50", "90"]].mean()
+    return held.join(widths.rename("width_90"), how="inner").reset_index()
 
 
-def table(found: Mapping[str, Any]) -> list[str]:
+def table(found: Mapping[str, Any]) -> Told:
     """Write a line for each state: what the intervals hold, and how wide they are."""
-    lines = []
+    lines: list[tuple[object, ...]] = []
     for state, own in found["states"].items():
         ours, plain = own.get("ours"), own.get("curve_fit")
         cells = [percent(ours["50"]), percent(ours["90"]), f"{ours['width_90']:.2f}"] if ours else ["-"] * 3
         lines.append((STATES[state], own["recordings"], *cells, percent(plain["90"]) if plain else "-"))
-    head = ("state", "recordings", "50 % hold (goal 50 %)", "90 % hold (goal 85 to 95 %)", "width (goal ≤ 1.5)")
-    text = [*markdown((*head, "least squares: 90 %"), lines), ""]
-    text += [f"90 % prediction bands hold {percent(found['bands_90'])} of unseen readings ({found['bands']} outputs)."]
-    return text + ([f"Failed: {'; '.join(found['failed'])}."] if found["failed"] else [])
+    bands = f"90 % prediction bands hold {percent(found['bands_90'])} of unseen readings ({found['bands']} outputs)."
+    return bands + (f" Failed: {'; '.join(found['failed'])}." if found["failed"] else ""), lines
 
 
 STUDY = Study(
     "coverage_wrong",
     "Intervals where the model is wrong: they should hold the values that serve best, and true ones after the loop has "
     "mended the model. Width is relative to the narrowest interval that could hold.",
-    tasks, attempt, summary, table, minutes=14.0,
+    tasks, attempt, summary, table, HEAD, minutes=14.0,
 )  # fmt: skip

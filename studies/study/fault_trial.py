@@ -12,19 +12,47 @@ import tomllib
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import exp, log, pi, sqrt
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 
 import aero_bayes
+from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.simulation.interface import SolverSettings
-from simulated_rigs import DEVELOPMENT, RigTrial, draw_rig_trial, rig_kinds
-from simulated_rigs.faults import FAULTS, Faulty, with_fault, without_fault
-from study.study import Row, Study, markdown, percent, rate
+from simulated_rigs.kinds import KINDS
+from simulated_rigs.trial import DEVELOPMENT, RigTrial, draw_rig_trial
+from study.study import Row, Study, Tasks, Told, keyed, percent, rate_cells, rate_of
+
+#: Each kind of fault, with the cause that a diagnosis has to name.
+FAULTS: Mapping[str, str] = {
+    "impossible": "data", "outliers": "data", "stuck": "data", "clipped": "data", "gap": "data", "wrapped": "data",
+    "sign": "data", "swapped": "data", "ahead": "data", "clock": "data", "rounded": "noise", "relative": "noise",
+    "heavy_tails": "noise", "unlike": "noise", "solver": "solver",
+}  # fmt: skip
+#: Share of the readings that are outliers, and their sizes in standard deviations of the noise.
+OUTLIER_SHARE, OUTLIER_SIZES = 0.03, (15.0, 40.0)
+#: Share of a recording in which a sensor is stuck or the logger has a gap.
+LOST_SHARE = (0.03, 0.1)
+#: Share of the readings beyond the end of a sensor that clips.
+CLIPPED_SHARE = (0.03, 0.1)
+#: Steps of a coarse count in standard deviations of the noise.
+COUNTS = (4.0, 12.0)
+#: Least ratio of the largest to the smallest readings (quantiles) of an output whose relative noise can be seen.
+MIN_READING_RATIO = 3.0
+#: Samples by which an output is ahead, share by which its clock is off, and what either moves readings by at least, in
+#: standard deviations of the noise.
+AHEAD, RATE, MIN_MOVED = (1, 4), (2e-3, 2e-2), 3.0
+#: Standard deviation of the noise in a second recording over that in the first.
+UNLIKE = (4.0, 20.0)
+#: Relative and absolute tolerances of a solver that is too coarse.
+TOLERANCES = (1e-2, 0.3)
+
 
 #: First number of the seeds of the report.
 REPORT = 44302
@@ -41,24 +69,144 @@ SWARM, SWARM_SAMPLES = SwarmSettings(particles=20, iterations=20, patience=5), 2
 
 
 @dataclass(frozen=True)
-class FaultTask:
-    """One trial: ``fault`` is one of the kinds of faults, or ``clear``."""
+class Faulty:
+    """What the program is given: recordings, and the tolerance of the solver; ``output`` has the fault, if one has."""
 
-    base: int
-    fault: str
-    number: int
-
-    @property
-    def key(self) -> str:
-        """Seed, fault, number."""
-        return f"{self.base}/{self.fault}/{self.number}"
+    recording: Recording
+    output: str = ""
+    tolerance: float | None = None
+    second: Recording | None = None
 
 
-def tasks(options: Namespace) -> list[FaultTask]:
+def with_fault(trial: RigTrial, fault: str, rng: Generator) -> Faulty | None:
+    """Give a rig whose model is complete one of :data:`FAULTS`; None where the fault makes no sense for this rig.
+
+    ``rng`` draws where and how large.
+    """
+    right = Faulty(trial.train)
+    if fault == "solver":
+        return replace(right, tolerance=exp(rng.uniform(*np.log(TOLERANCES))))
+    if fault == "gap":
+        cut = _with_gap(trial.train, rng)
+        return replace(right, recording=cut) if cut is not None else None
+    if fault in ("sign", "swapped"):
+        channels = _other_channels(trial.train, fault, rng)
+        return replace(right, recording=channels) if channels is not None else None
+    names = list(trial.train.outputs)
+    if fault == "unlike":
+        factor = exp(rng.uniform(*np.log(UNLIKE)))
+        return Faulty(
+            replace(trial.train, outputs=_white(trial, rng), sha256=""), names[0],
+            second=replace(trial.test, outputs=_white(trial, rng, "test", factor), sha256=""),
+        )  # fmt: skip
+    for name in [names[int(k)] for k in rng.permutation(len(names))]:
+        readings = _readings(trial, fault, name, rng)
+        if readings is not None:
+            outputs = {**trial.train.outputs, name: readings}
+            if FAULTS[fault] == "noise":
+                # The other outputs have white noise, so that there is one fault only.
+                outputs = {**_white(trial, rng), name: readings}
+            return Faulty(replace(trial.train, outputs=outputs, sha256=""), name)
+    return None
+
+
+def _readings(trial: RigTrial, fault: str, name: str, rng: Generator) -> FloatArray | None:
+    """Return the readings of an output with a fault; None where it makes no sense."""
+    seen, clean = trial.train.outputs[name].copy(), trial.noise_free["train"].outputs[name]
+    sd = trial.noise[name].white
+    if fault == "impossible":
+        seen[rng.choice(seen.size, 3, replace=False)] = -999.0
+    elif fault == "outliers":
+        rows = rng.choice(seen.size, round(OUTLIER_SHARE * seen.size), replace=False)
+        seen[rows] += sd * rng.uniform(*OUTLIER_SIZES, rows.size) * rng.choice([-1.0, 1.0], rows.size)
+    elif fault == "stuck":
+        first, last = _stretch(seen.size, rng)
+        seen[first:last] = seen[first]
+    elif fault == "clipped":
+        share = rng.uniform(*CLIPPED_SHARE)
+        upper = rng.random() < 0.5
+        seen = np.minimum(seen, np.quantile(seen, 1.0 - share)) if upper else np.maximum(seen, np.quantile(seen, share))
+    elif fault == "wrapped":
+        if trial.train.units[name] != "rad" or seen.min() >= 0.0:
+            return None
+        seen %= 2.0 * pi
+    elif fault in ("ahead", "clock"):
+        row = np.arange(seen.size, dtype=float)
+        rate = exp(rng.uniform(*np.log(RATE))) * rng.choice([-1.0, 1.0])
+        at = row + rng.integers(*AHEAD, endpoint=True) if fault == "ahead" else row * (1.0 + rate)
+        moved = np.interp(at, row, clean)
+        if float(np.sqrt(np.mean((moved - clean) ** 2))) < MIN_MOVED * sd:
+            return None
+        return np.asarray(moved + sd * rng.standard_normal(seen.size))
+    else:
+        return _with_noise(fault, clean, sd, rng)
+    return seen
+
+
+def _other_channels(recording: Recording, fault: str, rng: Generator) -> Recording | None:
+    """Return the recording with the sign of a channel turned, or two of one unit exchanged; None where none can be."""
+    for side in ("inputs", "outputs") if rng.random() < 0.5 else ("outputs", "inputs"):
+        columns = dict(getattr(recording, side))
+        names = [n for n in columns if recording.units[n] != "K"]
+        pairs = [(a, b) for a in columns for b in columns if a < b and recording.units[a] == recording.units[b]]
+        if fault == "sign" and names:
+            name = str(rng.choice(names))
+            columns[name] = -columns[name]
+        elif fault == "swapped" and pairs:
+            a, b = pairs[int(rng.integers(len(pairs)))]
+            columns[a], columns[b] = columns[b], columns[a]
+        else:
+            continue
+        new: dict[str, Any] = {side: columns}
+        return replace(recording, **new, sha256="")
+    return None
+
+
+def _with_noise(fault: str, clean: FloatArray, sd: float, rng: Generator) -> FloatArray | None:
+    """Draw readings with a noise that is not white and normal."""
+    normal = rng.standard_normal(clean.size)
+    if fault == "rounded":
+        step = sd * exp(rng.uniform(*np.log(COUNTS)))
+        return np.asarray(step * np.round((clean + sd * normal) / step))
+    if fault == "heavy_tails":
+        return np.asarray(clean + sd / sqrt(3.0) * rng.standard_t(3.0, clean.size))
+    low, high = np.quantile(np.abs(clean), [0.1, 0.9])
+    if high < MIN_READING_RATIO * low:
+        return None
+    size = np.abs(clean) / sqrt(float(np.mean(clean**2)))
+    return np.asarray(clean + sd * (0.2 + size) * normal)
+
+
+def _white(trial: RigTrial, rng: Generator, run: str = "train", factor: float = 1.0) -> dict[str, FloatArray]:
+    return {
+        name: values + factor * trial.noise[name].white * rng.standard_normal(values.size)
+        for name, values in trial.noise_free[run].outputs.items()
+    }
+
+
+def _stretch(rows: int, rng: Generator) -> tuple[int, int]:
+    """Draw the first row of a stretch and the row after it, away from both ends."""
+    length = round(rows * exp(rng.uniform(log(LOST_SHARE[0]), log(LOST_SHARE[1]))))
+    first = int(rng.integers(rows // 10, rows - rows // 10 - length))
+    return first, first + length
+
+
+def _with_gap(recording: Recording, rng: Generator) -> Recording | None:
+    """Return the recording without a stretch in which an input changed."""
+    for _ in range(20):
+        first, last = _stretch(recording.rows, rng)
+        if any(np.ptp(values[first:last]) > 0.0 for values in recording.inputs.values()):
+            keep = np.ones(recording.rows, dtype=bool)
+            keep[first:last] = False
+            return recording.rows_where(keep, recording.name)
+    return None
+
+
+def tasks(options: Namespace) -> Tasks:
     """List all trials, kinds of faults in turn and those without one between them, so that a partial run has all."""
     base, kinds = DEVELOPMENT if options.development else REPORT, tuple(FAULTS)
     pairs = ((kinds[k % len(kinds)], k // len(kinds), "clear", k) for k in range(COUNT))
-    return [FaultTask(base, *one) for fault, n, clear, k in pairs for one in ((fault, n), (clear, k))]
+    return keyed((base, *one) for fault, n, clear, k in pairs for one in ((fault, n), (clear, k)))
 
 
 @dataclass(frozen=True)
@@ -78,25 +226,25 @@ class Rig:
         return aero_bayes.fit(recordings, self.model, parameters=self.free, settings=settings, workers=0)
 
 
-def draw(task: FaultTask, folder: Path) -> tuple[Rig, Faulty]:
+def draw(task: tuple[int, str, int], folder: Path) -> tuple[Rig, Faulty]:
     """Draw the rig of a trial and what the program is given; the same task always gives the same.
 
     A solver that is too coarse is a fault where it makes a residual larger: this is looked at by a fit with a fine one.
     """
-    which = list(FAULTS).index(task.fault) if task.fault in FAULTS else len(FAULTS)
-    rng = np.random.default_rng([task.base, which, task.number])
+    base, fault, n = task
+    rng = np.random.default_rng([base, [*FAULTS, "clear"].index(fault), n])
     for k in range(MAX_DRAWS):
-        kind = rig_kinds()[int(rng.integers(len(rig_kinds())))]
-        trial = shortened(draw_rig_trial(kind, int(rng.integers(2**31)), task.base, "none"))
-        given = without_fault(trial) if task.fault == "clear" else with_fault(trial, task.fault, rng)
+        kind = tuple(KINDS)[int(rng.integers(len(KINDS)))]
+        trial = shortened(draw_rig_trial(kind, int(rng.integers(2**31)), base, "none"))
+        given = Faulty(trial.train) if fault == "clear" else with_fault(trial, fault, rng)
         if given is None:
             continue
         section = tomllib.loads(trial.toml.read_text(encoding="utf-8"))
         model = aero_bayes.load_model(section["model"]["name"], sources=[trial.model], folder=folder / str(k))
         rig = Rig(trial, model, list(section["parameters"]))
-        if task.fault != "solver" or _larger(rig.fit(given), rig.fit(without_fault(trial))):
+        if fault != "solver" or _larger(rig.fit(given), rig.fit(Faulty(trial.train))):
             return rig, given
-    raise RuntimeError(f"no rig can have the fault {task.fault}")
+    raise RuntimeError(f"no rig can have the fault {fault}")
 
 
 def shortened(trial: RigTrial) -> RigTrial:
@@ -113,22 +261,22 @@ def _larger(coarse: aero_bayes.Fit, fine: aero_bayes.Fit) -> bool:
     return any(coarse.rms[output] > MIN_LARGER * fine.rms[output] for output in fine.outputs)
 
 
-def attempt(task: FaultTask) -> Row:
+def attempt(task: tuple[int, str, int]) -> Row:
     """Draw, fit, and set the diagnosis beside the truth."""
     with tempfile.TemporaryDirectory(prefix="fault-trial-") as folder:
         rig, given = draw(task, Path(folder))
         found = rig.fit(given)
         causes = [row for row in found.diagnosis if row.found]
-    truth = rig.trial.truth
+    trial = rig.trial
     return {
-        "rig": truth.kind,
+        "rig": trial.kind.name,
         "output": given.output,
         "tolerance": given.tolerance,
-        "correlated": any(noise.slow for noise in truth.noise.values()),
+        "correlated": any(noise.slow for noise in trial.noise.values()),
         "causes": [row.cause for row in causes],
         "what": [row.what for row in causes],
         "findings": sorted({f.kind for r in found.calibration.data.recordings for f in r.findings}),
-        "worst_error": max(abs(found[name].value / truth.parameters[name] - 1.0) for name in rig.free),
+        "worst_error": max(abs(found[name].value / trial.parameters[name] - 1.0) for name in rig.free),
     }
 
 
@@ -143,37 +291,29 @@ def cause_named(row: Row) -> bool:
 def summary(rows: Sequence[Row]) -> Row:
     """Return the rates of all trials, and of each kind of fault. A trial that failed counts as missed."""
     rows = [{**row, "fault": row["key"].split("/")[1]} for row in rows]
-    clear = [row for row in rows if row["fault"] not in FAULTS]
-    kinds = {kind: [row for row in rows if row["fault"] == kind] for kind in FAULTS}
+    clear, faults = ([row for row in rows if (row["fault"] in FAULTS) is there] for there in (False, True))
     return {
-        "faults": _rates([row for own in kinds.values() for row in own]),
-        "clear": {"loops": len(clear), "cause_named": rate(clear, cause_named)},
-        "kinds": {kind: _rates(own) for kind, own in kinds.items()},
+        "rates": [
+            rate_of("a fault: its cause is named first", "90 %", faults, cause_named),
+            rate_of("a fault: the model is blamed", "≤ 2 %", faults, lambda row: row.get("causes") == ["model"]),
+            rate_of("no fault: a cause is named", "≤ 2 %", clear, cause_named),
+        ],
+        "kinds": [
+            rate_of(kind.replace("_", " "), "", [row for row in faults if row["fault"] == kind], cause_named)
+            for kind in FAULTS
+        ],
         "errors": sum("error" in row for row in rows),
-        "rows": rows,
     }
 
 
-def _rates(rows: Sequence[Row]) -> Row:
-    blamed = rate(rows, lambda row: row.get("causes") == ["model"])
-    return {"loops": len(rows), "cause_named": rate(rows, cause_named), "model_blamed": blamed}
-
-
-def table(found: Mapping[str, Any]) -> list[str]:
+def table(found: Mapping[str, Any]) -> Told:
     """Write the rates over all kinds of faults, and which kinds are missed most."""
-    faults, clear = found["faults"], found["clear"]
-    lines = [
-        ("a fault: its cause is named first", "90 %", percent(faults["cause_named"], faults["loops"]), faults["loops"]),
-        ("a fault: the model is blamed", "≤ 2 %", percent(faults["model_blamed"], faults["loops"]), faults["loops"]),
-        ("no fault: a cause is named", "≤ 2 %", percent(clear["cause_named"], clear["loops"]), clear["loops"]),
-    ]
     worst = [
-        f"{kind.replace('_', ' ')} {percent(own['cause_named'])} of {own['loops']}"
-        for kind, own in found["kinds"].items()
-        if own["cause_named"] is not None and own["cause_named"] < 0.9
+        f"{kind['what']} {percent(kind['share'])} of {kind['trials']}"
+        for kind in found["kinds"]
+        if kind["share"] is not None and kind["share"] < 0.9
     ]
-    kinds = ["", f"Named less often than 90 %: {', '.join(worst)}."] if worst else []
-    return [*markdown(("", "goal", "measured", "trials"), lines), *kinds]
+    return f"Named less often than 90 %: {', '.join(worst) or 'none'}.", rate_cells(found["rates"])
 
 
 STUDY = Study(

@@ -7,44 +7,59 @@ lists. Seeds are ``[17601, kind, number, what]``; those of ``--development`` are
 
 from __future__ import annotations
 
+import re
 import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from simulated_rigs import DEVELOPMENT, REPORT, RigTrial, draw_rig_trial, rig_kinds, write_trial
-from simulated_rigs.nodes import same_places
+from simulated_rigs.kinds import KINDS
+from simulated_rigs.trial import DEVELOPMENT, REPORT, RigTrial, draw_rig_trial, write_trial
+from simulated_rigs.truth import LawTruth
 from study.answers import claims_law, close_loop, same_as, unseen
-from study.study import Row, Study, markdown, number, percent, quantile, rate
+from study.study import Row, Study, Tasks, Told, keyed, number, quantile, rate, rate_cells, rate_of
 
 #: Trials of each kind of rig.
 COUNTS = {"law": 18, "none": 20, "pair": 4, "outside": 4}
 
 
-@dataclass(frozen=True)
-class RigTask:
-    """One trial."""
-
-    base: int
-    rig: str
-    what: str
-    number: int
-
-    @property
-    def key(self) -> str:
-        """Seed, rig, sort of trial, number."""
-        return f"{self.base}/{self.rig}/{self.what}/{self.number}"
+def joined_connectors(source: str) -> list[set[str]]:
+    """Find the sets of connectors that the ``connect`` equations of a Modelica text join."""
+    nodes: list[set[str]] = []
+    for pair in re.findall(r"connect\s*\(\s*([\w.]+)\s*,\s*([\w.]+)\s*\)", source):
+        joined = [node for node in nodes if node & set(pair)]
+        nodes = [node for node in nodes if node not in joined]
+        nodes.append(set(pair).union(*joined))
+    return nodes
 
 
-def tasks(options: Namespace) -> list[RigTask]:
+def same_places(trial: RigTrial, law: LawTruth) -> list[str]:
+    """Return the ids ``law@port`` that name this law at this place.
+
+    A balance goes by its state or, where the state belongs to a component, by any connector that is joined to it. What
+    is in series with a component is at its own connectors, or at the other end of a joint of two. An output that is a
+    state itself, whose name stands for the balance, is called ``output_NAME``.
+    """
+    name, kind = law.place.name, law.place.kind
+    names = [name, f"output_{name}"] if kind == "output" else [name]
+    component = name.rpartition(".")[0]
+    if component and kind in ("balance", "coupling"):
+        series = kind == "coupling" or trial.kind.states[name].family == "electrical"
+        for node in joined_connectors(trial.model.read_text(encoding="utf-8")):
+            own = {connector for connector in node if connector.startswith(f"{component}.")}
+            if own:
+                names += sorted(own if series and len(node) > 2 else node)
+    return [f"{law.law}@{one}" for one in dict.fromkeys(names)]
+
+
+def tasks(options: Namespace) -> Tasks:
     """List all trials, kinds interleaved so that a partial run says something of each."""
     base = DEVELOPMENT if options.development else REPORT
-    found = [RigTask(base, rig, what, k) for rig in rig_kinds() for what, n in COUNTS.items() for k in range(n)]
-    return sorted(found, key=lambda task: ((task.number + 0.5) / COUNTS[task.what], task.what, task.rig))
+    every = [((k + 0.5) / n, what, rig, k) for rig in KINDS for what, n in COUNTS.items() for k in range(n)]
+    return keyed((base, rig, what, k) for _, what, rig, k in sorted(every))
 
 
 def by_command(folder: Path) -> Row:
@@ -52,20 +67,21 @@ def by_command(folder: Path) -> Row:
     return close_loop(folder, [Path("train.csv")], [Path("test.csv")])
 
 
-def attempt(task: RigTask, program: Callable[[Path], Row] = by_command) -> Row:
+def attempt(task: tuple[int, str, Any, int], program: Callable[[Path], Row] = by_command) -> Row:
     """Draw, record, close the loop, and set the answer beside the truth."""
-    trial = draw_rig_trial(task.rig, task.number, task.base, task.what)  # type: ignore[arg-type]
+    base, rig, what, k = task
+    trial = draw_rig_trial(rig, k, base, what)
     with tempfile.TemporaryDirectory(prefix="rig-trial-") as folder:
-        write_trial(trial, folder)
+        write_trial(trial, Path(folder))
         answer = program(Path(folder))
     return {
         **answer,
-        "rig": task.rig,
-        "what": task.what,
-        "noise": "correlated" if any(noise.slow for noise in trial.truth.noise.values()) else "white",
-        "truth": [{"law": law.law, "place": law.place.name, **law.parameters} for law in trial.truth.laws],
-        "ids": [same_places(trial, law) for law in trial.truth.laws],
-        "d": [law.d for law in trial.truth.laws],
+        "rig": rig,
+        "what": what,
+        "noise": "correlated" if any(noise.slow for noise in trial.noise.values()) else "white",
+        "truth": [{"law": law.law, "place": law.place.name, **law.parameters} for law in trial.laws],
+        "ids": [same_places(trial, law) for law in trial.laws],
+        "d": [law.d for law in trial.laws],
         "after_over_noise": over_noise(trial, answer),
     }
 
@@ -87,25 +103,14 @@ def right_effect(row: Row) -> bool:
     return finds(row, row["ids"][0], row["effects"][:1])
 
 
-def right_port(row: Row) -> bool:
-    """Whether what was found first, or what does as well, acts where the true law does."""
-    places = {place(name) for name in row["ids"][0]}
-    return any({effect["port"], *map(place, same_as(row, effect))} & places for effect in row["effects"][:1])
-
-
-def place(name: str) -> str:
-    """Return the port of an id."""
-    return name.partition("@")[2]
-
-
 def right_pair(row: Row) -> bool:
     """Whether both laws were found and no third one was."""
     return len(row["effects"]) == 2 and all(finds(row, ids, row["effects"]) for ids in row["ids"])
 
 
-def names_a_law(row: Row) -> bool:
-    """Whether a law of the library is claimed."""
-    return any(map(claims_law, row["effects"]))
+def names_no_law(row: Row) -> bool:
+    """Whether no law of the library is claimed."""
+    return not any(map(claims_law, row["effects"]))
 
 
 def summary(rows: Sequence[Row]) -> Row:
@@ -118,47 +123,29 @@ def summary(rows: Sequence[Row]) -> Row:
     after = [max(row["after_over_noise"].values()) for row in strong + weak if row["after_over_noise"]]
     return {
         "trials": len(rows),
-        "right_effect": {"d>=20": rate(strong, right_effect), "8<=d<20": rate(weak, right_effect)},
-        "right_pair": rate(clear, right_pair),
-        "right_port": rate(strong + weak, right_port),
-        "nothing_missing": rate(none, lambda row: row["outcome"] == "adequate"),
-        "false_discovery": rate(none, names_a_law),
-        "abstained_outside": rate(outside, lambda row: not names_a_law(row)),
-        "after_over_noise_median": quantile(after, 0.5),
-        "after_over_noise_q95": quantile(after, 0.95),
+        "failed": len(rows) - len(good),
+        "rates": [
+            rate_of("right law first, or one that does as well, d ≥ 20", "90 %", strong, right_effect),
+            rate_of("the same, 8 ≤ d < 20", "80 %", weak, right_effect),
+            rate_of("two laws missing, both d ≥ 20: both found, no third", "80 %", clear, right_pair),
+            rate_of("nothing missing: nothing is found", "98 %", none, lambda row: row["outcome"] == "adequate"),
+            rate_of("a law that no library lists: none is claimed", "", outside, names_no_law),
+        ],
+        "after_over_noise": [quantile(after, 0.5), quantile(after, 0.95), len(after)],
         "seconds_median": quantile([row["seconds"] for row in good], 0.5),
-        "counts": {
-            "d>=20": len(strong), "8<=d<20": len(weak), "none": len(none), "pair": len(clear),
-            "outside": len(outside), "failed": len(rows) - len(good),
-        },
-        "by_rig": {rig: one_rig([row for row in strong + weak if row["rig"] == rig]) for rig in rig_kinds()},
-        "seeds": {"table": [REPORT, "rig", "number", "what"], "development": [DEVELOPMENT, "rig", "number", "what"]},
-        "table": list(rows),
-    }  # fmt: skip
+        "by_rig": {rig: rate([row for row in strong + weak if row["rig"] == rig], right_effect) for rig in KINDS},
+    }
 
 
-def one_rig(rows: Sequence[Row]) -> Row:
-    """Return the rate of one kind of rig."""
-    return {"trials": len(rows), "right_effect": rate(rows, right_effect)}
-
-
-def table(found: Mapping[str, Any]) -> list[str]:
+def table(found: Mapping[str, Any]) -> Told:
     """Write the rates, each with its goal and its number of trials."""
-    counts = found["counts"]
-    rates = (
-        ("right law first, or one that does as well, d ≥ 20", "90 %", found["right_effect"]["d>=20"], "d>=20"),
-        ("the same, 8 ≤ d < 20", "80 %", found["right_effect"]["8<=d<20"], "8<=d<20"),
-        ("two laws missing, both d ≥ 20: both found, no third", "80 %", found["right_pair"], "pair"),
-        ("nothing missing: nothing is found", "98 %", found["nothing_missing"], "none"),
-        ("a law that no library lists: none is claimed", "", found["abstained_outside"], "outside"),
+    half, most, count = found["after_over_noise"]
+    text = (
+        f"{found['failed']} of {found['trials']} trials failed. One loop took {number(found['seconds_median'])} s "
+        f"(median). The error on unseen data is {number(half)} times the noise (median of {count} trials; in "
+        f"95 % at most {number(most)})."
     )
-    lines = [(words, goal, percent(share, counts[key]), counts[key]) for words, goal, share, key in rates]
-    after = f"{number(found['after_over_noise_median'])} ({number(found['after_over_noise_q95'])})"
-    seen = counts["d>=20"] + counts["8<=d<20"]
-    lines += [("error on unseen data over the noise, median (95 % below)", "", after, seen)]
-    lines += [("one loop, median", "", f"{number(found['seconds_median'])} s", found["trials"] - counts["failed"])]
-    failed = [f"{counts['failed']} of {found['trials']} trials failed."] if counts["failed"] else []
-    return [*markdown(("", "goal", "measured", "trials"), lines), *(["", *failed] if failed else [])]
+    return text, rate_cells(found["rates"])
 
 
 STUDY = Study(

@@ -9,43 +9,45 @@ from __future__ import annotations
 import json
 import multiprocessing
 import subprocess
+import threading
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from aero_bayes.files import write_whole
+
 Row = dict[str, Any]
-
-
-class Task(Protocol):
-    """One attempt, with a key that no other has; it can be pickled."""
-
-    @property
-    def key(self) -> str: ...
+#: Tasks by keys that no two share; a task can be pickled.
+Tasks = Mapping[str, Any]
+#: What is said of a study in words, and the cells of its table.
+Told = tuple[str, list[tuple[object, ...]]]
 
 
 @dataclass(frozen=True)
 class Study:
-    """What is done, and how it is told: the summary of the rows, and its lines on the page of results.
+    """What is done, and how it is told on the page of results.
 
-    ``minutes`` is how long a run goes on beginning tasks where nothing else is said.
+    ``table`` makes of the summary of the rows what is said of it and the cells below ``head``. ``minutes`` is how long
+    a run goes on beginning tasks where nothing else is said.
     """
 
     name: str
     about: str
-    tasks: Callable[[Namespace], Sequence[Task]]
+    tasks: Callable[[Namespace], Tasks]
     attempt: Callable[[Any], Row]
     summary: Callable[[Sequence[Row]], Row]
-    table: Callable[[Mapping[str, Any]], list[str]]
+    table: Callable[[Mapping[str, Any]], Told]
+    head: Sequence[str] = ("", "goal", "measured", "trials")
     minutes: float = float("inf")
 
 
@@ -60,8 +62,8 @@ def run(study: Study, options: Namespace) -> Row:
     path.parent.mkdir(parents=True, exist_ok=True)
     tasks = study.tasks(options)
     rows = {row["key"]: row for row in map(json.loads, path.read_text("utf-8").splitlines())} if path.exists() else {}
-    chosen = [task for task in tasks if not options.only or _any(task.key, options.only)][: options.trials]
-    wanted = [task for task in chosen if task.key not in rows or _any(task.key, options.again)]
+    chosen = [key for key in tasks if matches([key], options.only or ["*"])][: options.trials]
+    wanted = {key: tasks[key] for key in chosen if key not in rows or matches([key], options.again)}
     end = time.monotonic() + 60.0 * (study.minutes if options.minutes is None else options.minutes)
     with path.open("a", encoding="utf-8") as file, tqdm(total=len(wanted)) as bar:
         for row in worked(study.attempt, wanted, options.workers, end):
@@ -69,57 +71,52 @@ def run(study: Study, options: Namespace) -> Row:
             file.flush()
             rows[row["key"]] = row
             bar.update()
-    made = [rows[task.key] for task in tasks if task.key in rows]
+    made = [rows[key] for key in tasks if key in rows]
     codes = sorted({str(row["code"]) for row in made})
     summary = {**study.summary(made), "left": len(tasks) - len(made), "code": codes}
     write_json(summary, options.out / f"{name}.json")
     return summary
 
 
-def worked(attempt: Callable[[Any], Row], tasks: Iterable[Task], workers: int, end: float) -> Iterator[Row]:
+def worked(attempt: Callable[[Any], Row], tasks: Tasks, workers: int, end: float) -> Iterator[Row]:
     """Yield the row of each task as it comes, and begin none after ``end``; with no workers, in this process.
 
     Each worker is a pool of its own: a task whose process dies takes no other one with it, and its row says so.
     """
-    waiting = iter(tasks)
     if not workers:
-        yield from (row_of(attempt, task) for task in waiting if time.monotonic() < end)
+        yield from (row_of(attempt, key, task) for key, task in tasks.items() if time.monotonic() < end)
         return
-    pools = [_pool() for _ in range(workers)]
-    free, running = list(range(workers)), dict[Future[Row], tuple[int, Task]]()
+    own = threading.local()
+
+    def one(key: str) -> Row | None:
+        if time.monotonic() >= end:
+            return None
+        if not hasattr(own, "pool"):
+            own.pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), max_tasks_per_child=50)
+        try:
+            row: Row = own.pool.submit(row_of, attempt, key, tasks[key]).result()
+        except BrokenProcessPool:
+            del own.pool
+            row = {"key": key, "error": "its process died", "seconds": 0.0, "code": code()}
+        return row
+
+    threads = ThreadPoolExecutor(workers)
     try:
-        while True:
-            while free and time.monotonic() < end and (task := next(waiting, None)) is not None:
-                worker = free.pop()
-                running[pools[worker].submit(row_of, attempt, task)] = worker, task
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                worker, task = running.pop(future)
-                try:
-                    row = future.result()
-                except BrokenProcessPool:
-                    pools[worker] = _pool()
-                    row = {"key": task.key, "error": "its process died", "seconds": 0.0, "code": code()}
-                free.append(worker)
+        for future in as_completed([threads.submit(one, key) for key in tasks]):
+            if (row := future.result()) is not None:
                 yield row
     finally:
-        for pool in pools:
-            pool.shutdown(wait=False, cancel_futures=True)
+        threads.shutdown(wait=False, cancel_futures=True)
 
 
-def _pool() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), max_tasks_per_child=50)
-
-
-def row_of(attempt: Callable[[Any], Row], task: Task) -> Row:
+def row_of(attempt: Callable[[Any], Row], key: str, task: Any) -> Row:
     """Make the row of a task; what is raised becomes a row with ``error``."""
     began = time.perf_counter()
     try:
         row = attempt(task)
     except Exception as error:
         row = {"error": " ".join(f"{type(error).__name__}: {error}".split())}
-    return {"seconds": round(time.perf_counter() - began, 2), **row, "key": task.key, "code": code()}
+    return {"seconds": round(time.perf_counter() - began, 2), **row, "key": key, "code": code()}
 
 
 @cache
@@ -132,9 +129,17 @@ def code() -> str:
 
 def write_json(summary: Mapping[str, Any], path: Path) -> None:
     """Write a summary whole or not at all."""
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    write_whole(path, json.dumps(summary, indent=1) + "\n")
+
+
+def keyed(tasks: Iterable[tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
+    """Give each task its parts, joined, as a key."""
+    return {"/".join(map(str, task)): task for task in tasks}
+
+
+def matches(names: Iterable[str], patterns: Iterable[str]) -> bool:
+    """Whether one of the names matches one of the patterns."""
+    return any(fnmatchcase(name, pattern) for name in names for pattern in patterns)
 
 
 def rate(rows: Sequence[Row], test: Callable[[Row], Any]) -> float | None:
@@ -166,5 +171,11 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]
     return [f"| {' | '.join(map(str, cells))} |" for cells in (head, ["---"] * len(head), *rows)]
 
 
-def _any(key: str, patterns: Sequence[str]) -> bool:
-    return any(fnmatchcase(key, pattern) for pattern in patterns)
+def rate_of(what: str, goal: str, rows: Sequence[Row], test: Callable[[Row], Any]) -> Row:
+    """Return a line of a table: the share of rows that pass, its goal, and of how many it is."""
+    return {"what": what, "goal": goal, "share": rate(rows, test), "trials": len(rows)}
+
+
+def rate_cells(rates: Iterable[Mapping[str, Any]]) -> list[tuple[object, ...]]:
+    """Write the cells of such lines."""
+    return [(one["what"], one["goal"], percent(one["share"], one["trials"]), one["trials"]) for one in rates]

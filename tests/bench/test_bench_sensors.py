@@ -1,34 +1,36 @@
-"""Sensors: sizes, correlation, quantisation, ripple and reproducibility of what they add."""
+"""Sensors and designs: sizes, correlation, quantisation, ripple and reproducibility of what they add."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aero_bayes.errors import InputError
-from simulated_rigs.aero import Truth, even_times, measure, simulate_recording, simulate_truth
+from simulated_rigs.aero import Truth, even_times
 from simulated_rigs.designs import Chirp, equal_steps, prbs, random_levels, random_multi_sine
-from simulated_rigs.sensors import SensorNoise, clean, ornstein_uhlenbeck, quantise, real, white
+from simulated_rigs.sensors import SensorNoise, ornstein_uhlenbeck, quantise, readings, real, white
 
 pytestmark = pytest.mark.long
 
 TIME = even_times(30.0, 200.0)
-RUN = simulate_truth(Truth(), equal_steps([8.0, -12.0, 16.0], 9.0), TIME)
+OUTPUTS, STATES = Truth().run(TIME, equal_steps([8.0, -12.0, 16.0], 9.0).volts(TIME))
+CLEAN = dict(zip(("i_m", "omega_m", "theta"), OUTPUTS.T, strict=True))
+ANGLE, SPEED = STATES[:, -1], STATES[:, 1]
 
 
-def test_clean_sensors_show_the_truth() -> None:
-    recording = measure(RUN, clean(), np.random.default_rng(0))
-    for output in ("i_m", "omega_m", "theta"):
-        np.testing.assert_array_equal(recording.outputs[output], getattr(RUN, output))
+def read(noise: dict[str, SensorNoise], seed: int) -> dict[str, np.ndarray]:
+    return readings(np.random.default_rng(seed), TIME, CLEAN, noise, ANGLE, SPEED)
+
+
+def test_sensors_without_noise_show_the_truth() -> None:
+    found = read({}, 0)
+    assert all(np.array_equal(found[output], values) for output, values in CLEAN.items())
 
 
 def test_white_noise_has_its_size_and_is_normal() -> None:
-    recording = measure(RUN, white(2.0), np.random.default_rng(1))
+    found = read(white(2.0), 1)
     for output, sd in (("i_m", 1e-2), ("omega_m", 2.0), ("theta", 4e-3)):
-        noise = recording.outputs[output] - getattr(RUN, output)
+        noise = found[output] - CLEAN[output]
         assert kstest(noise / sd, "norm").pvalue > 1e-4
         assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.5 / np.sqrt(noise.size)
 
@@ -47,57 +49,35 @@ def test_slow_noise_has_its_correlation(uneven: bool) -> None:
 
 def test_encoder_shows_whole_counts_within_half_a_step() -> None:
     step = 2.0 * np.pi / 2048.0
-    recording = measure(RUN, replace(clean(), encoder_counts=2048), np.random.default_rng(0))
-    counts = recording.outputs["theta"] / step
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
-    assert np.abs(recording.outputs["theta"] - RUN.theta).max() <= 0.5 * step * (1.0 + 1e-9)
-    values = np.linspace(-1.0, 1.0, 5001)
-    assert (np.diff(quantise(values, 2048)) >= 0.0).all()
-    assert quantise(np.array([0.0, 0.4 * step, 0.6 * step, -0.6 * step]), 2048) == pytest.approx(
-        [0.0, 0.0, step, -step]
-    )
+    theta = read({"theta": SensorNoise(counts=2048)}, 0)["theta"]
+    np.testing.assert_allclose(theta / step, np.round(theta / step), atol=1e-9)
+    assert np.abs(theta - CLEAN["theta"]).max() <= 0.5 * step * (1.0 + 1e-9)
+    assert (np.diff(quantise(np.linspace(-1.0, 1.0, 5001), 2048)) >= 0.0).all()
+    expected = [0.0, 0.0, step, -step]
+    assert quantise(np.array([0.0, 0.4 * step, 0.6 * step, -0.6 * step]), 2048) == pytest.approx(expected)
 
 
 def test_ripple_follows_the_rotor() -> None:
-    sensors = replace(clean(), i_m=SensorNoise(ripple=(0.0, 1e-2)))
-    added = measure(RUN, sensors, np.random.default_rng(3)).outputs["i_m"] - RUN.i_m
-    phase = np.exp(-2j * RUN.angle)
-    weight = np.abs(RUN.speed) / 376.0
-    assert 2.0 * abs((added * weight * phase).sum()) / (weight**2).sum() == pytest.approx(1e-2, rel=0.05)
+    added = read({"i_m": SensorNoise(ripple=(0.0, 1e-2))}, 3)["i_m"] - CLEAN["i_m"]
+    weight = np.abs(SPEED) / 376.0
+    amplitude = 2.0 * abs((added * weight * np.exp(-2j * ANGLE)).sum()) / (weight**2).sum()
+    assert amplitude == pytest.approx(1e-2, rel=0.05)
     assert np.abs(added[: int(1.0 * 200)]).max() == 0.0
 
 
 def test_missing_readings() -> None:
-    recording = measure(RUN, replace(clean(), omega_m=SensorNoise(missing=0.25)), np.random.default_rng(4))
-    assert np.isnan(recording.outputs["omega_m"]).mean() == pytest.approx(0.25, abs=0.03)
-    assert np.isfinite(recording.outputs["theta"]).all()
+    found = read({"omega_m": SensorNoise(missing=0.25)}, 4)
+    assert np.isnan(found["omega_m"]).mean() == pytest.approx(0.25, abs=0.03)
+    assert np.isfinite(found["theta"]).all()
 
 
 def test_seed_decides_and_outputs_are_independent_of_each_other() -> None:
-    first = measure(RUN, real(), np.random.default_rng(5))
-    again = measure(RUN, real(), np.random.default_rng(5))
-    other = measure(RUN, real(), np.random.default_rng(6))
-    louder = measure(RUN, replace(real(), theta=SensorNoise(0.1)), np.random.default_rng(5))
-    for output in first.outputs:
-        np.testing.assert_array_equal(first.outputs[output], again.outputs[output])
-        assert not np.array_equal(first.outputs[output], other.outputs[output])
-    np.testing.assert_array_equal(first.outputs["i_m"], louder.outputs["i_m"])
-
-
-def test_noise_without_a_generator_is_refused() -> None:
-    with pytest.raises(InputError, match="random generator"):
-        simulate_recording(Truth(), equal_steps([5.0], 1.0), white(), duration=2.0)
-
-
-def test_unknown_effects_are_refused() -> None:
-    from simulated_rigs.aero import EffectTruth, effect
-
-    with pytest.raises(InputError, match="no effect magic"):
-        effect("magic", size=1.0)
-    with pytest.raises(InputError, match="brush_drop takes V_b"):
-        effect("brush_drop", drop=1.0)
-    with pytest.raises(InputError, match="no effect magic"):
-        simulate_truth(Truth(effects=(EffectTruth("magic", "body", {}),)), equal_steps([5.0], 1.0), TIME)
+    first, again, other = (read(real(), seed) for seed in (5, 5, 6))
+    louder = read(real() | {"theta": SensorNoise(0.1)}, 5)
+    for output in first:
+        np.testing.assert_array_equal(first[output], again[output])
+        assert not np.array_equal(first[output], other[output])
+    np.testing.assert_array_equal(first["i_m"], louder["i_m"])
 
 
 @pytest.mark.parametrize(

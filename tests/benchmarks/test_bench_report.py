@@ -1,4 +1,4 @@
-"""What the speed report computes rather than times: goals, pairs, absent packages, the plain loop, the posterior."""
+"""What the speed report computes rather than times: pairs, absent packages, the plain loop, the posterior."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ import importlib.util
 import json
 from contextlib import ExitStack
 
-import bench
 import bench_engine
 import bench_sampling
 import numpy as np
 import pytest
-from bench import Goal
 from harness import Pair, Row, time_pair, update
 
 from aero_bayes.estimate.target import Target
@@ -20,15 +18,6 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.long
-
-
-def test_goals_are_met_on_the_right_side():
-    low, high = Goal("a", "a", 2.0), Goal("b", "b", 2.0, at_most=True)
-    assert low.line({"a": 2.1}).endswith(" met")
-    assert low.line({"a": 1.9}).endswith("NOT MET")
-    assert high.line({"b": 1.9}).endswith(" met")
-    assert high.line({"b": 2.1}).endswith("NOT MET")
-    assert all(goal.line({}).endswith("not measured") for goal in (low, high, *bench.GOALS))
 
 
 def test_rows_replace_earlier_ones_of_their_key_and_keep_the_others(tmp_path):

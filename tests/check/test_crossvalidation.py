@@ -22,7 +22,7 @@ def two_recordings(tmp_path_factory: pytest.TempPathFactory):
     rng = np.random.default_rng(2)
     recordings = [
         bench.simulate_recording(
-            bench.Truth("one_dof", bench.Parameters(), (), delay), bench.random_levels(rng, 18.0, 10.0),
+            bench.Truth((), delay), bench.random_levels(rng, 18.0, 10.0),
             bench.white(1.0), rng, duration=10.0, rate_hz=50.0, name=name,
         )
         for name, delay in (("first", 0.004), ("second", 0.011))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,21 +12,21 @@ from facts import facts
 from aero_bayes.data import Recording, summarise
 from simulated_rigs.aero import Truth, simulate_recording
 from simulated_rigs.designs import equal_steps
-from simulated_rigs.sensors import SensorNoise, Sensors, clean, real
+from simulated_rigs.sensors import SensorNoise, real, white
 
 pytestmark = pytest.mark.fast
 
 STAIRS = equal_steps([6.0, 18.0, 12.0, -9.0, 0.0], 5.0)
 
 
-def made(sensors: Sensors, seed: int = 0, rate_hz: float = 100.0) -> Recording:
+def made(sensors: dict[str, SensorNoise], seed: int = 0, rate_hz: float = 100.0) -> Recording:
     return simulate_recording(
         Truth(), STAIRS, sensors, np.random.default_rng(seed), duration=27.0, rate_hz=rate_hz, name="made"
     )
 
 
 def test_sampling_input_and_gaps() -> None:
-    recording = made(replace(clean(), theta=SensorNoise(white=1e-3, missing=0.1)))
+    recording = made({"theta": SensorNoise(white=1e-3, missing=0.1)})
     summary = summarise(recording)
     assert (summary.rows, summary.rate_hz, summary.dropped) == (2701, pytest.approx(100.0), 0)
     (volts,) = summary.inputs
@@ -43,7 +42,7 @@ def test_sampling_input_and_gaps() -> None:
 
 
 def test_dropped_samples_and_jitter() -> None:
-    recording = made(clean())
+    recording = made({})
     keep = np.ones(recording.rows, dtype=bool)
     keep[100:110] = keep[500] = False
     rng = np.random.default_rng(1)
@@ -60,14 +59,14 @@ def test_dropped_samples_and_jitter() -> None:
 
 
 def test_saturated_sensor_is_seen_and_a_resting_encoder_is_not() -> None:
-    recording = made(Sensors(SensorNoise(5e-3), SensorNoise(1.0), SensorNoise(1e-3)))
+    recording = made(white() | {"theta": SensorNoise(1e-3)})
     clipped = dict(recording.outputs) | {"omega_m": np.minimum(recording.outputs["omega_m"], 300.0)}
     summary = summarise(Recording("clipped", recording.time, recording.inputs, clipped, recording.units))
     share = float((clipped["omega_m"] == 300.0).mean())
     assert summary.outputs[1].saturated == pytest.approx(share, rel=0.05)
     assert summary.outputs[0].saturated == 0.0
     assert "saturated" in summary.outputs[1].text
-    assert summarise(made(replace(clean(), encoder_counts=2048))).outputs[2].saturated == 0.0
+    assert summarise(made({"theta": SensorNoise(counts=2048)})).outputs[2].saturated == 0.0
 
 
 def test_real_noise_is_described() -> None:

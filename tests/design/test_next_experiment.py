@@ -14,8 +14,7 @@ from aero_bayes.estimate import Limits
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.information import ExperimentPredictor, posterior_sd
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
-from aero_bayes.estimate.propose import propose_experiment
-from aero_bayes.estimate.separation import separating_experiment
+from aero_bayes.estimate.propose import propose_experiment, separating_experiment
 from aero_bayes.estimate.signal_search import FAMILIES, SearchSettings
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.modelica.compilers import export_fmu
@@ -36,7 +35,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
 
 @pytest.fixture(scope="module")
 def short_pulse():
-    truth = bench.Truth("one_dof", bench.Parameters(), (), 0.006)
+    truth = bench.Truth((), 0.006)
     return bench.simulate_recording(
         truth, pulse(6.0, 1.0, 3.0), bench.white(1.0), np.random.default_rng(1), duration=6.0, rate_hz=50.0
     )
@@ -77,7 +76,7 @@ def test_information_is_that_of_finite_differences_and_a_dense_covariance(fitted
         for sign in (1, -1):
             moved = point + sign * step * np.eye(count)[j]
             rows.append(np.append(predictor.shared.from_search(moved), predictor.delay_value))
-    with predictor.open(predictor.problem([predictor.experiment(volts)])) as simulator:
+    with predictor.open([volts]) as simulator:
         outputs = simulator.simulate(np.array(rows)).outputs[0]
     columns = [(outputs[2 + 2 * j] - outputs[3 + 2 * j]) / (2.0 * step) for j in range(count)]
     columns.append((outputs[0] - outputs[1]) / 2e-4)
@@ -151,7 +150,7 @@ def test_separating_experiment_tells_two_thrust_laws_apart(model, short_pulse, f
     apart = separating_experiment(fitted, other, duration=6.0, settings=replace(QUICK, seed=2), workers=0)
     assert np.max(np.abs(apart.values)) <= 24.0
     assert apart.travel["theta"] <= 1.0
-    truth = bench.Truth("one_dof", bench.Parameters(), (), 0.006)
+    truth = bench.Truth((), 0.006)
     volts = Levels(tuple(apart.time), tuple(apart.values))
     new = bench.simulate_recording(truth, volts, bench.white(1.0), np.random.default_rng(4), duration=6.0, rate_hz=50.0)
     both = [replace(short_pulse, name="old"), replace(new, name="new")]

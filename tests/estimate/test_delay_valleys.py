@@ -10,6 +10,7 @@ from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalResult, QuadraticModel, Stop
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.model import Model
+from simulated_rigs.kinds import AERO
 
 
 @pytest.fixture(scope="module")
@@ -20,15 +21,15 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_narrow_valley_of_a_delay_is_found(model, seed):
     """The reading 0.1 ms after a jump sees the current on its way; from the wide valley R_a would end 5 sd off."""
-    truth = {"input_delay": 0.0099, "R_a": 9.9, "J_r": 9e-6}
+    truth, late = {"R_a": 9.9, "J_r": 9e-6}, 0.0099
     rng = np.random.default_rng(seed)
     recording = bench.simulate_recording(
-        bench.Truth("one_dof", bench.Parameters(R_a=truth["R_a"], J_r=truth["J_r"]), (), truth["input_delay"]),
+        bench.Truth((), late, {**AERO.parameters, **truth}),
         bench.random_levels(rng, 24.0, 8.0, (0.3, 2.5), 0.5), bench.white(15.0), rng, duration=8.0, rate_hz=100.0,
     )  # fmt: skip
     settings = FitSettings(method="local", calibration=CalibrationSettings(delay="free"))
     found = fit(recording, model, settings=settings, workers=0).parameters
-    for name, value in truth.items():
+    for name, value in {**truth, "input_delay": late}.items():
         assert abs(found[name].value - value) < 4.5 * found[name].sd
 
 
@@ -37,7 +38,7 @@ def test_delays_of_two_recordings_are_found_apart(model):
     delays = {"a": 0.00991, "b": 0.0117}
     recordings = [
         bench.simulate_recording(
-            bench.Truth("one_dof", bench.Parameters(), (), late), bench.random_levels(rng, 24.0, 8.0, (0.3, 2.5), 0.5),
+            bench.Truth((), late), bench.random_levels(rng, 24.0, 8.0, (0.3, 2.5), 0.5),
             bench.white(1.0), rng, duration=8.0, rate_hz=100.0, name=name,
         )
         for name, late in delays.items()

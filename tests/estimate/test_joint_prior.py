@@ -10,8 +10,7 @@ from scipy.stats import multivariate_normal
 
 import aero_bayes
 from aero_bayes import InputError
-from aero_bayes.estimate.joint_prior import with_joint_prior
-from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model, with_joint_prior
 
 pytestmark = pytest.mark.fast
 
@@ -94,7 +93,7 @@ def test_a_posterior_of_other_parameters_is_refused() -> None:
 def test_a_file_of_the_sampler_is_read_back(tmp_path: Path) -> None:
     import xarray
 
-    from aero_bayes.posterior.inferencedata import draws_in
+    from aero_bayes.posterior.posterior import draws_in
 
     draws = np.random.default_rng(1).normal(size=(4, 50))
     group = xarray.Dataset({"a": (("chain", "draw"), draws)})

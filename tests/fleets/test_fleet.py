@@ -17,7 +17,7 @@ from aero_bayes.commands.fleet_runner import Table
 from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
 from aero_bayes.report.schema_run import FleetJson
-from simulated_rigs import write_fleet
+from simulate_fleet import write_fleet
 
 #: Fits from where they start; nothing that only a page of a single rig wants.
 QUICK = '[prediction]\nmax_seconds = 0\n\n[fit.local]\nstarts = 1\n\n[fit]\nmethod = "local"\n'

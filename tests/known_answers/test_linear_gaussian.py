@@ -18,10 +18,10 @@ from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.posterior.mcmc import run_chain
 from aero_bayes.posterior.modes import importance_sample, pareto_smooth
 from aero_bayes.posterior.moves import WarpedStudentT
-from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget, SolverSettings
 from aero_bayes.simulation.model import Model

@@ -72,7 +72,7 @@ def closed(tmp_path, text, name, free, laws, *recordings):
     return close_loop([first], [second], model=source, settings=settings, workers=0)
 
 
-@pytest.mark.parametrize("damping", [0.0, 3.0])
+@pytest.mark.parametrize("damping", [0.0, pytest.param(3.0, marks=pytest.mark.long)])
 def test_stops_at_both_ends_are_found_wherever_the_track_begins(tmp_path, damping):
     laws = ("end_stop", "end_stop_by_side", "coulomb_friction", "linear_stiffness", "offset")
     result = closed(tmp_path, TRACK, "Track", ("m", "d"), laws, track("a", 75, damping), track("b", 76, damping))

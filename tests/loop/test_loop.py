@@ -14,9 +14,10 @@ from aero_bayes.errors import InputError
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.loop.decide import decide
 from aero_bayes.loop.table import Table
-from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.aero import Truth, pivot_friction, scaled, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import real, white
+from simulated_rigs.truth import LawPlace, LawTruth
 
 SETTINGS = LoopSettings(max_effects=2)
 close_aero = partial(close_loop, model="Aero.Systems.OneDof")
@@ -29,15 +30,16 @@ def fmus(tmp_path_factory):
 
 def recordings(seed, sensors, delay, *effects, duration=30.0):
     rng = np.random.default_rng(seed)
-    truth = Truth("one_dof", Parameters().scaled({"R_a": 1.08, "k_t": 0.93, "D_p": 1.1}), effects, delay)
+    truth = Truth(effects, delay, scaled(R_a=1.08, k_t=0.93, D_p=1.1))
     return [
         simulate_recording(truth, random_levels(rng, 20.0, duration), sensors, stream, duration=duration, name=name)
         for name, stream in zip(("train", "test"), rng.spawn(2), strict=True)
     ]
 
 
+@pytest.mark.long
 def test_friction_is_found_written_and_judged(fmus, tmp_path):
-    train, test = recordings(11, white(1.0), 0.0, effect("pivot_coulomb_friction", tau_c=8e-4))
+    train, test = recordings(11, white(1.0), 0.0, pivot_friction(8e-4))
     found = close_aero([train], [test], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
     assert found.outcome == "extended"
     assert [e.id for e in found.effects] == ["pivot_coulomb_friction"]
@@ -60,14 +62,15 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
 
 
 def test_a_search_whose_time_is_up_is_judged_by_what_it_has_and_says_so(fmus):
-    train, test = recordings(11, white(1.0), 0.0, effect("pivot_coulomb_friction", tau_c=8e-4))
+    train, test = recordings(11, white(1.0), 0.0, pivot_friction(8e-4))
     found = close_aero([train], [test], settings=replace(SETTINGS, cache=fmus, max_minutes=1e-6), workers=0)
     assert found.outcome == "unexplained", (found.outcome, found.sentence)
     assert "1e-06 min" in found.sentence
 
 
+@pytest.mark.long
 def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_path):
-    truth = effect("pivot_presliding_friction", tau_p=9e-4, theta_p=9e-4 / 0.15)
+    truth = LawTruth("presliding_friction", LawPlace("balance", "q"), {"F_c": 9e-4, "x_s": 9e-4 / 0.15})
     train, test = recordings(15, white(1.0), 0.0, truth)
     settings = replace(SETTINGS, effects=("pivot_coulomb_friction", "pivot_presliding_friction", "cubic_stiffness"))
     found = close_aero([train], [test], settings=replace(settings, cache=fmus), workers=0, out_dir=tmp_path)
@@ -81,7 +84,8 @@ def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_
 
 
 def test_effects_that_the_data_cannot_tell_apart_get_an_experiment(fmus):
-    train, test = recordings(17, white(1.0), 0.0, effect("pitch_delay", T_d=0.02), duration=20.0)
+    late = LawTruth("delay", LawPlace("output", "pitch"), {"T": 0.02})
+    train, test = recordings(17, white(1.0), 0.0, late, duration=20.0)
     settings = replace(SETTINGS, effects=("pitch_delay", "thrust_lag"))
     found = close_aero([train], [test], settings=replace(settings, cache=fmus), workers=0)
     assert [set(ids) for ids in found.equivalent] == [{"pitch_delay", "thrust_lag"}]
@@ -103,7 +107,7 @@ def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_pat
 def test_a_quiet_recording_tells_nothing_and_says_so(fmus):
     rng = np.random.default_rng(13)
     quiet = simulate_recording(
-        Truth("one_dof", Parameters(), (effect("pivot_coulomb_friction", tau_c=5e-4),)),
+        Truth((pivot_friction(5e-4),)),
         random_levels(rng, 1e-3, 8.0), white(1.0), rng, duration=8.0, rate_hz=50.0, name="quiet",
     )  # fmt: skip
     found = close_aero([quiet], settings=replace(SETTINGS, cache=fmus), workers=0)

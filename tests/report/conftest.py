@@ -15,12 +15,14 @@ from headless_chromium import Browser, find_chromium
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
-from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.aero import Truth, pivot_friction, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import white
 
 #: Few parameters, few steps: pages want a run of every shape, not a good one.
 CONFIG = """
+[model]
+name = "Aero.Systems.OneDof"
 [fit]
 method = "local"
 [fit.local]
@@ -50,10 +52,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _make(folder: Path) -> None:
-    friction = effect("pivot_coulomb_friction", tau_c=1.2e-3)
+    friction = pivot_friction(1.2e-3)
     for name, seed in (("train", 5), ("unseen", 6)):
         rng = np.random.default_rng(seed)
-        truth = Truth("one_dof", Parameters(), (friction,), 0.006)
+        truth = Truth((friction,), 0.006)
         volts = random_levels(rng, 20.0, 12.0)
         recording = simulate_recording(truth, volts, white(), rng, duration=12.0, rate_hz=50.0)
         write_csv(recording, folder / f"{name}.csv")

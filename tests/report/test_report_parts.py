@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from aero_bayes.estimate.whiteness import autocorrelation
+from aero_bayes.estimate.noise import autocorrelation
 from aero_bayes.report.drawing import Line, Panel, band_envelope, column_means, data_table, draw, envelope, nice_ticks
 from aero_bayes.report.page import BITS, pack_series
 from aero_bayes.report.pairs import most_correlated

@@ -18,18 +18,20 @@ from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.posterior.sample import sample
-from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.simulation.model import Model
-from simulated_rigs.aero import Truth, effect, simulate_recording
+from simulated_rigs.aero import HALF_QUAD, Truth, pivot_friction, simulate_recording
 from simulated_rigs.designs import paper_step
-from simulated_rigs.kinds.aero import HALF_QUAD, Parameters
-from simulated_rigs.sensors import Sensors, white
+from simulated_rigs.kinds import AERO
+from simulated_rigs.sensors import SensorNoise, white
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "aero_step_16v5_1khz.csv"
 FREE = ("R_a", "c_m", "J_r", "k_d", "k_t", "D_p", "K_sp")
-TRUTH = Parameters(R_a=8.9, c_m=0.040, J_r=4.4e-6, k_d=2.6e-8, k_t=2.7e-7, D_p=0.0078, K_sp=0.035)
+TRUTH = AERO.parameters | {
+    "R_a": 8.9, "c_m": 0.040, "J_r": 4.4e-6, "k_d": 2.6e-8, "k_t": 2.7e-7, "D_p": 0.0078, "K_sp": 0.035,
+}  # fmt: skip
 SETTINGS = FitSettings(pso=SwarmSettings(particles=24, iterations=40))
 
 
@@ -42,14 +44,14 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Model]:
     }
 
 
-def recording(truth: Truth, sensors: Sensors | None = None) -> Recording:
+def recording(truth: Truth, sensors: dict[str, SensorNoise] | None = None) -> Recording:
     rng = np.random.default_rng(31)
     return simulate_recording(truth, paper_step(), sensors or white(1.0), rng, duration=30.0, rate_hz=50.0)
 
 
 @pytest.fixture(scope="module")
 def found(models: dict[str, Model]) -> Fit:
-    return fit(recording(Truth("one_dof", TRUTH, (), 0.006)), models["OneDof"], settings=SETTINGS, workers=1)
+    return fit(recording(Truth((), 0.006, TRUTH)), models["OneDof"], settings=SETTINGS, workers=1)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +64,7 @@ def test_the_truth_lies_where_the_laplace_approximation_says(found: Fit) -> None
     for name in FREE:
         estimate = found[name]
         assert estimate.status is Status.IDENTIFIED
-        assert abs(estimate.value - getattr(TRUTH, name)) < 4.9 * estimate.sd, name
+        assert abs(estimate.value - TRUTH[name]) < 4.9 * estimate.sd, name
     assert abs(found["input_delay"].value - 0.006) < 4.9 * found["input_delay"].sd
     assert found.noise["omega_m"].kind == "white"
     assert found.noise["theta"].sd == pytest.approx(2e-3, rel=0.1)
@@ -103,16 +105,16 @@ def test_predictive_band_holds_its_share_of_the_readings(posterior: Posterior) -
 
 
 def test_a_missing_effect_is_no_noise_and_leaves_the_motor_alone(models: dict[str, Model]) -> None:
-    truth = Truth("one_dof", TRUTH, (effect("pivot_coulomb_friction", tau_c=1.5e-3),), 0.006)
+    truth = Truth((pivot_friction(1.5e-3),), 0.006, TRUTH)
     wrong = fit(recording(truth), models["OneDof"], settings=SETTINGS, workers=1)
     assert wrong.noise["theta"].model_error
     assert any("theta" in w for w in wrong.warnings)
     for name in ("R_a", "c_m", "J_r", "k_d"):
-        assert abs(wrong[name].value - getattr(TRUTH, name)) < 5.5 * wrong[name].sd, name
+        assert abs(wrong[name].value - TRUTH[name]) < 5.5 * wrong[name].sd, name
 
 
 def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> None:
-    full = recording(Truth("half_quad", HALF_QUAD, (), 0.006))
+    full = recording(Truth((), 0.006, HALF_QUAD))
     alone = Recording(full.name, full.time, full.inputs, {"theta": full.outputs["theta"]}, full.units)
     found = fit(alone, models["HalfQuad"], settings=SETTINGS, workers=1)
     assert found["R_a"].status is not Status.IDENTIFIED

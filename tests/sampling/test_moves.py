@@ -16,6 +16,7 @@ from emcee.moves import StretchMove
 from scipy import stats
 
 from aero_bayes.posterior.adaptation import (
+    Surrogate,
     SurrogateDensity,
     independence_acceptance,
     log_prior_of,
@@ -30,7 +31,6 @@ from aero_bayes.posterior.moves import (
     TriangularMap,
     WarpedStudentT,
 )
-from aero_bayes.posterior.surrogate import Surrogate
 
 ENSEMBLES, STEPS = 40, 60
 CORRELATED = np.array([[1.0, 0.95, 0.3], [0.95, 1.0, 0.2], [0.3, 0.2, 2.0]])

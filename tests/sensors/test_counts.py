@@ -32,15 +32,10 @@ def test_rounding_of_a_slow_signal_lasts():
 def counted(model):
     """A fit to a pitch encoder of 64 counts whose noise before rounding is a fifth of a count."""
     step = 2.0 * np.pi / 64
-    sensors = bench.Sensors(
-        bench.SensorNoise(white=0.005),
-        bench.SensorNoise(white=1.0),
-        bench.SensorNoise(white=0.2 * step),
-        encoder_counts=64,
-    )
+    sensors = bench.white() | {"theta": bench.SensorNoise(white=0.2 * step, counts=64)}
     levels = bench.random_levels(np.random.default_rng(6), 20.0, 10.0)
     recording = bench.simulate_recording(
-        bench.Truth("one_dof", bench.Parameters(), (), 0.006), levels, sensors,
+        bench.Truth((), 0.006), levels, sensors,
         np.random.default_rng(7), duration=10.0, rate_hz=50.0,
     )  # fmt: skip
     settings = FitSettings(method="local", noise=NoiseModel("white"))

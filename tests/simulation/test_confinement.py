@@ -12,14 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runs import ran
 from test_engine_isolation import FINE, TIME
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation import confinement, supervision
-from aero_bayes.simulation.engine_library import engine_path
+from aero_bayes.simulation import worker_group, workers
 from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.worker_group import engine_path
 from aero_bayes.simulation.workers import WorkerPool
 
 pytestmark = pytest.mark.fast
@@ -47,8 +48,7 @@ def problem(test_fmu) -> Problem:
 
 
 def check(problem: Problem, modes: list[int], pool: WorkerPool) -> None:
-    with NativeSimulator(problem, pool=pool) as simulator:
-        found = simulator.simulate(np.array(modes, dtype=float)[:, None])
+    found = ran(problem, pool, np.array(modes, dtype=float)[:, None])
     for mode, outcome, out in zip(modes, found.outcomes[:, 0], found.outputs[0], strict=True):
         if mode in ENDS:
             assert Outcome(outcome) in ENDS[mode], mode
@@ -80,7 +80,7 @@ def test_files_outside_its_folder(problem, pool):
 
 def test_what_is_refused_here_works_unconfined(problem, monkeypatch):
     # or the tests above would prove nothing
-    monkeypatch.setenv(confinement.TRUST, "1")
+    monkeypatch.setenv(worker_group.TRUST, "1")
     with WorkerPool(1) as pool, NativeSimulator(problem, pool=pool) as simulator:
         found = simulator.simulate(np.array([*CALLS, WRITE_OUTSIDE, CHANGE_MODE, FILL_FILE], dtype=float)[:, None])
     assert np.all(found.outcomes == Outcome.OK)
@@ -89,9 +89,9 @@ def test_what_is_refused_here_works_unconfined(problem, monkeypatch):
 
 def spoil_slots(problem: Problem) -> None:
     """The shared memory within the model's reach, the pipes of its worker out of it: only the clock can tell."""
-    supervision.MAX_SILENCE = 1e6
+    workers.MAX_SILENCE = 1e6
     with WorkerPool(1) as pool:
-        assert pool.group.memory.fd < REACH
+        assert pool.group.fd < REACH
         taken = [os.open(os.devnull, os.O_RDONLY) for _ in range(40)]
         assert min(taken[-2:]) >= REACH
         check(problem, [SAY_DONE, FINE, SAY_DONE, FINE], pool)

@@ -13,6 +13,7 @@ import time as clock
 
 import numpy as np
 import pytest
+from runs import ran
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings
@@ -68,7 +69,7 @@ def test_a_model_that_is_lost_in_every_run_is_run_no_more(test_fmu, mode):
     with WorkerPool(2) as workers, NativeSimulator(trouble(test_fmu, 0.02), pool=workers) as simulator:
         for _ in range(2):
             assert set(simulator.simulate(every).outcomes.ravel()) == EXPECTED[mode]
-        assert workers.replaced <= 2 * (MAX_LOST_RUNS + 2)  # a run whose worker crashes is tried once more
+        assert workers.group.replaced <= 2 * (MAX_LOST_RUNS + 2)  # a run whose worker crashes is tried once more
     with WorkerPool(2) as workers, NativeSimulator(trouble(test_fmu), pool=workers) as simulator:
         assert np.all(simulator.simulate(np.zeros((1, 1))).outcomes == Outcome.OK)
         simulator.simulate(np.full((2 * MAX_LOST_RUNS, 1), float(CRASH)))
@@ -88,8 +89,7 @@ def test_trouble_in_the_reduced_calls(test_fmu, pool):
 
 
 def test_not_finite_values_are_not_run(test_fmu, here):
-    with NativeSimulator(trouble(test_fmu), pool=here) as simulator:
-        found = simulator.simulate(np.array([[np.nan], [np.inf], [0.0]]))
+    found = ran(trouble(test_fmu), here, [[np.nan], [np.inf], [0.0]])
     assert list(found.outcomes[:, 0]) == [Outcome.NOT_FINITE, Outcome.NOT_FINITE, Outcome.OK]
 
 
@@ -137,14 +137,13 @@ def test_a_killed_worker_is_replaced(test_fmu):
         os.kill(worker, signal.SIGKILL)
         os.waitid(os.P_PID, worker, os.WEXITED | os.WNOWAIT)
         assert np.all(simulator.simulate(np.zeros((2, 1))).outcomes == Outcome.OK)
-        assert pool.replaced == 1
+        assert pool.group.replaced == 1
 
 
 def test_large_results_grow_the_shared_memory(test_fmu, pool):
     time = np.linspace(0.0, 1.0, 200_001)
     problem = Problem(test_fmu("Dahlquist"), (Experiment(time, ("x", "y")),), ((ParameterTarget("k"),),))
-    with NativeSimulator(problem, pool=pool) as simulator:
-        found = simulator.simulate(np.array([[1.0], [2.0], [3.0]]), active=[0])
+    found = ran(problem, pool, [[1.0], [2.0], [3.0]], active=[0])
     for row, k in enumerate((1.0, 2.0, 3.0)):
         np.testing.assert_allclose(found.outputs[0][row, :, 0], np.exp(-k * time), atol=1e-5)
 
@@ -158,9 +157,9 @@ def test_memory_is_bounded_in_the_batch(test_fmu, pool):
     )
     with NativeSimulator(problem, pool=pool) as simulator:
         simulator.log_likelihood(np.full((20_000, 1), 1.5), np.array([1.0, 0.0, 0.0]))
-        before = pool.memory.size
+        before = pool.group.memory.size
         result = simulator.log_likelihood(np.full((100_000, 1), 1.5), np.array([1.0, 0.0, 0.0]))
-        assert pool.memory.size == before
+        assert pool.group.memory.size == before
     assert np.unique(result.log_likelihood).size == 1
 
 
@@ -207,8 +206,8 @@ def test_a_worker_that_leaks_is_recycled(test_fmu):
     problem = trouble(test_fmu)
     with WorkerPool(1, memory_limit=256 << 20) as pool, NativeSimulator(problem, pool=pool) as simulator:
         found = simulator.simulate(np.full((1200, 1), float(LEAK)))
-        assert pool.recycled >= 2
-        assert pool.replaced == 0
+        assert pool.group.recycled >= 2
+        assert pool.group.replaced == 0
         again = simulator.simulate(np.full((200, 1), float(LEAK)))
     assert np.all(found.outcomes == Outcome.OK)
     assert np.all(again.outcomes == Outcome.OK)
@@ -221,10 +220,10 @@ def stopped(pool: WorkerPool, seconds: float = math.inf) -> tuple[threading.Thre
 
     def stop() -> None:
         (worker,) = pool.processes
-        while pool.tasks[0] < 0:
+        while pool.group.slots[0, 0] < 0:
             clock.sleep(0.001)
         os.kill(worker, signal.SIGSTOP)
-        task.append(pool.tasks[0])
+        task.append(pool.group.slots[0, 0])
         if math.isfinite(seconds):
             clock.sleep(seconds)
             os.kill(worker, signal.SIGCONT)
@@ -262,7 +261,7 @@ def test_a_run_that_sleeps_is_ended(test_fmu):
 def test_a_worker_below_the_limit_is_kept(test_fmu):
     with WorkerPool(1) as pool, NativeSimulator(trouble(test_fmu), pool=pool) as simulator:
         simulator.simulate(np.zeros((500, 1)))
-        assert pool.recycled == pool.replaced == 0
+        assert pool.group.recycled == pool.group.replaced == 0
 
 
 ORPHAN = """

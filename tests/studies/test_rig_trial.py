@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import ColumnSpec, Layout, read_recording
-from simulated_rigs import LawPlace, LawTruth, draw_rig_trial
-from simulated_rigs.nodes import joined_connectors, same_places
+from simulated_rigs.trial import draw_rig_trial
+from simulated_rigs.truth import LawPlace, LawTruth
 from study.answers import answer_of
-from study.rig_trial import STUDY, RigTask, attempt, right_effect, right_pair, right_port, summary, table
-from study.study import Row, run, worked
+from study.rig_trial import STUDY, attempt, joined_connectors, right_effect, right_pair, same_places, summary, table
+from study.study import Row, keyed, run, worked
 
 pytestmark = pytest.mark.long
 
@@ -28,9 +28,8 @@ def answer(*ids: str, equivalent: tuple[tuple[str, ...], ...] = (), **more: obje
 
 
 def test_a_program_that_knows_is_right_and_one_that_guesses_is_not() -> None:
-    task = RigTask(11001, "heat", "law", 1)
     trial = draw_rig_trial("heat", 1)
-    (law,) = trial.truth.laws
+    (law,) = trial.laws
     ids = same_places(trial, law)
 
     def row(name: str, *equivalent: tuple[str, ...]) -> Row:
@@ -41,11 +40,10 @@ def test_a_program_that_knows_is_right_and_one_that_guesses_is_not() -> None:
             rms = {output: float(np.std(values)) for output, values in test.outputs.items()}
             return answer(name, equivalent=equivalent, after={"test": rms})
 
-        return attempt(task, program)
+        return attempt((11001, "heat", "law", 1), program)
 
     rows = [row(ids[0]), row("delay@elsewhere", ("delay@elsewhere", ids[-1])), row("delay@elsewhere")]
     assert [right_effect(one) for one in rows] == [True, True, False]
-    assert [right_port(one) for one in rows] == [True, True, False]
     noise = trial.test.outputs["T_plate"] - trial.noise_free["test"].outputs["T_plate"]
     expected = np.std(trial.test.outputs["T_plate"]) / np.sqrt(np.mean(noise**2))
     assert rows[0]["after_over_noise"]["T_plate"] == pytest.approx(expected)
@@ -57,23 +55,21 @@ def judged(what: str, truth: str, found: tuple[str, ...], **more: object) -> Row
 
 
 def test_rates_are_counted_and_shown() -> None:
-    assert right_port(judged("law", "stribeck_friction@v", ("coulomb_friction@v",)))
     assert right_pair(judged("pair", "offset@u lag@y", ("lag@y", "offset@u")))
     assert not right_pair(judged("pair", "offset@u lag@y", ("lag@y", "offset@u", "gain@u")))
     rows = [judged("law", "offset@u", ("offset@u",)) for _ in range(9)] + [judged("law", "lag@y", ("offset@u",))]
     rows += [judged("none", "", ()), judged("none", "", ("gain@u",)), {"key": "f", "error": "stopped"}]
     found = summary(rows)
-    assert found["right_effect"] == {"d>=20": pytest.approx(0.9), "8<=d<20": None}
-    assert (found["nothing_missing"], found["false_discovery"]) == (0.5, 0.5)
-    assert found["counts"]["failed"] == 1
-    assert any("90 %" in line and "10 |" in line for line in table(found))
+    assert [one["share"] for one in found["rates"]] == [pytest.approx(0.9), None, None, 0.5, None]
+    assert (found["trials"], found["failed"]) == (13, 1)
+    assert table(found)[1][0][1:] == ("90 %", "90 % (± 12)", 10)
 
 
 def test_a_law_that_is_not_told_apart_is_right_in_its_class_and_no_false_discovery() -> None:
     one = judged("law", "offset@u", ("gain@u",))
     one["effects"][0] |= {"claim": "one of", "alternatives": [{"id": "offset@u", "port": "u", "error_ratio": 1.02}]}
     assert right_effect(one)
-    assert summary([{**one, "what": "none", "ids": [], "d": []}])["false_discovery"] == 0.0
+    assert summary([{**one, "what": "outside", "ids": []}])["rates"][4]["share"] == 1.0
 
 
 OPTIONS = {"trials": None, "minutes": None, "workers": 0, "only": None, "again": [], "development": True}
@@ -82,36 +78,35 @@ OPTIONS = {"trials": None, "minutes": None, "workers": 0, "only": None, "again":
 def test_finished_rows_are_kept_and_failures_are_rows(tmp_path: Path) -> None:
     calls = []
 
-    def fails(task: RigTask) -> Row:
-        calls.append(task.key)
+    def fails(task: tuple[object, ...]) -> Row:
+        calls.append(task)
         raise RuntimeError("no such thing")
 
-    tasks = [RigTask(11001, "heat", "none", k) for k in range(3)]
-    study = replace(STUDY, tasks=lambda options: tasks, attempt=lambda task: judged("none", "", ()))
-    first = run(study, Namespace(out=tmp_path, **OPTIONS | {"trials": 1}))
-    assert (first["trials"], first["left"], first["nothing_missing"]) == (1, 2, 1.0)
-    both = run(replace(study, attempt=fails), Namespace(out=tmp_path, **OPTIONS))
-    assert calls == [task.key for task in tasks[1:]]
-    assert (both["trials"], both["left"], both["counts"]["failed"]) == (3, 0, 2)
-    assert both["table"][0] == first["table"][0]
-    again = run(study, Namespace(out=tmp_path, **OPTIONS | {"again": ["*/2"]}))
-    assert again["counts"]["failed"] == 1
+    tasks = [(11001, "heat", "none", k) for k in range(3)]
+    study = replace(STUDY, tasks=lambda options: keyed(tasks), attempt=lambda task: judged("none", "", ()))
+
+    def counts(attempt=study.attempt, **options: object) -> tuple[int, int, int]:
+        found = run(replace(study, attempt=attempt), Namespace(out=tmp_path, **OPTIONS | options))
+        return found["trials"], found["left"], found["failed"]
+
+    assert counts(trials=1) == (1, 2, 0)
+    assert counts(fails) == (3, 0, 2)
+    assert calls == tasks[1:]
+    assert counts(again=["*/2"]) == (3, 0, 1)
     assert json.loads((tmp_path / "rig_trial-dev.json").read_text())["left"] == 0
-    none = run(replace(study, attempt=fails), Namespace(out=tmp_path, **OPTIONS | {"minutes": 0.0, "again": ["*"]}))
-    assert none["counts"]["failed"] == 1
+    assert counts(fails, minutes=0.0, again=["*"]) == (3, 0, 1)
 
 
-def dies(task: RigTask) -> Row:
-    if task.number:
+def dies(task: tuple[int]) -> Row:
+    if task[0]:
         os._exit(1)
     return {"alive": True}
 
 
 def test_a_task_whose_process_dies_takes_no_other_with_it() -> None:
-    tasks = [RigTask(1, "heat", "none", number) for number in (1, 0)]
-    rows = {row["key"]: row for row in worked(dies, tasks, 1, float("inf"))}
-    assert "error" in rows[tasks[0].key]
-    assert rows[tasks[1].key]["alive"]
+    rows = {row["key"]: row for row in worked(dies, keyed([(1,), (0,)]), 1, float("inf"))}
+    assert "error" in rows["1"]
+    assert rows["0"]["alive"]
 
 
 def test_places_go_by_all_their_names() -> None:

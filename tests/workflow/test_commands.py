@@ -14,17 +14,17 @@ from click.testing import CliRunner
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
-from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.aero import Truth, pivot_friction, scaled, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import white
 
 REAL = Path(os.environ.get("AERO_BAYES_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
-TRUTH = Parameters().scaled({"R_a": 1.05, "k_t": 0.95, "K_sp": 1.1})
+TRUTH = scaled(R_a=1.05, k_t=0.95, K_sp=1.1)
 
 
 def record(path: Path, *effects: Any, seed: int = 5) -> Path:
     rng = np.random.default_rng(seed)
-    truth = Truth("one_dof", TRUTH, effects, 0.006)
+    truth = Truth(effects, 0.006, TRUTH)
     return write_csv(
         simulate_recording(truth, random_levels(rng, 20.0, 30.0), white(), rng, duration=30.0, rate_hz=50.0), path
     )
@@ -105,7 +105,7 @@ def test_the_page_can_be_drawn_again(adequate: Path, tmp_path: Path) -> None:
 
 
 def test_loop_names_the_missing_friction(tmp_path: Path) -> None:
-    friction = effect("pivot_coulomb_friction", tau_c=2.0e-3)
+    friction = pivot_friction(2.0e-3)
     train = record(tmp_path / "train.csv", friction)
     test = record(tmp_path / "test.csv", friction, seed=6)
     out = tmp_path / "out"

@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
 from aero_bayes.modelica.compilers import export_fmu
-from simulated_rigs.aero import Parameters, Truth, effect, simulate_recording
+from simulated_rigs.aero import Truth, pivot_friction, simulate_recording
 from simulated_rigs.designs import pulse
 from simulated_rigs.sensors import white
 
@@ -35,7 +35,7 @@ def fmu(folder: Path) -> Path:
 def short(folder: Path) -> Path:
     """A pulse too short to say much of the body."""
     rng = np.random.default_rng(11)
-    truth = Truth("one_dof", Parameters(), (effect("pivot_coulomb_friction", tau_c=0.5e-3),), 0.006)
+    truth = Truth((pivot_friction(0.5e-3),), 0.006)
     made = simulate_recording(truth, pulse(8.0, 1.0, 4.0), white(1.0), rng, duration=8.0, rate_hz=50.0)
     return write_csv(made, folder / "short.csv")
 

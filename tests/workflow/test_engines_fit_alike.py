@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
-from simulated_rigs.aero import Parameters, Truth, simulate_recording
+from simulated_rigs.aero import Truth, scaled, simulate_recording
 from simulated_rigs.designs import paper_step
 from simulated_rigs.sensors import white
 
@@ -34,7 +34,7 @@ absolute_tolerance = 1e-7
 
 @pytest.mark.long
 def test_the_engines_fit_alike(tmp_path: Path) -> None:
-    truth = Truth("one_dof", Parameters().scaled({"R_a": 1.05, "k_t": 0.95}), (), 0.0)
+    truth = Truth(parameters=scaled(R_a=1.05, k_t=0.95))
     rng = np.random.default_rng(8)
     data = write_csv(
         simulate_recording(truth, paper_step(), white(1.0), rng, duration=6.0, rate_hz=50.0), tmp_path / "short.csv"

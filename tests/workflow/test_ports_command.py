@@ -11,7 +11,6 @@ from click.testing import CliRunner
 from small_rigs import RIGS
 
 from aero_bayes.cli import main
-from simulated_rigs.aero import KINDS
 
 RIG = """model Pair "A vessel that is read, and one downstream that nothing reads"
   parameter Real k(unit = "1/s", min = 0.01, max = 10) = 0.5 "Outflow";
@@ -181,8 +180,15 @@ def test_the_table_is_aligned_and_names_file_and_line(rig):
 
 
 def test_the_aero_has_the_ports_of_its_effects():
-    rows = json.loads(ports("--json"))
-    assert {row["id"]: row["port"] for row in rows} == {kind.id: kind.port for kind in KINDS.values()}
+    rows = json.loads(ports("--model", "Aero.Systems.OneDof", "--json"))
+    expected = {
+        "electrical": "supply_resistance brush_drop winding_heating amplifier_deadzone amplifier_saturation",
+        "rotor": "rotor_coulomb_friction rotor_viscous_friction",
+        "thrust": "thrust_inflow_loss thrust_lag thrust_asymmetry",
+        "body": "pivot_coulomb_friction pivot_presliding_friction body_quadratic_drag gravity_offset cubic_stiffness",
+        "sensor": "current_offset speed_lag pitch_delay pitch_offset",
+    }
+    assert {row["id"]: row["port"] for row in rows} == {n: port for port, ids in expected.items() for n in ids.split()}
 
 
 def test_recordings_beside_an_fmu_are_refused_in_one_line():

@@ -14,7 +14,7 @@ from written_effects import write_effects
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
 from aero_bayes.modelica.compilers import export_fmu
-from simulated_rigs.aero import Parameters, Truth, simulate_recording
+from simulated_rigs.aero import Truth, simulate_recording
 from simulated_rigs.designs import pulse, random_levels
 from simulated_rigs.sensors import white
 
@@ -24,7 +24,7 @@ QUICK = "[fit]\nmethod = 'local'\n"
 def record(path: Path, seed: int, **options: Any) -> Path:
     rng = np.random.default_rng(seed)
     shape = options.pop("shape", None) or random_levels(rng, 15.0, 20.0)
-    truth = Truth("one_dof", Parameters(), (), 0.006)
+    truth = Truth((), 0.006)
     return write_csv(
         simulate_recording(truth, shape, white(), rng, duration=20.0, rate_hz=50.0, name=path.stem, **options), path
     )

@@ -29,6 +29,7 @@ def closed(rig: Path, train: str, test: str, config: str = "rig.toml", *more: st
     return json.loads((out / "result.json").read_text("utf-8")), done.output, out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("train", "test"), [("steps", "chirp"), ("chirp", "steps")])
 def test_the_inputs_of_each_recording_are_read_as_they_move_in_it(rig: Path, train: str, test: str) -> None:
     result, said, out = closed(rig, train, test, "rig.toml", "--quiet")

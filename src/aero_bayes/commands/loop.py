@@ -18,12 +18,12 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.identifiability import Status, fixed_reasons
 from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings, Stage
-from aero_bayes.estimate.likelihood_profile import LOG_POSTERIOR_DROP_90, profile_likelihood
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.other_tools import noise_at_interval
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.residual_tests import reports_by_recording
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.target import LOG_POSTERIOR_DROP_90, profile_likelihood
 from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.loop.loop import close_loop
 from aero_bayes.loop.result import LoopResult
@@ -36,7 +36,7 @@ from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
-    from aero_bayes.posterior.settings import SampleSettings
+    from aero_bayes.posterior.convergence import SampleSettings
 
 
 Settings = TypeVar("Settings", bound=Any)
@@ -80,7 +80,7 @@ def _noise(job: Job) -> NoiseModel:
 
 def sample_settings(job: Job) -> SampleSettings:
     """Return how long the job wants its posterior sampled."""
-    from aero_bayes.posterior.settings import SampleSettings
+    from aero_bayes.posterior.convergence import SampleSettings
 
     return filled(SampleSettings(), job.config.posterior)
 

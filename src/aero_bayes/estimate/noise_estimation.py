@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import quantisation_step
 from aero_bayes.estimate.noise import NoiseKind, OutputNoise, SampleTimes
-from aero_bayes.simulation.engine_library import engine_path
+from aero_bayes.simulation.worker_group import engine_path
 
 LOG_2PI = float(np.log(2.0 * np.pi))
 

@@ -23,7 +23,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, Checkpoint, digest, pack, pack_random, unpack, unpack_random
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.posterior.adaptation import Adaptation, Density, adapt, log_prior_of, scan_axes
-from aero_bayes.posterior.inferencedata import Convergence, check_convergence
+from aero_bayes.posterior.convergence import MIN_STEPS, Convergence, SampleSettings, StoppingDecision, decide
 from aero_bayes.posterior.moves import (
     DelayedAcceptanceMove,
     DelayedAcceptanceWalkMove,
@@ -31,7 +31,6 @@ from aero_bayes.posterior.moves import (
     IndependenceMove,
     WarpedStudentT,
 )
-from aero_bayes.posterior.settings import SampleSettings
 from aero_bayes.progress import Progress
 
 
@@ -53,52 +52,6 @@ def standard_moves(adaptation: Adaptation, prior: Density) -> Sequence[tuple[Mov
     ]
     # During burn-in walkers also find places where the surrogate is far too low.
     return moves if adaptation.frozen else [*moves, (DifferentialMove(), 0.5)]
-
-
-#: Smallest number of steps that are judged, and of autocorrelation times of a chain whose walkers depend on each other.
-MIN_STEPS, MIN_AUTOCORRELATION_TIMES = 50, 50.0
-
-
-@dataclass(frozen=True)
-class StoppingDecision:
-    """Whether a chain may stop, which criteria it misses, and at how many steps to decide again."""
-
-    enough: bool
-    reason: str
-    diagnoses: tuple[Convergence, ...]
-    next_check: int
-
-    @property
-    def line(self) -> str:
-        tau, ess = max(d.tau for d in self.diagnoses), min(d.ess_bulk for d in self.diagnoses)
-        return f"R-hat {max(d.r_hat for d in self.diagnoses):.4f}, tau {tau:.1f}, ESS {ess:.0f}"
-
-
-def decide(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> StoppingDecision:
-    """Apply the stopping rule to kept points, shape (ensembles, steps, walkers, d).
-
-    ``coupled`` says whether a walker moves by where others of its ensemble are."""
-    # Walkers that depend on each other count as one series: that of their mean. It must be longer to be judged.
-    length, dimension = max(settings.lengths, MIN_AUTOCORRELATION_TIMES if coupled else 0.0), points.shape[-1]
-    if points.shape[1] < 8:
-        nothing = Convergence(np.inf, np.inf, 0.0, 0.0)
-        return StoppingDecision(False, "fewer than 8 steps were kept", (nothing,) * dimension, MIN_STEPS)
-    steps = points.shape[1]
-    diagnoses = tuple(check_convergence(points[..., j], coupled=coupled) for j in range(dimension))
-    tau, worst = max(d.tau for d in diagnoses), max(d.r_hat for d in diagnoses)
-    low = min(min(d.ess_bulk, d.ess_tail) for d in diagnoses)
-    missed, wanted = [], float(steps)
-    if worst > settings.r_hat:
-        missed.append(f"R-hat {worst:.4f} is above {settings.r_hat:g}")
-        wanted = 1.2 * steps
-    if steps < length * tau:
-        missed.append(f"the chain has {steps / tau:.0f} autocorrelation times, {length:g} are needed")
-        wanted = max(wanted, length * tau)
-    if low < settings.ess:
-        missed.append(f"{low:.0f} effective samples, {settings.ess:g} are wanted")
-        wanted = max(wanted, steps * settings.ess / max(low, 1.0))
-    next_check = int(np.clip(np.ceil(wanted), steps + 4, 1.5 * steps + 4))
-    return StoppingDecision(not missed, "; ".join(missed) or "every criterion was met", diagnoses, next_check)
 
 
 #: Temperature of the surrogate whose draws are evaluated after each round of burn-in.
@@ -276,21 +229,9 @@ class Chain:
         return float(np.mean(np.any(np.diff(self.points, axis=1) != 0.0, axis=-1))) if self.points.shape[1] > 1 else 0.0
 
     @property
-    def tau(self) -> float:
-        """Longest autocorrelation time in steps."""
-        return max(d.tau for d in self.diagnoses)
-
-    @property
-    def r_hat(self) -> float:
-        return max(d.r_hat for d in self.diagnoses)
-
-    @property
-    def ess_bulk(self) -> float:
-        return min(d.ess_bulk for d in self.diagnoses)
-
-    @property
-    def ess_tail(self) -> float:
-        return min(d.ess_tail for d in self.diagnoses)
+    def worst(self) -> Convergence:
+        """Worst of each diagnostic over all dimensions."""
+        return Convergence.worst(self.diagnoses)
 
 
 def run_chain(

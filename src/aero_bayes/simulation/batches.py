@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -12,11 +13,10 @@ from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.engine_library import LoadError
 from aero_bayes.simulation.interface import Outcome, Problem, Trajectories
-from aero_bayes.simulation.supervision import TODO
+from aero_bayes.simulation.worker_group import LoadError
 from aero_bayes.simulation.worker_main import JOB_WORDS
-from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.simulation.workers import TODO, WorkerPool
 
 #: What a batch computes; the numbers of ``MODE_...`` in native/engine.h.
 TRAJECTORY, LIKELIHOOD, GAUSS_NEWTON = 0, 1, 2
@@ -81,30 +81,35 @@ class Batches:
         sensitivities = tuple(np.empty((n, *shape, q)) for shape in shapes)
         outcomes = np.zeros((n, len(shapes)), dtype=np.uint8)
         steps = np.zeros((n, len(shapes)), dtype=np.int64)
-        per_row = 8 * (1 + q) * sum(a * b for a, b in shapes)
-        rows = max(1, min(MAX_ROWS, BLOCK_BYTES // max(1, per_row)))
-        for start in range(0, n, rows):
-            part = slice(start, min(n, start + rows))
-            with self.pool.lock:
-                block = self.run(mode, values[part], columns, None)
-                outcomes[part], steps[part] = block.outcomes, block.steps
-                for e in range(len(shapes)):
-                    bad = block.outcomes[:, e] != Outcome.OK
-                    outputs[e][part] = block.outputs[e]
-                    outputs[e][part][bad] = np.nan
-                    if q:
-                        sensitivities[e][part] = block.sensitivities[e]
-                        sensitivities[e][part][bad] = np.nan
+        for part, block in self.blocks(mode, values, columns, None, (1 + q) * sum(a * b for a, b in shapes)):
+            outcomes[part], steps[part] = block.outcomes, block.steps
+            for e in range(len(shapes)):
+                bad = block.outcomes[:, e] != Outcome.OK
+                outputs[e][part] = block.outputs[e]
+                outputs[e][part][bad] = np.nan
+                if q:
+                    sensitivities[e][part] = block.sensitivities[e]
+                    sensitivities[e][part][bad] = np.nan
         return Trajectories(outputs, sensitivities if active is not None else None, outcomes, steps)
 
-    def run(self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None) -> Block:
+    def blocks(
+        self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None, numbers: int
+    ) -> Iterator[tuple[slice, Block]]:
+        """Run some rows at a time, each of which gives so many numbers; a block is valid until the next one."""
+        rows = max(1, min(MAX_ROWS, BLOCK_BYTES // max(1, 8 * numbers)))
+        for start in range(0, len(values), rows):
+            part = slice(start, min(len(values), start + rows))
+            with self.pool.lock:
+                yield part, self._run(mode, values[part], columns, None if noise is None else noise[part])
+
+    def _run(self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None) -> Block:
         """Lay one block out in shared memory and run it; the pool's lock is held."""
         varies = noise is not None and noise.strides[0] != 0
         noise_size = 0 if noise is None else noise[0].size * (len(noise) if varies else 1)
         key = mode, len(values), len(columns), varies, noise_size
         self.pool.reserve(0)  # after a fork the memory is another
         layout = self._job_layout
-        if layout is None or layout.key != key or layout.memory is not self.pool.memory:
+        if layout is None or layout.key != key or layout.memory is not self.pool.group.memory:
             layout = self._job_layout = self._lay_out(key, values.shape[1])
         layout.header[:] = layout.words  # another simulator of the pool may have used this memory since
         layout.values[:] = values
@@ -131,7 +136,7 @@ class Batches:
         sizes += [n * a * b for a, b in shapes] + [n * a * b * q for a, b in shapes]
         at = list(accumulate(((size + 7) // 8 * 64 for size in sizes), initial=0))
         start = self.pool.reserve(at[-1])
-        memory = self.pool.memory
+        memory = self.pool.group.memory
         at = [start + offset for offset in at]
 
         def words(index: int, kind: type[np.int64] | type[np.float64] = np.float64) -> Any:

@@ -1,4 +1,14 @@
-"""The worker processes of a pool, each started when it is first needed and replaced when it is lost."""
+"""The worker processes of a pool, each started when it is first needed and replaced when it is lost.
+
+Each is kept from harming this machine by the model's code. It is limited in memory and file size and gives up, for good
+and before it loads the model, writing anywhere but in a scratch folder of its own (Landlock), other processes, the
+network, shared memory and signals to others (seccomp). A model may read what its user may read; what it reads can go
+nowhere. Not limited is the number of files in its scratch folder, and a model that forges its results in the memory it
+shares with us is believed. Runs in this process (``workers=0``) are not confined at all.
+
+A model that needs a licence server or a program of its own cannot be run confined: set ``AERO_BAYES_TRUST_FMU=1`` for
+one that you trust.
+"""
 
 from __future__ import annotations
 
@@ -9,44 +19,39 @@ import shutil
 import signal
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import time
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aero_bayes.simulation import confinement, worker_main
-from aero_bayes.simulation.engine_library import engine_path
+from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.simulation import worker_main
 
+FILE_LIMIT = 256 << 20
+TRUST = "AERO_BAYES_TRUST_FMU"
 SLOT_BYTES = 64  # a cache line, so that workers do not slow each other down
 _FIRST_SIZE = 1 << 20
 
 
-class SharedMemory:
-    """A slot for each worker, in which it says what it is doing, and behind them a job with its values and results."""
+@cache
+def engine_path() -> Path:
+    """Return the compiled engine; CannotFinishError where the package was installed without it."""
+    folder = Path(__file__).parent
+    for name in ("_engine.abi3.so", "_engine" + str(sysconfig.get_config_var("EXT_SUFFIX")), "_engine.so"):
+        if (folder / name).is_file():
+            return folder / name
+    raise CannotFinishError(
+        "the native engine is not compiled: install a C compiler and reinstall the package, or use --engine fmpy"
+    )
 
-    def __init__(self, slots: int, folder: Path) -> None:
-        self._count = slots
-        if hasattr(os, "memfd_create"):
-            self.fd = os.memfd_create("aero-bayes")
-        else:
-            with tempfile.TemporaryFile(dir=folder) as stream:
-                self.fd = os.dup(stream.fileno())
-        self._map(_FIRST_SIZE)
 
-    def _map(self, size: int) -> None:
-        os.ftruncate(self.fd, size)
-        self.data: NDArray[np.uint8] = np.frombuffer(mmap.mmap(self.fd, size), dtype=np.uint8)
-        self.slots = self.data[: self._count * SLOT_BYTES].view(np.int64).reshape(-1, SLOT_BYTES // 8)
-
-    def reserve(self, size: int) -> int:
-        """Offset in bytes behind which there is room for `size` bytes; grows to the next power of two."""
-        start = self._count * SLOT_BYTES
-        if start + size > self.data.size:
-            self._map(1 << (start + size - 1).bit_length())
-        return start
+class LoadError(InputError):
+    """The binary of a model cannot be loaded; the message is the loader's."""
 
 
 @dataclass
@@ -69,13 +74,14 @@ class WorkerProcess:
                 str(Path(__file__).parents[2]),
                 *filter(None, sys.path),
             ]
-        limit = -memory_limit - 1 if confinement.is_trusted() else memory_limit
+        trusted = os.environ.get(TRUST, "") not in ("", "0")
+        limit = -memory_limit - 1 if trusted else memory_limit
         command_read, command_write = os.pipe()
         reply_read, reply_write = os.pipe()
         try:
             process = subprocess.Popen(
                 [sys.executable, "-I", "-S", worker_main.__file__, str(engine_path())]
-                + [str(number) for number in (command_read, reply_write, memory, limit, confinement.FILE_LIMIT)]
+                + [str(number) for number in (command_read, reply_write, memory, limit, FILE_LIMIT)]
                 + named,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -124,24 +130,42 @@ INVALID_TASK = -2
 
 
 class WorkerGroup:
-    """As many workers as the shared memory has slots."""
+    """As many workers as slots of the memory that they share.
 
-    def __init__(
-        self, size: int, folder: Path, memory: SharedMemory, memory_limit: int, engine: type | None = None
-    ) -> None:
+    In its slot a worker says what it is doing; behind the slots is a job with its values and results."""
+
+    def __init__(self, size: int, folder: Path, memory_limit: int, engine: type | None = None) -> None:
         self.workers: list[WorkerProcess | None] = [None] * size
-        self.memory = memory
         self.replaced = self.recycled = 0
         self._folder, self._memory_limit, self._engine = folder, memory_limit, engine
+        self._slots = max(1, size)
+        if hasattr(os, "memfd_create"):
+            self.fd = os.memfd_create("aero-bayes")
+        else:
+            with tempfile.TemporaryFile(dir=folder) as stream:
+                self.fd = os.dup(stream.fileno())
+        self._map(_FIRST_SIZE)
+
+    def _map(self, size: int) -> None:
+        os.ftruncate(self.fd, size)
+        self.memory: NDArray[np.uint8] = np.frombuffer(mmap.mmap(self.fd, size), dtype=np.uint8)
+        self.slots = self.memory[: self._slots * SLOT_BYTES].view(np.int64).reshape(-1, SLOT_BYTES // 8)
+
+    def reserve(self, size: int) -> int:
+        """Offset in bytes behind which there is room for `size` bytes; grows to the next power of two."""
+        start = self._slots * SLOT_BYTES
+        if start + size > self.memory.size:
+            self._map(1 << (start + size - 1).bit_length())
+        return start
 
     def begin(self, index: int, problem: bytes, job: int, first: int) -> int:
         """Let a worker take tasks of a job, `first` before all others; gives the file descriptor of its replies."""
         worker = self.workers[index]
         if worker is None:
-            worker = WorkerProcess.start(self._folder, self.memory.fd, self._memory_limit, self._engine)
+            worker = WorkerProcess.start(self._folder, self.fd, self._memory_limit, self._engine)
             self.workers[index] = worker
-        self.memory.slots[index, :3] = NO_TASK, 0, 0
-        worker.send(worker_main.RUN, self.memory.data.size, job, index * SLOT_BYTES, first, problem)
+        self.slots[index, :3] = NO_TASK, 0, 0
+        worker.send(worker_main.RUN, self.memory.size, job, index * SLOT_BYTES, first, problem)
         return worker.replies
 
     def forget(self, problem: bytes) -> None:
@@ -154,31 +178,13 @@ class WorkerGroup:
         """Return the task that a worker is at, NO_TASK, or INVALID_TASK beyond `count`.
 
         And whether it never had any."""
-        task, started = (int(v) for v in self.memory.slots[index, :2])
+        task, started = (int(v) for v in self.slots[index, :2])
         return (task if NO_TASK <= task < count else INVALID_TASK), (task, started) == (NO_TASK, 0)
 
-    def replace(self, index: int) -> None:
-        """Stop a worker that is lost; the next that is asked of it starts another."""
-        self._stop(index)
-        self.replaced += 1
-
-    def recycle(self, index: int) -> None:
-        """Stop a worker whose memory is full, or whose FMU cannot be instantiated again."""
-        self._stop(index)
-        self.recycled += 1
-
-    def _stop(self, index: int) -> None:
-        worker = self.workers[index]
-        self.workers[index] = None
+    def stop(self, index: int, *, lost: bool) -> None:
+        """Stop a worker that is lost, or one that can do no more; the next that is asked of it starts another."""
+        worker, self.workers[index] = self.workers[index], None
+        self.replaced += lost
+        self.recycled += not lost
         if worker is not None:
             worker.stop()
-
-
-def stop_all(workers: list[WorkerProcess | None], owner: int) -> None:
-    """Stop all workers, in the process that started them."""
-    if os.getpid() != owner:
-        return
-    for index, worker in enumerate(workers):
-        if worker is not None:
-            worker.stop()
-            workers[index] = None

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import ctypes
 import os
+import select
 import tempfile
 import threading
+import time
 import weakref
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,14 +22,140 @@ from numpy.typing import NDArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.files import ScratchFolder
 from aero_bayes.simulation import worker_main
-from aero_bayes.simulation.engine_library import LoadError, engine_path
 from aero_bayes.simulation.interface import ClosedAtExit, Outcome
 from aero_bayes.simulation.model_description import ModelDescription
-from aero_bayes.simulation.supervision import TODO, Batch, Supervisor
-from aero_bayes.simulation.worker_group import SharedMemory, WorkerGroup, stop_all
+from aero_bayes.simulation.worker_group import (
+    INVALID_TASK,
+    NO_TASK,
+    LoadError,
+    WorkerGroup,
+    WorkerProcess,
+    engine_path,
+)
 
+TODO = 255
+MAX_SILENCE = 60.0  # s after which a worker that is at no task and does not say so counts as lost
+WALL_CLOCK_FACTOR = 10.0  # time limits on the wall clock after which a run that sleeps, or gets no processor, is ended
+MAX_EARLY_DEATHS = 8  # workers of a batch that die before they begin a task
 #: Runs of a model: where its first ones all crashed or ran out of time no further one is begun.
 MAX_LOST_RUNS = 24
+
+
+class Supervisor:
+    """Watches workers until every task of a problem's job has an outcome: crashes, hangs and lost replies end in one.
+
+    What workers write is not believed where it cannot be true: a model's code reaches the pipe and the shared memory,
+    too."""
+
+    def __init__(
+        self, group: WorkerGroup, problem: bytes, job: int, outcomes: NDArray[np.uint8], time_limit: float
+    ) -> None:
+        self._group, self._problem, self._job = group, problem, job
+        self._outcomes, self._time_limit = outcomes, time_limit
+        self._active: dict[int, int] = {}  # index of a worker by the descriptor of its replies
+        self._silent_since: dict[int, int] = {}  # when a worker was first seen without a task, ns
+        self._retried: set[int] = set()
+        self._early_deaths = 0
+        self._poller = select.poll()
+        self._allowed = 1e9 * (1.1 * time_limit + 0.05)  # ns of a run, with time for the reply
+
+    def run(self, give_up: Callable[[], bool]) -> None:
+        """Run the job, or some of it until it is given up."""
+        outcomes = self._outcomes
+        left = outcomes.size + 1
+        try:
+            # A worker that is lost may have had several runs under way. Only one of them is to blame; the others are
+            # asked for again, as long as each round gets some done.
+            while 0 < (todo := int(np.count_nonzero(outcomes == TODO))) < left:
+                left = todo
+                self._group.memory[self._job :][:8].view(np.int64)[0] = 0  # the next task to take
+                if not self._run_round(give_up):
+                    break
+        except BaseException:  # an interrupt must not leave a worker in the middle of a job
+            self._replace_active()
+            raise
+        outcomes[outcomes > max(Outcome)] = Outcome.CRASHED  # TODO is one of them: tasks that were lost
+
+    def _run_round(self, give_up: Callable[[], bool]) -> bool:
+        """Hand out every task that has no outcome; False where the job is given up."""
+        patience = min(250.0, max(5.0, 250.0 * self._time_limit))  # ms
+        for index in range(min(len(self._group.workers), self._outcomes.size)):
+            self._begin(index, NO_TASK)
+        while self._active:
+            for fd, _ in self._poller.poll(patience):
+                self._handle_reply(fd)
+            self._end_overdue_runs()
+            if give_up():
+                self._replace_active()
+                return False
+        return True
+
+    def _begin(self, index: int, first: int) -> None:
+        fd = self._group.begin(index, self._problem, self._job, first)
+        self._active[fd] = index
+        self._poller.register(fd, select.POLLIN)
+
+    def _release(self, fd: int) -> None:
+        self._poller.unregister(fd)
+        self._silent_since.pop(self._active.pop(fd), None)
+
+    def _replace_active(self) -> None:
+        for index in self._active.values():
+            self._group.stop(index, lost=True)
+
+    def _proceed(self, index: int, task: int, end: Outcome, *, retry: bool) -> None:
+        """Another worker takes over; the task that was under way ends so, or is tried once more."""
+        outcomes = self._outcomes
+        again = retry and task >= 0 and outcomes[task] == TODO and task not in self._retried
+        if again:
+            self._retried.add(task)
+        elif task >= 0 and outcomes[task] == TODO:
+            outcomes[task] = end
+        if np.any(outcomes == TODO):
+            self._begin(index, task if again else NO_TASK)
+
+    def _handle_reply(self, fd: int) -> None:
+        index = self._active[fd]
+        reply = os.read(fd, 2048)
+        task, fresh = self._group.task_of(index, self._outcomes.size)
+        if reply == b"d" and task == NO_TASK:
+            self._release(fd)
+        elif reply == b"r":  # its memory is full, or a task met an FMU that cannot be instantiated again
+            self._release(fd)
+            self._group.stop(index, lost=False)
+            self._proceed(index, task, Outcome.MODEL_ERROR, retry=True)
+        elif reply[:1] in (b"e", b"l") and fresh:
+            kind = LoadError if reply[:1] == b"l" else CannotFinishError
+            raise kind(reply[1:].decode(errors="replace").strip())
+        else:
+            self._release(fd)
+            self._group.stop(index, lost=True)
+            self._early_deaths += fresh
+            if self._early_deaths > MAX_EARLY_DEATHS:
+                raise CannotFinishError("worker processes of the native engine die as soon as they start")
+            self._proceed(index, task, Outcome.CRASHED, retry=True)
+
+    def _end_overdue_runs(self) -> None:
+        now = time.monotonic_ns()
+        workers = self._group.workers
+        clocks = {i: worker.computing_time for i in self._active.values() if (worker := workers[i])}
+        for fd, index in list(self._active.items()):
+            task, _ = self._group.task_of(index, self._outcomes.size)
+            if self._is_overdue(index, task, now, clocks[index]):
+                self._release(fd)
+                self._group.stop(index, lost=True)
+                self._proceed(index, task, Outcome.TIMED_OUT, retry=False)
+
+    def _is_overdue(self, index: int, task: int, now: int, computed: int | None) -> bool:
+        if task < 0:
+            # An invalid task was written by the model's code, which runs no longer than any other.
+            allowed = self._allowed if task == INVALID_TASK else max(1e9 * MAX_SILENCE, 2.0 * self._allowed)
+            return now - self._silent_since.setdefault(index, now) >= allowed
+        self._silent_since.pop(index, None)
+        started, spent = (int(v) for v in self._group.slots[index, 1:3])
+        factor = WALL_CLOCK_FACTOR if computed is not None else 1.0
+        # It may have begun another since the clocks were read.
+        return abs(now - started) >= factor * self._allowed or abs((computed or spent) - spent) >= self._allowed
 
 
 class WorkerPool(ClosedAtExit):
@@ -48,11 +177,10 @@ class WorkerPool(ClosedAtExit):
         self._first: dict[str, NDArray[np.uint8]] = {}  # how the first runs of each model ended
         self._engine = worker_main.load_engine(str(engine_path())) if workers == 0 else None
         self.group = self._new_group()
-        self._finalizer = weakref.finalize(self, stop_all, self.group.workers, self._owner)
+        self._finalizer = weakref.finalize(self, _stop_all, self.group.workers, self._owner)
 
     def _new_group(self) -> WorkerGroup:
-        memory = SharedMemory(max(1, self.size), self.folder)
-        return WorkerGroup(self.size, self.folder, memory, self.memory_limit, self._engine_class)
+        return WorkerGroup(self.size, self.folder, self.memory_limit, self._engine_class)
 
     def close(self) -> None:
         """Stop the workers and remove what was unpacked."""
@@ -65,26 +193,6 @@ class WorkerPool(ClosedAtExit):
     def processes(self) -> tuple[int, ...]:
         """Process ids of the workers that run."""
         return tuple(worker.process.pid for worker in self.group.workers if worker is not None)
-
-    @property
-    def replaced(self) -> int:
-        """How many workers crashed or were killed."""
-        return self.group.replaced
-
-    @property
-    def recycled(self) -> int:
-        """How many workers were ended between two runs and replaced."""
-        return self.group.recycled
-
-    @property
-    def tasks(self) -> tuple[int, ...]:
-        """The task that each worker is at; -1 for none."""
-        return tuple(int(task) for task in self.group.memory.slots[:, 0])
-
-    @property
-    def memory(self) -> NDArray[np.uint8]:
-        """The shared memory; another array after it has grown."""
-        return self.group.memory.data
 
     def use_one_worker(self) -> None:
         """In a forked child: one worker from now on."""
@@ -116,12 +224,12 @@ class WorkerPool(ClosedAtExit):
                 path.unlink(missing_ok=True)
 
     def reserve(self, size: int) -> int:
-        """Offset in :attr:`memory` of at least `size` bytes. Hold :attr:`lock` while they are in use."""
+        """Offset in the shared memory of at least `size` bytes. Hold :attr:`lock` while they are in use."""
         if os.getpid() != self._owner:  # a forked child gets workers of its own
             self._owner = os.getpid()
             self._finalizer.detach()
             self.group = self._new_group()
-        return self.group.memory.reserve(size)
+        return self.group.reserve(size)
 
     def run(self, path: Path, job: int, outcomes: NDArray[np.uint8], time_limit: float, model: str) -> None:
         """Run the job at this offset of the shared memory until every task has an outcome.
@@ -145,7 +253,7 @@ class WorkerPool(ClosedAtExit):
 
         if hopeless():
             return
-        Supervisor(self.group, Batch(key, job, outcomes, time_limit), hopeless).run()
+        Supervisor(self.group, key, job, outcomes, time_limit).run(hopeless)
 
     def _run_in_this_process(self, key: bytes, job: int, outcomes: NDArray[np.uint8]) -> None:
         assert self._engine is not None
@@ -155,8 +263,18 @@ class WorkerPool(ClosedAtExit):
             if not problem:
                 raise CannotFinishError(error.value.decode(errors="replace"))
             self._problems[key] = problem
-        problem, base = self._problems[key], self.memory.ctypes.data
+        problem, base = self._problems[key], self.group.memory.ctypes.data
         while ended := self._engine.ab_batch(problem, base, base + job, base, -1):
             if ended == worker_main.NOT_LOADED:
                 raise LoadError(self._engine.ab_load_error(problem).decode(errors="replace"))
-            outcomes[self.tasks[0]] = Outcome.MODEL_ERROR  # no other process is there to instantiate it in
+            outcomes[self.group.slots[0, 0]] = Outcome.MODEL_ERROR  # no other process is there to instantiate it in
+
+
+def _stop_all(workers: list[WorkerProcess | None], owner: int) -> None:
+    """Stop all workers, in the process that started them."""
+    if os.getpid() != owner:
+        return
+    for index, worker in enumerate(workers):
+        if worker is not None:
+            worker.stop()
+            workers[index] = None

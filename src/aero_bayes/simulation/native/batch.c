@@ -65,11 +65,10 @@ static void gauss_newton_result(const Run *r, double *out)
     out[0] = k->cost;
     out[1] = -k->cost - k->log_det;
     for (int i = 0; i < q; i++) {
-        out[2 + r->order[i]] = k->gradient[i];
+        out[2 + i] = k->gradient[i];
         for (int j = i; j < q; j++) {
             const double v = k->hessian[i * r->ld + j];
-            out[2 + q + r->order[i] * q + r->order[j]] = v;
-            out[2 + q + r->order[j] * q + r->order[i]] = v;
+            out[2 + q + i * q + j] = out[2 + q + j * q + i] = v;
         }
     }
 }

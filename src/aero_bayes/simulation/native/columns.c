@@ -14,12 +14,10 @@ enum { MOST_ROUNDS = 5 };
 
 static size_t width(const Run *r) { return (size_t)(r->n * r->ld); }
 
-static int64_t alive(const Run *r) { return (r->acting + 3) / 4 * 4; }
-
 /* to += m s */
 static void apply(const Run *r, double *to, const double *m, const double *s)
 {
-    kernels->apply_rows(to, m, s, r->n, r->exponential->rows, alive(r), r->ld);
+    kernels->apply_rows(to, m, s, r->n, r->exponential->rows, r->ld, r->ld);
 }
 
 /* C_k anew at (r->t, r->x). */
@@ -31,13 +29,13 @@ int columns_renew(Run *r)
     double *base = r->b_node, *moved = base + width(r), *x = r->u;
     memset(k->system.a.slopes, 0, sizeof *base * width(r) * (size_t)n);
     int status = set_point(r, r->t, r->x);
-    if (!is_error(status)) status = sensitivity_slopes(r, r->t, base);
+    if (!is_error(status)) status = sensitivity_slopes(r, base);
     for (int color = 0; color < p->n_colors && !is_error(status); color++) {
         memcpy(x, r->x, sizeof *x * (size_t)n);
         for (int j = 0; j < n; j++)
             if (p->color[j] == color) x[j] += STEP_OF_STATES * larger(larger(r->largest[j], fabs(x[j])), LEAST_SIZE);
         status = set_point(r, r->t, x);
-        if (!is_error(status)) status = sensitivity_slopes(r, r->t, moved);
+        if (!is_error(status)) status = sensitivity_slopes(r, moved);
         for (int j = 0; j < n && !is_error(status); j++) {
             if (p->color[j] != color) continue;
             const double inverse = 1.0 / (x[j] - r->x[j]);
@@ -93,11 +91,11 @@ static int begin(Run *r, int whole)
 {
     Exponential *k = r->exponential;
     int status = set_point(r, r->t, r->x);
-    if (!is_error(status)) status = sensitivity_slopes(r, r->t, k->s_slope);
+    if (!is_error(status)) status = sensitivity_slopes(r, k->s_slope);
     if (!is_error(status) && whole) status = jacobian_less(r, r->t, r->x, NULL, k->nearness[0]);
     if (!is_error(status) && r->any_linear) {
         status = set_point(r, r->t + k->now->h, r->x);
-        if (!is_error(status)) status = sensitivity_slopes(r, r->t + k->now->h, k->s_ramp);
+        if (!is_error(status)) status = sensitivity_slopes(r, k->s_ramp);
         for (size_t i = 0; i < width(r); i++) k->s_ramp[i] -= k->s_slope[i];
     }
     apply(r, k->s_slope, whole ? k->nearness[0] : k->system.a.value, r->s);
@@ -110,7 +108,7 @@ static int visit(Run *r, int j, double *rest)
     Exponential *k = r->exponential;
     const double t = r->t + point_of[j] * k->now->h;
     int status = set_point(r, t, k->x[j]);
-    if (!is_error(status)) status = sensitivity_slopes(r, t, rest);
+    if (!is_error(status)) status = sensitivity_slopes(r, rest);
     if (!is_error(status)) status = jacobian_less(r, t, k->x[j], k->system.a.value, k->nearness[j]);
     if (is_error(status)) return status;
     for (size_t i = 0; i < width(r); i++) rest[i] -= k->s_slope[i];
@@ -161,13 +159,6 @@ double columns_step(Run *r)
     StepTable *t = k->now;
     const size_t size = width(r);
     k->bare_columns = k->rounds == ONLY_END && k->linear_columns;
-    if (!r->acting) {
-        memset(r->s1, 0, sizeof *r->s1 * size);
-        memset(k->s_slope, 0, sizeof *r->s1 * size);
-        memset(k->s_ramp, 0, sizeof *r->s1 * size);
-        k->bare_columns = 1;
-        return 0.0;
-    }
     r->status = begin(r, !k->bare_columns);
     if (is_error(r->status)) return NAN;
     linear_columns(r, &t->node[2], k->s_linear[2]);

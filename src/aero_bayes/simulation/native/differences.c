@@ -178,7 +178,6 @@ int run_differences(Run *r)
     }
     for (int j = 0; j < r->q && !outcome; j++) {
         const int64_t column = r->active[j];
-        r->order[j] = j;
         slopes[j] = calloc((size_t)size, sizeof **slopes);
         if (!slopes[j]) outcome = AB_SOLVER_FAILED;
         if (outcome || e->targets[column].kind == TARGET_NONE) continue;

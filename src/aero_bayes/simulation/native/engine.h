@@ -42,7 +42,7 @@ enum {
 };
 
 enum {
-    TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_INPUT, TARGET_DIFFUSION, TARGET_READING_NOISE
+    TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_DIFFUSION, TARGET_READING_NOISE
 };
 enum {
     MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON,
@@ -57,13 +57,13 @@ typedef struct {
     int linear; /* 0 hold, 1 linear */
     int64_t count;
     const double *time, *values;
-    int64_t n_breaks; /* grid indices at which the signal or a target on it may break */
+    int64_t n_breaks; /* grid indices at which the signal breaks */
     int64_t *breaks;
 } Signal;
 
 typedef struct {
     int kind;
-    int64_t a, b;
+    int64_t a;
     double scale; /* a natural size of the column, for differences */
 } Target;
 
@@ -143,7 +143,6 @@ typedef struct {
     int mode;
     const Experiment *e;
     int q, ld; /* active columns, padded leading dimension */
-    const int *order; /* sorted column -> its place among the active ones */
     int64_t filled, first; /* block: count, index of its first sample */
     double *y;             /* m x BLOCK */
     double *s;             /* m x BLOCK x ld */
@@ -152,7 +151,6 @@ typedef struct {
     Filter *filter;
     double *filter_mean; /* m x ld: the sensitivities' filters */
     double cost, log_det;
-    int64_t used;
     double *gradient, *hessian; /* ld, ld x ld */
     double *residual, *gain, *decay, *weight;
 } Sink;
@@ -211,19 +209,16 @@ typedef struct Run {
     int64_t deadline, earliest; /* in this thread's computing time, and by the clock: no sooner */
     /* inputs */
     double *delay, *u_before; /* of each signal; its value before a jump */
-    double **signal_values, *signal_store; /* with input targets added */
     int64_t *cell;
     double *u0, *slope, u_time, *u_now; /* value and slope of each signal in this segment */
     fmi_reference *u_reference;
     int any_slope, any_linear;
     Break *breaks;
     int64_t n_breaks, next_break;
-    /* sensitivities: columns sorted by the time from which they matter, rows of ld */
-    int q, ld, acting, sensitive; /* acting: columns that matter already */
+    /* sensitivities: rows of ld */
+    int q, ld, sensitive;
     const int64_t *active;
     Target *column_target;
-    int *order;
-    double *column_from;
     double *s, *s1, *sv, *su, *sdense, *s0;
     double *a_node, *b_node, *b_now, *g_dot, *a_packed;
     double *s_largest; /* the largest that each column has been */
@@ -251,7 +246,6 @@ void *own(Problem *, int64_t count, size_t size);
 /* fmu.c */
 int fmu_load(Problem *);
 int fmu_ready(Problem *);
-void fmu_discard(Fmu *);
 int outcome_of(Fmu *, int status);
 int rhs(Run *, double t, const double *x, double *f);
 int set_point(Run *, double t, const double *x);
@@ -262,9 +256,9 @@ int read_nominals(Run *);
 
 /* inputs.c */
 void inputs_prepare(Run *);
+int inputs_pass(Run *, int *kink);
 void inputs_enter(Run *, double t);
 int inputs_apply(Run *, double t);
-double input_weight(const Run *, const Target *, double t);
 
 /* rodas.c */
 enum { STAGES = 8 };
@@ -275,8 +269,6 @@ typedef struct {
 extern const Method rodas5p;
 double rodas_step(Run *, double h, const double *ft);
 void rodas_dense(Run *);
-int lu_factor(double *a, int n, int *pivot, Sparse *factors);
-void lu_solve(const Sparse *factors, const int *pivot, double *b);
 double scaled_norm(const Run *, const double *v, const double *x, const double *x1);
 double first_step(Run *, double limit);
 double first_step_of(double slope, double bend, double limit);
@@ -285,10 +277,9 @@ double first_step_of(double slope, double bend, double limit);
 int sensitivity_begin(Run *);
 int delay_jump(Run *, int *);
 int sensitivity_node(Run *, int node, double t, const double *x, const double *jac);
-int sensitivity_slopes(Run *, double t, double *b);
+int sensitivity_slopes(Run *, double *b);
 double sensitivity_error(Run *, const double *v);
 double sensitivity_step(Run *, double h, double root);
-void sensitivity_activate(Run *, double t);
 
 /* events.c */
 int event_iterate(Run *);

@@ -16,27 +16,7 @@ static double resolution(const Run *r)
     return 16.0 * DBL_EPSILON * fmax(fabs(e->time[0]), fabs(e->time[e->n - 1]));
 }
 
-static void add_targets(Run *r)
-{
-    const Experiment *e = r->e;
-    int any = 0;
-    for (int64_t j = 0; r->values && j < r->problem->p; j++) any |= e->targets[j].kind == TARGET_INPUT;
-    double *store = r->signal_store;
-    for (int i = 0; i < e->n_signals; i++) {
-        const Signal *s = &e->signals[i];
-        if (any) {
-            memcpy(store, s->values, sizeof *store * (size_t)s->count);
-            r->signal_values[i] = store;
-            store += s->count;
-        } else
-            r->signal_values[i] = (double *)s->values;
-    }
-    for (int64_t j = 0; any && j < r->problem->p; j++)
-        if (e->targets[j].kind == TARGET_INPUT)
-            r->signal_values[e->targets[j].a][e->targets[j].b] += r->values[j];
-}
-
-/* Values, delay and the list of breaks of this run; the segment at r->t is entered. */
+/* Delay and the list of breaks of this run; the segment at r->t is entered. */
 void inputs_prepare(Run *r)
 {
     const Experiment *e = r->e;
@@ -47,13 +27,12 @@ void inputs_prepare(Run *r)
         for (int64_t j = 0; r->values && j < r->problem->p; j++)
             if (delays(&e->targets[j], i)) r->delay[i] += r->values[j];
     }
-    add_targets(r);
     r->n_breaks = r->next_break = 0;
     r->any_linear = 0;
     int filled = 0;
     for (int i = 0; i < e->n_signals; i++) {
         const Signal *s = &e->signals[i];
-        const double *v = r->signal_values[i];
+        const double *v = s->values;
         r->u_reference[i] = s->reference;
         r->cell[i] = 0;
         r->any_linear |= s->linear;
@@ -70,6 +49,16 @@ void inputs_prepare(Run *r)
     inputs_enter(r, r->t);
 }
 
+/* Passes the breaks up to r->t: do input values jump there, or only their slopes? */
+int inputs_pass(Run *r, int *kink)
+{
+    int jump = 0;
+    *kink = 0;
+    for (; r->next_break < r->n_breaks && r->breaks[r->next_break].time <= r->t + r->resolution; r->next_break++)
+        *(r->breaks[r->next_break].jump ? &jump : kink) = 1;
+    return jump;
+}
+
 /* Value and slope of every signal from time t on. */
 void inputs_enter(Run *r, double t)
 {
@@ -78,7 +67,7 @@ void inputs_enter(Run *r, double t)
     r->u_time = t;
     for (int i = 0; i < e->n_signals; i++) {
         const Signal *s = &e->signals[i];
-        const double *v = r->signal_values[i], at = t - r->delay[i];
+        const double *v = s->values, at = t - r->delay[i];
         int64_t k = r->cell[i];
         while (k + 1 < s->count && s->time[k + 1] <= at + r->resolution) k++;
         r->cell[i] = k;
@@ -97,19 +86,4 @@ int inputs_apply(Run *r, double t)
     const int count = r->e->n_signals;
     for (int i = 0; i < count; i++) r->u_now[i] = r->u0[i] + r->slope[i] * (t - r->u_time);
     return r->fmu->set_real(r->fmu->instance, r->u_reference, (size_t)count, r->u_now);
-}
-
-/* du/d(target) at time t of the present segment. */
-double input_weight(const Run *r, const Target *target, double t)
-{
-    const Signal *s = &r->e->signals[target->a];
-    const int64_t k = target->b;
-    if (!s->linear) return r->cell[target->a] == k ? 1.0 : 0.0;
-    const double at = t - r->delay[target->a], x = s->time[k];
-    if (at <= x) {
-        if (k == 0) return 1.0;
-        return at <= s->time[k - 1] ? 0.0 : (at - s->time[k - 1]) / (x - s->time[k - 1]);
-    }
-    if (k + 1 == s->count) return 1.0;
-    return at >= s->time[k + 1] ? 0.0 : (s->time[k + 1] - at) / (s->time[k + 1] - x);
 }

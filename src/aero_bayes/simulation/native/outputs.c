@@ -53,7 +53,7 @@ int read_values(Run *r, double t, const double *x, double *y, int64_t stride)
 }
 
 /* dy/dp where the FMU stands: y_x S + y_p + y_u u_p, one call a column; the row of output o to to[o * stride]. */
-static int read_sensitivities(Run *r, double t, const double *s, double *to, int64_t stride)
+static int read_sensitivities(Run *r, const double *s, double *to, int64_t stride)
 {
     const Experiment *e = r->e;
     const int n = r->n;
@@ -62,19 +62,16 @@ static int read_sensitivities(Run *r, double t, const double *s, double *to, int
         int known = n;
         for (int i = 0; i < n; i++) {
             r->seed_reference[i] = r->problem->state_reference[i];
-            r->seed[i] = k < r->acting ? s[i * r->ld + k] : 0.0;
+            r->seed[i] = s[i * r->ld + k];
         }
         if (target->kind == TARGET_PARAMETER) {
             r->seed_reference[known] = (fmi_reference)target->a;
             r->seed[known++] = 1.0;
         }
-        for (int i = 0; i < e->n_signals && k < r->acting; i++) {
-            double w = 0.0;
-            if (delays(target, i)) w = -r->slope[i];
-            if (target->kind == TARGET_INPUT && target->a == i) w = input_weight(r, target, t);
-            if (w == 0.0) continue;
+        for (int i = 0; i < e->n_signals; i++) {
+            if (!delays(target, i) || r->slope[i] == 0.0) continue;
             r->seed_reference[known] = r->u_reference[i];
-            r->seed[known++] = w;
+            r->seed[known++] = -r->slope[i];
         }
         int moves = 0;
         for (int i = 0; i < known; i++) moves |= r->seed[i] != 0.0;
@@ -99,7 +96,7 @@ static int read_outputs(Run *r, double t, double fraction, double *y, int64_t y_
     const int status = read_values(r, t, r->u, y, y_stride);
     if (is_error(status) || !r->q) return status;
     kernels->dense_rows(r->su, r->sdense, size, &fraction, 1, size, size);
-    return read_sensitivities(r, t, r->su, s, s_stride);
+    return read_sensitivities(r, r->su, s, s_stride);
 }
 
 /* Whether the polynomial meets the odd points of `columns` series side by side, each to a tolerance times its size;

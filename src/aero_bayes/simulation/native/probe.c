@@ -177,20 +177,6 @@ static int parameter_is_right(Run *r, const Trial *b, double *trial, int64_t j)
     return failed || !contradicted(b, step); /* beyond the parameter's range nothing can be compared */
 }
 
-static int input_is_right(Run *r, const Trial *b, const Target *t)
-{
-    const fmi_reference known = r->u_reference[t->a];
-    if (initialise(r) != AB_OK || is_error(read_directional(r, b, known))) return 0;
-    const double kept = r->u_now[t->a], step = 1e-5 * larger(fabs(kept), t->scale);
-    int failed = 0;
-    for (int side = 1; side >= -1 && !failed; side -= 2) {
-        const double value = kept + side * step;
-        failed = is_error(r->fmu->set_real(r->fmu->instance, &known, 1, &value)) ||
-                 is_error(read_points(r, b, side > 0 ? b->high : b->low));
-    }
-    return failed || !contradicted(b, step);
-}
-
 /* The model's own start and two points about it, the same in every worker. */
 static void lay_points(const Run *r, const Trial *b)
 {
@@ -226,14 +212,12 @@ int derivatives_are_right(Run *r)
     if (!known) r->values = values; /* the model cannot start from its own values: only refusals are seen */
     for (int64_t j = 0; j < p->p && right; j++) {
         const Target *t = &e->targets[j];
-        if (t->kind != TARGET_PARAMETER && t->kind != TARGET_INPUT) continue;
-        if (!known) {
-            const fmi_reference reference =
-                t->kind == TARGET_INPUT ? e->signals[t->a].reference : (fmi_reference)t->a;
+        if (t->kind != TARGET_PARAMETER) continue;
+        if (known)
+            right = parameter_is_right(r, &b, trial, j);
+        else
             right = initialise(r) == AB_OK && !is_error(rhs(r, r->t, r->x, r->f)) &&
-                    !is_error(directional_column(r, reference, r->column));
-        } else
-            right = t->kind == TARGET_INPUT ? input_is_right(r, &b, t) : parameter_is_right(r, &b, trial, j);
+                    !is_error(directional_column(r, (fmi_reference)t->a, r->column));
     }
     r->values = values;
     free(memory);

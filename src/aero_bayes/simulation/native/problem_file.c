@@ -6,7 +6,7 @@
 
 #include "lanes.h"
 
-#define SPEC_MAGIC 0x4142535045430007LL
+#define SPEC_MAGIC 0x4142535045430008LL
 
 typedef struct Owned {
     struct Owned *next;
@@ -107,18 +107,18 @@ static double uniform(const double *time, int64_t n)
     return dt;
 }
 
-static void find_breaks(Problem *p, Signal *s, const char *touched)
+static void find_breaks(Problem *p, Signal *s)
 {
     s->breaks = own(p, s->count, sizeof *s->breaks);
     s->n_breaks = 0;
     for (int64_t k = 0; k < s->count; k++) {
-        int is = touched[k] || (k > 0 && touched[k - 1]) || (s->linear && k + 1 < s->count && touched[k + 1]);
-        if (!is && s->linear && s->count > 1) {
+        int is = 0;
+        if (s->linear && s->count > 1) {
             const double before = k > 0 ? (s->values[k] - s->values[k - 1]) / (s->time[k] - s->time[k - 1]) : 0.0;
             const double after =
                 k + 1 < s->count ? (s->values[k + 1] - s->values[k]) / (s->time[k + 1] - s->time[k]) : 0.0;
             is = fabs(after - before) > 1e-9 * (fabs(after) + fabs(before));
-        } else if (!is && !s->linear)
+        } else if (!s->linear)
             is = k > 0 && s->values[k] != s->values[k - 1];
         if (is) s->breaks[s->n_breaks++] = k;
     }
@@ -160,25 +160,14 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
     for (int64_t j = 0; j < p; j++) {
         e->targets[j].kind = (int)integer(r);
         e->targets[j].a = integer(r);
-        e->targets[j].b = integer(r);
         e->targets[j].scale = real(r);
     }
     e->start_matters = own(r->problem, p, 1);
     memset(e->start_matters, -1, (size_t)p + 1);
     if (r->broken) return;
     for (int i = 0; i < e->n_signals; i++) {
-        Signal *s = &e->signals[i];
-        char *touched = calloc((size_t)s->count + 1, 1);
-        for (int64_t j = 0; j < p; j++)
-            if (e->targets[j].kind == TARGET_INPUT && e->targets[j].a == i) {
-                if (e->targets[j].b < 0 || e->targets[j].b >= s->count)
-                    r->broken = 1;
-                else
-                    touched[e->targets[j].b] = 1;
-            }
-        find_breaks(r->problem, s, touched);
-        e->n_breaks += s->n_breaks;
-        free(touched);
+        find_breaks(r->problem, &e->signals[i]);
+        e->n_breaks += e->signals[i].n_breaks;
     }
 }
 

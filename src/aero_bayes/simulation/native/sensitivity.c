@@ -18,20 +18,6 @@ static void cubic_weights(double x, double *w)
 
 static const double slope_at_0[4] = {-5.5, 9.0, -4.5, 1.0};
 
-/* Columns whose signal value or delay cannot act before time t stay exactly zero: they are left out. */
-void sensitivity_activate(Run *r, double t)
-{
-    while (r->acting < r->q && r->column_from[r->acting] <= t + r->resolution) r->acting++;
-}
-
-static double acts_from(const Run *r, const Target *t)
-{
-    if (t->kind != TARGET_INPUT) return -INFINITY;
-    const Signal *s = &r->e->signals[t->a];
-    const int64_t k = s->linear ? t->b - 1 : t->b;
-    return k <= 0 ? -INFINITY : s->time[k] + r->delay[t->a];
-}
-
 static int jumps(const Run *r, int signal)
 {
     return !r->e->signals[signal].linear && r->u_before[signal] != r->u0[signal];
@@ -93,7 +79,7 @@ static int delay_at_start(Run *r)
         const Signal *s = &r->e->signals[i];
         const int64_t k = r->cell[i];
         const int now = k > 0 && fabs(s->time[k] + r->delay[i] - r->t) <= r->resolution;
-        r->u_before[i] = now ? r->signal_values[i][k - 1] : r->u0[i];
+        r->u_before[i] = now ? s->values[k - 1] : r->u0[i];
         for (int c = 0; c < r->q; c++) any |= jumps(r, i) && delays(&r->column_target[c], i);
     }
     if (!any || !r->n) return FMI_OK;
@@ -103,67 +89,36 @@ static int delay_at_start(Run *r)
     return is_error(status) ? status : delay_jump(r, &have_f);
 }
 
-/* Sorts the active columns and sets S(t0). Returns an outcome. */
+/* Sets S(t0). Returns an outcome. */
 int sensitivity_begin(Run *r)
 {
-    const Experiment *e = r->e;
-    for (int j = 0; j < r->q; j++) {
-        const Target t = e->targets[r->active[j]];
-        const double from = acts_from(r, &t);
-        int k = j;
-        for (; k > 0 && r->column_from[k - 1] > from; k--) {
-            r->column_from[k] = r->column_from[k - 1];
-            r->column_target[k] = r->column_target[k - 1];
-            r->order[k] = r->order[k - 1];
-        }
-        r->column_from[k] = from;
-        r->column_target[k] = t;
-        r->order[k] = j;
-    }
-    r->acting = 0;
+    for (int j = 0; j < r->q; j++) r->column_target[j] = r->e->targets[r->active[j]];
     memset(r->s_largest, 0, sizeof *r->s_largest * (size_t)r->ld);
-    sensitivity_activate(r, r->t);
     for (int i = 0; i < r->n; i++)
-        for (int k = 0; k < r->ld; k++)
-            r->s[i * r->ld + k] = k < r->q ? r->s0[i * r->q + r->order[k]] : 0.0;
+        for (int k = 0; k < r->ld; k++) r->s[i * r->ld + k] = k < r->q ? r->s0[i * r->q + k] : 0.0;
     return is_error(delay_at_start(r)) ? AB_MODEL_ERROR : AB_OK;
 }
 
-static int needs_signal(const Run *r, int signal)
-{
-    const Target *t = r->column_target;
-    for (int k = 0; k < r->acting; k++) {
-        if (delays(&t[k], signal) && r->slope[signal] != 0.0) return 1;
-        if (t[k].kind == TARGET_INPUT && t[k].a == signal) return 1;
-    }
-    return 0;
-}
-
-/* B where the FMU stands, at time t. */
-int sensitivity_slopes(Run *r, double t, double *b)
+/* B where the FMU stands. */
+int sensitivity_slopes(Run *r, double *b)
 {
     const int n = r->n, ld = r->ld;
     memset(b, 0, sizeof *b * (size_t)(n * ld));
-    for (int k = 0; k < r->acting; k++)
+    for (int k = 0; k < r->q; k++)
         if (r->column_target[k].kind == TARGET_PARAMETER) {
             const int status = directional_column(r, (fmi_reference)r->column_target[k].a, r->column);
             if (is_error(status)) return status;
             for (int i = 0; i < n; i++) b[i * ld + k] = r->column[i];
         }
     for (int signal = 0; signal < r->e->n_signals; signal++) {
-        if (!needs_signal(r, signal)) continue;
+        int delayed = 0;
+        for (int k = 0; k < r->q; k++) delayed |= delays(&r->column_target[k], signal);
+        if (!delayed || r->slope[signal] == 0.0) continue;
         const int status = directional_column(r, r->u_reference[signal], r->column);
         if (is_error(status)) return status;
-        for (int k = 0; k < r->acting; k++) {
-            const Target *target = &r->column_target[k];
-            double w = 0.0;
-            if (delays(target, signal))
-                w = -r->slope[signal];
-            else if (target->kind == TARGET_INPUT && target->a == signal)
-                w = input_weight(r, target, t);
-            if (w != 0.0)
-                for (int i = 0; i < n; i++) b[i * ld + k] += w * r->column[i];
-        }
+        for (int k = 0; k < r->q; k++)
+            for (int i = 0; delays(&r->column_target[k], signal) && i < n; i++)
+                b[i * ld + k] += -r->slope[signal] * r->column[i];
     }
     return FMI_OK;
 }
@@ -179,7 +134,7 @@ int sensitivity_node(Run *r, int index, double t, const double *x, const double 
         const int status = jacobian(r, t, x, NULL, a);
         if (is_error(status)) return status;
     }
-    return sensitivity_slopes(r, t, r->b_node + index * n * r->ld);
+    return sensitivity_slopes(r, r->b_node + index * n * r->ld);
 }
 
 /* Share of the largest that a column has been so far which it counts for at least: what it has died away to, where an
@@ -192,7 +147,7 @@ double sensitivity_error(Run *r, const double *v)
     const int n = r->n, ld = r->ld;
     const double rtol = 100.0 * r->rtol;
     double worst = 0.0;
-    for (int k = 0; k < r->acting; k++) {
+    for (int k = 0; k < r->q; k++) {
         double before = 0.0, after = 0.0, sum = 0.0;
         for (int i = 0; i < n; i++) {
             before = larger(before, fabs(r->s[i * ld + k]) / r->nominal[i]);
@@ -283,10 +238,9 @@ static void continuous_extension(Run *r, int all)
 double sensitivity_step(Run *r, double h, double root)
 {
     const int n = r->n, ld = r->ld;
-    const int64_t size = (int64_t)n * ld, alive = (r->acting + 3) / 4 * 4;
+    const int64_t size = (int64_t)n * ld;
     static const double first[4] = {1.0, 0.0, 0.0, 0.0}, last[4] = {0.0, 0.0, 0.0, 1.0};
     r->status = FMI_OK;
-    if (!r->acting) return 0.0;
     for (int k = 1; k < 3; k++) {
         for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, &node[k], 1, r->u + i);
         r->status = set_point(r, r->t + node[k] * h, r->u);
@@ -299,7 +253,7 @@ double sensitivity_step(Run *r, double h, double root)
     /* g_dot = A'(t_n) S + B'(t_n), per unit of fraction */
     combine_nodes(r, r->g_dot, slope_at_0, size);
     interpolate_jacobian(r, entries, slope_at_0);
-    kernels->multiply(r->g_dot, &r->a_now, r->s, alive, ld);
+    kernels->multiply(r->g_dot, &r->a_now, r->s, ld, ld);
     const double *u = r->s;
     for (int stage = 0; stage < STAGES; stage++) {
         double *v = r->sv + stage * size;
@@ -321,9 +275,9 @@ double sensitivity_step(Run *r, double h, double root)
         }
         for (int j = 0; j < stage; j++) w[j] = rodas5p.c[stage][j] / h;
         kernels->combine(v, b, w, stage, r->sv, size, size);
-        kernels->multiply(v, &r->a_now, u, alive, ld);
+        kernels->multiply(v, &r->a_now, u, ld, ld);
         if (rodas5p.d[stage] != 0.0) kernels->combine(v, v, &rodas5p.d[stage], 1, r->g_dot, 0, size);
-        kernels->solve(&r->factors, r->pivot, v, alive, ld);
+        kernels->solve(&r->factors, r->pivot, v, ld, ld);
     }
     const double *end = r->sv + (STAGES - 1) * size;
     for (int64_t i = 0; i < size; i++) r->s1[i] = r->su[i] + end[i];

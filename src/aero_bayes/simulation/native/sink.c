@@ -117,7 +117,6 @@ void sink_begin(Run *r, int mode, const double *noise)
     k->mode = r->mode = mode;
     k->filled = k->first = 0;
     k->cost = k->log_det = 0.0;
-    k->used = 0;
     r->sample = 0;
     r->piece = BLOCK;
     if (mode == MODE_TRAJECTORY || filters(r)) return;
@@ -134,17 +133,10 @@ static void flush_trajectory(Run *r)
     for (int64_t o = 0; o < m; o++)
         for (int64_t i = 0; i < k->filled; i++)
             k->trajectory[(k->first + i) * m + o] = k->y[o * BLOCK + i];
-    int sorted = 1;
-    for (int j = 0; j < r->q; j++) sorted &= r->order[j] == j;
     for (int64_t o = 0; r->q && o < m; o++)
-        for (int64_t i = 0; i < k->filled; i++) {
-            const double *from = k->s + (o * BLOCK + i) * r->ld;
-            double *to = k->sensitivity + ((k->first + i) * m + o) * r->q;
-            if (sorted)
-                memcpy(to, from, sizeof *to * (size_t)r->q);
-            else
-                for (int j = 0; j < r->q; j++) to[r->order[j]] = from[j];
-        }
+        for (int64_t i = 0; i < k->filled; i++)
+            memcpy(k->sensitivity + ((k->first + i) * m + o) * r->q, k->s + (o * BLOCK + i) * r->ld,
+                   sizeof *k->s * (size_t)r->q);
 }
 
 static void flush_output(Run *r, int64_t o)
@@ -158,7 +150,6 @@ static void flush_output(Run *r, int64_t o)
     const double *seen = used == k->filled ? NULL : measured;
     const int64_t q = r->q;
     double mean = f->mean;
-    k->used += used;
     if (e->spread) { /* what follows sees readings whose noise is equally large */
         const double *spread = e->spread + o * e->n + k->first;
         for (int64_t i = 0; i < k->filled; i++) {

@@ -45,7 +45,7 @@ static int evaluate_start(Run *r, Segment *g)
         if (is_error(status = jacobian(r, r->t, r->x, r->f, r->jac))) return status;
         g->have_jac = 1;
     }
-    if (r->q && r->acting && !g->have_node) {
+    if (r->sensitive && !g->have_node) {
         if (is_error(status = set_point(r, r->t, r->x))) return status;
         if (is_error(status = sensitivity_node(r, 0, r->t, r->x, r->jac))) return status;
         g->have_node = 1;
@@ -223,7 +223,7 @@ int integrate_segment(Run *r, Segment *g)
             }
         }
         int have_f1 = 0;
-        if (r->q && r->acting && n) {
+        if (r->sensitive && n) {
             if (is_error(status = rhs(r, t1, r->x1, r->f1))) return outcome_of(r->fmu, status);
             double *jac = r->a_node + 3 * n * n;
             if (is_error(status = jacobian(r, t1, r->x1, r->f1, jac))) return outcome_of(r->fmu, status);

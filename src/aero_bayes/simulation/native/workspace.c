@@ -10,8 +10,6 @@ static void lay_out(Run *r, Arena *a)
     const Experiment *e = r->e;
     const size_t n = (size_t)r->n, nz = (size_t)r->nz, m = (size_t)e->m, ld = (size_t)r->ld, q = (size_t)r->q;
     const size_t inputs = (size_t)e->n_signals, columns = (size_t)problem->p;
-    size_t grid = 0;
-    for (size_t i = 0; i < inputs; i++) grid += (size_t)e->signals[i].count;
     r->x = REALS(n), r->x1 = REALS(n), r->f = REALS(n), r->f1 = REALS(n), r->ft = REALS(n), r->u = REALS(n);
     r->r = REALS(n), r->derivatives_unused = REALS(n), r->nominal = REALS(n), r->largest = REALS(n), r->column = REALS(n);
     r->jac = REALS(n * n), r->lu = REALS(n * n), r->k = REALS(8 * n), r->dense = REALS(5 * n);
@@ -24,16 +22,12 @@ static void lay_out(Run *r, Arena *a)
     r->start_value = REALS(starts);
     r->start_reference = PART(fmi_reference, starts);
     r->z0 = REALS(nz), r->z1 = REALS(nz), r->z2 = REALS(nz), r->z_try = REALS(nz);
-    r->signal_values = PART(double *, inputs);
-    r->signal_store = REALS(grid);
     r->cell = PART(int64_t, inputs);
     r->u0 = REALS(inputs), r->slope = REALS(inputs), r->u_now = REALS(inputs);
     r->delay = REALS(inputs), r->u_before = REALS(inputs);
     r->u_reference = PART(fmi_reference, inputs);
     r->breaks = PART(Break, e->n_breaks);
     r->column_target = PART(Target, q);
-    r->order = PART(int, q);
-    r->column_from = REALS(q);
     r->s0 = REALS(n * q);
     if (q) {
         r->s = REALS(n * ld), r->s1 = REALS(n * ld), r->su = REALS(n * ld), r->g_dot = REALS(n * ld);

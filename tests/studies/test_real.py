@@ -1,21 +1,27 @@
-"""The cases of real rigs, and how answers are judged."""
+"""The cases of real rigs, terms deleted from complete models of them, and how answers are judged."""
 
 from __future__ import annotations
 
+import tomllib
+from argparse import Namespace
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
 
 from aero_bayes.config import load_config
-from study import real_rigs
-from study.real_rigs import Expectation, RigCase, agreement, judged, summary, table
+from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.law import shipped_laws
+from study import real
+from study.real import Expectation, RigCase, agreement, case_summary, case_table, judged
 from study.study import Row
 
 pytestmark = pytest.mark.long
 
 
 def test_every_case_has_its_model() -> None:
-    for case in real_rigs.cases().values():
+    for case in real.cases().values():
         config = load_config(case.folder / "rig.toml")
         assert config.model.name
         assert all(source.is_file() for source in config.model.sources)
@@ -31,12 +37,12 @@ def row(*named: str, equivalent: tuple[tuple[str, ...], ...] = (), key: str = "s
 
 
 def test_names_are_right_missed_or_false() -> None:
-    known = Expectation(expected=(("overflow@h1",), ("lag@u", "delay@u")), fine=("offset@*",), false=("gain@*",))
+    known = Expectation(expected=(("overflow@h1",), ("lag@u", "delay@u")), fine=("offset@*",))
     one = judged(row("overflow@h1", "offset@h2", "gain@u", "curve@y"), known)
     assert (one["missed"], one["false"], one["verdict"]) == (["lag@u or delay@u"], ["gain@u", "curve@y"], "false")
     same = judged(row("gain@u", equivalent=(("gain@u", "delay@u"),)), known)
     assert same["false"] == []
-    alone = judged(row("backlash@w", "offset@w"), Expectation(expected=(("backlash@w",),), false=("*",)))
+    alone = judged(row("backlash@w", "offset@w"), Expectation(expected=(("backlash@w",),)))
     assert alone["false"] == ["offset@w"]
     assert judged({"key": "other", "error": "stopped"}, known)["verdict"] == "failed"
 
@@ -66,7 +72,7 @@ def test_a_claim_of_a_place_or_of_one_of_several_is_no_claim_of_a_law() -> None:
     ],
 )
 def test_the_verdict_tells_a_name_from_a_place(named: list[str], verdict: str) -> None:
-    known = Expectation(expected=(("square_law@u",),), place=("curve@u",), fine=("lag@u",), false=("dead_zone@u",))
+    known = Expectation(expected=(("square_law@u",),), place=("curve@u",), fine=("lag@u",))
     assert judged(row(*named), known)["verdict"] == verdict
 
 
@@ -95,12 +101,12 @@ def test_recordings_of_a_rig_agree_where_classes_overlap_or_one_is_silent() -> N
 
 
 def test_the_table_shows_each_case_and_what_single_recordings_say() -> None:
-    found = summary(
+    found = case_summary(
         [row("rate_limit@command"), row(key="servo:train"), row(key="servo:test"), {"key": "coil", "error": "x"}]
     )
     assert (found["cases"], found["verdicts"]["right"], found["verdicts"]["failed"]) == (2, 1, 1)
-    text = "\n".join(table(found))
-    assert "| servo | `rate_limit@command` | right | 0.4 → 0.2 |" in text
+    text, cells = case_table(found)
+    assert cells[0] == ("servo", "`rate_limit@command`", "right", "0.4 → 0.2")
     assert "100 % of 1 pairs" in text
 
 
@@ -111,3 +117,74 @@ def test_a_case_whose_recordings_are_not_all_there_is_left_out(tmp_path: Path) -
     (tmp_path / "b.csv").touch()
     found = {name: (tmp_path / name).resolve() for name in ("a.csv", "b.csv")}
     assert case.find([tmp_path / "none", tmp_path]) == found
+
+
+MODELS = real.complete_models()
+TERMS = [(name, key) for name, model in MODELS.items() for key in model.terms]
+
+
+def candidates(text: str, folder: Path) -> list[str]:
+    path = folder / "Rig.mo"
+    path.write_text(text, encoding="utf-8")
+    return [c.id for c in find_candidates(ports_with_laws(load_flat("Rig", [path]), shipped_laws()), shipped_laws())]
+
+
+@pytest.mark.parametrize(("rig", "key"), TERMS)
+def test_a_law_of_the_library_can_take_the_place_of_a_deleted_term(rig: str, key: str, tmp_path: Path) -> None:
+    model, term = MODELS[rig], MODELS[rig].terms[key]
+    found = candidates(model.source(term), tmp_path)
+    named = [id_ for id_ in found if any(fnmatchcase(id_, pattern) for pattern in term.expected)]
+    assert named
+    free = tomllib.loads(model.configuration(term))["parameters"]
+    assert set(free) == set(model.free) - set(term.without)
+
+
+def test_there_are_forty_tasks_and_a_complete_model_of_every_rig() -> None:
+    rigs = {case.model or name for name, case in real.cases().items()}
+    assert {name for name in rigs if not name.startswith(("aero", "drives"))} <= set(MODELS)
+    assert len(TERMS) >= 40
+
+
+def term_row(key: str, named: list[str], after: float = 2.0) -> dict[str, object]:
+    return {
+        "key": key, "seconds": 3.0, "equivalent": [["coulomb_friction@w", "offset@w"]],
+        "effects": [{"id": name, "port": name.partition("@")[2], "kind": "catalogue"} for name in named],
+        "before": {"train": {"w": 1.0}, "test": {"w": after}},
+    }  # fmt: skip
+
+
+def test_the_summary_counts_what_is_right_by_class_and_what_a_term_matters() -> None:
+    rows = [
+        term_row("motor", [], 1.0),
+        term_row("drives", ["lag@u"], 1.0),
+        term_row("motor-friction", ["offset@w"]),
+        term_row("motor-viscous", ["curve@w"], 1.1),
+        term_row("drives-sign", ["unsigned@y", "overflow@m"]),
+        term_row("drives-damping", []),
+    ]
+    found = real.term_summary(rows)
+    rates = [(one["trials"], one["share"]) for one in found["rates"]]
+    assert rates == [(3, pytest.approx(1 / 3)), (3, pytest.approx(1 / 3)), (4, 0.25), (2, 0.5)]
+    failed = real.term_summary([{"key": "motor-friction", "seconds": 1.0, "error": "stopped"}])
+    assert [one["share"] for one in failed["rates"]] == [None, None, 0.0, None]
+
+
+def test_tasks_are_complete_models_and_those_without_a_term(tmp_path: Path) -> None:
+    case = MODELS["motor"].case
+    for file in (*case.train, *case.test):
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).touch()
+    options = Namespace(recordings=[tmp_path], out=tmp_path, seed=1, loop_minutes=None)
+    tasks = real.term_tasks(options)
+    assert set(tasks) == {"motor", *(f"motor-{key}" for key in MODELS["motor"].terms)}
+    assert "F_c" in tasks["motor"].files["rig.toml"]
+    assert "F_c" not in tasks["motor-friction"].files["rig.toml"]
+
+
+def test_an_edit_that_does_not_stand_in_the_model_is_refused() -> None:
+    gone = real.Term((("no such text", ""),), ("offset@w",))
+    with pytest.raises(ValueError, match="0 times"):
+        MODELS["motor"].source(gone)
+    kept = real.Term((), ("offset@w",), ("B",))
+    with pytest.raises(ValueError, match="B is used"):
+        MODELS["motor"].source(kept)
