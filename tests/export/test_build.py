@@ -12,7 +12,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.build import c_compiler, write_archive
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.library import modelica_root
-from aero_bayes.modelica.source_check import refuse_dropped
+from aero_bayes.modelica.rumoca_front import refuse_dropped
 from aero_bayes.modelica.units import base_units, conversion, to_modelica_unit
 
 pytestmark = pytest.mark.fast

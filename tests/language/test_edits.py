@@ -22,8 +22,7 @@ from aero_bayes.modelica.edits import (
     replace_names,
     unified_diff,
 )
-from aero_bayes.modelica.parse import sides_of
-from aero_bayes.modelica.tokens import one_line, tokenize
+from aero_bayes.modelica.parse import one_line, sides_of, tokenize
 from aero_bayes.structure.find import is_driver
 from aero_bayes.structure.insertion_point import find_insertion_point
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.random import Generator
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.parse import evaluate_expression, parse_expression, parse_text
+from aero_bayes.modelica.parse import evaluate_expression, parse_expression, parse_text, tokenize
 from aero_bayes.modelica.syntax import (
     Array,
     Call,
@@ -26,7 +26,6 @@ from aero_bayes.modelica.syntax import (
     summands,
     walk,
 )
-from aero_bayes.modelica.tokens import tokenize
 from aero_bayes.modelica.units import dimension, dimension_of_unit, unit_text
 
 pytestmark = pytest.mark.fast
