@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import exp, log, sqrt
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Pa
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
-Write = Callable[..., Path]
 KINDS = pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
 
 
@@ -40,7 +38,7 @@ def simulated(
 
 
 @KINDS
-def test_bouncing_ball(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_bouncing_ball(kind, modelica, tmp_path):
     source = modelica("""within ;
 model Ball
   parameter Real e = 0.8;
@@ -73,7 +71,7 @@ end Ball;
 
 
 @KINDS
-def test_relay_with_hysteresis(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_relay_with_hysteresis(kind, modelica, tmp_path):
     source = modelica("""within ;
 model Relay
   parameter Real low = 0.3, high = 0.7;
@@ -103,7 +101,7 @@ end Relay;
 
 
 @KINDS
-def test_sampling_and_time_events(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_sampling_and_time_events(kind, modelica, tmp_path):
     source = modelica("""within ;
 model Sampled
   parameter Real T = 0.25;
@@ -134,7 +132,7 @@ end Sampled;
 
 
 @KINDS
-def test_dry_friction_sticks(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_dry_friction_sticks(kind, modelica, tmp_path):
     # a block on a rough table under a force that grows and falls: it sticks, slides, and sticks again
     source = modelica("""within ;
 model Friction
@@ -170,7 +168,7 @@ end Friction;
 
 
 @KINDS
-def test_rectifier_with_an_ideal_diode(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_rectifier_with_an_ideal_diode(kind, modelica, tmp_path):
     # half-wave rectifier with an inductance: L di/dt = sin t while the diode conducts, i = 1 - cos t up to t = 2 pi
     source = modelica(
         """within ;
@@ -199,7 +197,7 @@ end Diode;
 
 
 @KINDS
-def test_loops_that_are_not_linear(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_loops_that_are_not_linear(kind, modelica, tmp_path):
     source = modelica("""within ;
 model Loop
   parameter Real a = 2;
@@ -235,9 +233,7 @@ end Loop;
         assert fmu.slope(["r"], "x")[0] == pytest.approx((above - below) / (2 * step), rel=1e-6)
 
 
-def test_an_assertion_warns_and_makes_no_event(
-    modelica: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_assertion_warns_and_makes_no_event(modelica, tmp_path, capsys):
     source = modelica("""within ;
 model Watched
   Real x(start = 1, fixed = true);
@@ -260,7 +256,7 @@ end Watched;
     assert "x is small" in capsys.readouterr().out
 
 
-def test_initial_equations_that_are_not_linear(modelica: Write, tmp_path: Path) -> None:
+def test_initial_equations_that_are_not_linear(modelica, tmp_path):
     # x^3 + x = a at the start, and z at rest behind a loop y^3 + y = z
     source = modelica("""within ;
 model Beginning
@@ -291,7 +287,7 @@ end Beginning;
         assert known == {"u": {"x", "z"}, "free": {"unrelated"}}
 
 
-def test_a_beginning_at_rest_that_the_inputs_decide_is_left_to_them(modelica: Write, tmp_path: Path) -> None:
+def test_a_beginning_at_rest_that_the_inputs_decide_is_left_to_them(modelica, tmp_path):
     # without a flow there is no such temperature
     source = modelica("""within ;
 model Stream
@@ -313,7 +309,7 @@ end Stream;
         assert fmu.get("T") == [pytest.approx(23.0)]
 
 
-def test_the_engine_takes_the_events_of_an_exported_model(modelica: Write, tmp_path: Path) -> None:
+def test_the_engine_takes_the_events_of_an_exported_model(modelica, tmp_path):
     # a ball that is sampled twice a second, and kicked by a step of the input
     source = modelica("""within ;
 model Kicked
@@ -365,9 +361,7 @@ end Kicked;
     )
 
 
-def test_the_shipped_experiment_is_the_bench_under_the_same_step(
-    modelica: Write, tmp_path: Path, aero_fmu: Callable[[str], Path]
-) -> None:
+def test_the_shipped_experiment_is_the_bench_under_the_same_step(modelica, tmp_path, aero_fmu):
     source = modelica(
         "within ;\nmodel Watched\n  extends Aero.Experiments.PaperStep;\n  output Real theta, speed;\nequation\n"
         "  theta = bench.theta;\n  speed = bench.omega_m;\nend Watched;\n",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import fmpy
 import numpy as np
@@ -20,8 +18,6 @@ from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.simulation.model import Model
 
-Write = Callable[..., Path]
-
 
 def values(model: ExplicitModel, at: dict[str, float]) -> dict[str, float]:
     b = model.system.builder
@@ -34,7 +30,7 @@ def values(model: ExplicitModel, at: dict[str, float]) -> dict[str, float]:
     return dict(zip(names, evaluate_nodes([*model.rates, *solved.values()], known), strict=True))
 
 
-def test_functions_conditions_and_arithmetic(modelica: Write) -> None:
+def test_functions_conditions_and_arithmetic(modelica):
     source = modelica("""within ;
 model Mixed
   function bent "a loop, a branch and a table"
@@ -76,7 +72,7 @@ end Mixed;
         assert found["w"] == pytest.approx(w + x**3 - x**2 + math.asin(x / 9) + 2**x, rel=1e-13)
 
 
-def test_an_algebraic_loop_is_solved(modelica: Write) -> None:
+def test_an_algebraic_loop_is_solved(modelica):
     source = modelica("""within ;
 model Loop
   parameter Real a = 3; parameter Real b = 2;
@@ -93,7 +89,7 @@ end Loop;
     assert 2 * r + q == pytest.approx(4)
 
 
-def test_rigidly_coupled_inertias_share_their_acceleration(modelica: Write) -> None:
+def test_rigidly_coupled_inertias_share_their_acceleration(modelica):
     source = modelica("""within ;
 model Coupled
   input Real u;
@@ -109,7 +105,7 @@ end Coupled;
     assert values(model, {model.states[0]: 0.1, "u": 10.0})[f"der({model.states[0]})"] == pytest.approx(2.0)
 
 
-def test_the_rate_of_an_algebraic_variable(modelica: Write) -> None:
+def test_the_rate_of_an_algebraic_variable(modelica):
     source = modelica("""within ;
 model Rate
   Real x(start = 1, fixed = true), F, y(start = 0, fixed = true);
@@ -122,7 +118,7 @@ end Rate;
     assert values(model, {"x": 0.5, "y": 0.0})["der(y)"] == pytest.approx(3 * 0.25 * -1.0)
 
 
-def test_arrays_loops_and_matrices(modelica: Write) -> None:
+def test_arrays_loops_and_matrices(modelica):
     source = modelica("""within ;
 model Arrays
   parameter Integer n = 3;
@@ -148,7 +144,7 @@ end Arrays;
 
 
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
-def test_time_in_the_equations(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_time_in_the_equations(kind, modelica, tmp_path):
     # the Prothero-Robinson problem: stiff, with the solution cos(t)
     source = modelica("""within ;
 model Robinson
@@ -168,7 +164,7 @@ end Robinson;
     np.testing.assert_allclose(result["late"], np.cos(result["time"]) + result["time"], atol=1e-6)
 
 
-def test_a_model_without_states(modelica: Write, tmp_path: Path) -> None:
+def test_a_model_without_states(modelica, tmp_path):
     source = modelica(
         "within ;\nmodel Static\n  input Real u; parameter Real a = 3; output Real y = a * u ^ 2;\nend Static;\n"
     )
@@ -182,7 +178,7 @@ def test_a_model_without_states(modelica: Write, tmp_path: Path) -> None:
         assert fmu.slope(["y"], "a")[0] == 4.0
 
 
-def test_start_values_follow_parameters_and_initial_equations(modelica: Write, tmp_path: Path) -> None:
+def test_start_values_follow_parameters_and_initial_equations(modelica, tmp_path):
     source = modelica("""within ;
 model Starts
   parameter Real a = 2; parameter Real both = 3 * a;
@@ -206,7 +202,7 @@ end Starts;
         assert fmu.get("x", "z") == pytest.approx([1.5, 4 * 1.5 / 5.0])
 
 
-def test_inner_parameters_are_shown_only_where_they_act(modelica: Write, tmp_path: Path) -> None:
+def test_inner_parameters_are_shown_only_where_they_act(modelica, tmp_path):
     source = modelica("""within ;
 model Inner
   input Real u(unit = "N.m");
@@ -250,7 +246,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("line", "message"), REFUSED)
-def test_what_cannot_be_translated_is_named(line: str, message: str, modelica: Write) -> None:
+def test_what_cannot_be_translated_is_named(line, message, modelica):
     source = modelica(MODEL.format(line), "Bad")
     with pytest.raises(InputError, match=message) as caught:
         explicit_model("Bad", [source])
@@ -258,13 +254,13 @@ def test_what_cannot_be_translated_is_named(line: str, message: str, modelica: W
     assert "/tmp" not in str(caught.value)
 
 
-def test_a_slip_inside_a_package_has_its_line_too(modelica: Write) -> None:
+def test_a_slip_inside_a_package_has_its_line_too(modelica):
     source = modelica(f"package Kit\n{MODEL.format('  y = x').removeprefix('within ;')}end Kit;\n", "Kit")
     with pytest.raises(InputError, match=r"^Kit\.mo:8: unexpected `end`; .* line 7\?$"):
         explicit_model("Kit.Bad", [source])
 
 
-def test_modifiers_that_the_front_end_would_drop_are_refused(modelica: Write) -> None:
+def test_modifiers_that_the_front_end_would_drop_are_refused(modelica):
     source = modelica("""within ;
 model Dropped
   parameter Real tau_c = 1e-3;
@@ -276,7 +272,7 @@ end Dropped;
         explicit_model("Dropped", [source])
 
 
-def test_unknown_models_and_files_are_named(tmp_path: Path) -> None:
+def test_unknown_models_and_files_are_named(tmp_path):
     with pytest.raises(InputError, match="Nothing"):
         explicit_model("Aero.Systems.Nothing")
     with pytest.raises(InputError, match=facts("missing.mo")):
@@ -285,7 +281,7 @@ def test_unknown_models_and_files_are_named(tmp_path: Path) -> None:
         explicit_model("Aero; quit()")
 
 
-def test_an_output_may_be_a_state_itself(modelica, tmp_path: Path) -> None:
+def test_an_output_may_be_a_state_itself(modelica, tmp_path):
     source = modelica(
         "model Tank\n  input Real u;\n  output Real q(start = 2);\nequation\n  der(q) = u - q;\nend Tank;\n"
     )
