@@ -7,6 +7,7 @@ import math
 import fmpy
 import numpy as np
 import pytest
+from test_library_idioms import simulate
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
@@ -16,7 +17,6 @@ from aero_bayes.modelica.syntax import Assign, Call, Expression, IfStatement, Na
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
-from tests.export.test_library_idioms import simulate
 
 
 def test_initial_equations_are_solved_in_their_order(tmp_path):
