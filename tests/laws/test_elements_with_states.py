@@ -17,7 +17,7 @@ from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
-from aero_bayes.structure.model_family import fitted_parameters
+from aero_bayes.structure.modelica_family import fitted_parameters
 from aero_bayes.structure.write_model import write_laws
 
 ROOM = """model Room

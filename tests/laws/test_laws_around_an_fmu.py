@@ -38,7 +38,7 @@ from aero_bayes.structure.balance import Port
 from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
 from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.fmu_ports import FmuPlaces
+from aero_bayes.structure.fmu_family import FmuPlaces
 from aero_bayes.structure.law import Law
 
 FloatArray = NDArray[np.float64]
