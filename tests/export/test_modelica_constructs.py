@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from export_driver import driven
 from facts import facts
-from fmpy.validation import validate_fmu
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.causalisation import ExplicitModel
@@ -144,9 +143,9 @@ end Arrays;
 
 
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
-def test_time_in_the_equations(kind, modelica, tmp_path):
+def test_time_in_the_equations(kind, exported):
     # the Prothero-Robinson problem: stiff, with the solution cos(t)
-    source = modelica("""within ;
+    path = exported("""within ;
 model Robinson
   Real x(start = 1, fixed = true);
   output Real late;
@@ -155,8 +154,6 @@ equation
   late = x + time;
 end Robinson;
 """)
-    path = export_fmu("Robinson", tmp_path / "r.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     result = fmpy.simulate_fmu(
         str(path), fmi_type=kind, stop_time=10.0, output_interval=0.1, relative_tolerance=1e-8, output=["x", "late"]
     )
@@ -164,12 +161,10 @@ end Robinson;
     np.testing.assert_allclose(result["late"], np.cos(result["time"]) + result["time"], atol=1e-6)
 
 
-def test_a_model_without_states(modelica, tmp_path):
-    source = modelica(
+def test_a_model_without_states(exported):
+    path = exported(
         "within ;\nmodel Static\n  input Real u; parameter Real a = 3; output Real y = a * u ^ 2;\nend Static;\n"
     )
-    path = export_fmu("Static", tmp_path / "s.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     with driven(path) as fmu:
         fmu.begin()
         fmu.set(u=2.0, a=5.0)
@@ -178,8 +173,8 @@ def test_a_model_without_states(modelica, tmp_path):
         assert fmu.slope(["y"], "a")[0] == 4.0
 
 
-def test_start_values_follow_parameters_and_initial_equations(modelica, tmp_path):
-    source = modelica("""within ;
+def test_start_values_follow_parameters_and_initial_equations(exported):
+    path = exported("""within ;
 model Starts
   parameter Real a = 2; parameter Real both = 3 * a;
   Real x(start = a + 1, fixed = true), z(start = 9);
@@ -189,8 +184,6 @@ equation
   der(x) = -both * x; der(z) = 4 * x - a * z;
 end Starts;
 """)
-    path = export_fmu("Starts", tmp_path / "starts.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     with driven(path) as fmu:
         fmu.set(a=5.0)
         fmu.begin()
@@ -202,8 +195,8 @@ end Starts;
         assert fmu.get("x", "z") == pytest.approx([1.5, 4 * 1.5 / 5.0])
 
 
-def test_inner_parameters_are_shown_only_where_they_act(modelica, tmp_path):
-    source = modelica("""within ;
+def test_inner_parameters_are_shown_only_where_they_act(exported):
+    path = exported("""within ;
 model Inner
   input Real u(unit = "N.m");
   Aero.Mechanical.Torque drive(tau = u);
@@ -214,7 +207,6 @@ equation
   connect(drive.flange, body.flange);
 end Inner;
 """)
-    path = export_fmu("Inner", tmp_path / "inner.fmu", compiler="embedded", sources=[source])
     with driven(path) as fmu:
         assert set(fmu.parameters) == {"unused", "body.J_p", "body.D_p", "body.K_sp"}
         fmu.begin()
