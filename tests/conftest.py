@@ -7,10 +7,12 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+import heated_room
 import numpy as np
 import pytest
 from numpy.random import Generator
 
+from aero_bayes.simulation.model import Model
 from aero_bayes.structure.compose import LawModels, law_models
 from aero_bayes.structure.law import Law, shipped_laws
 
@@ -35,6 +37,12 @@ def laws() -> tuple[Law, ...]:
 @pytest.fixture(scope="session")
 def models(laws: tuple[Law, ...]) -> LawModels:
     return law_models(laws)
+
+
+@pytest.fixture(scope="session")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    """The model of the heated room, built once."""
+    return heated_room.model(tmp_path_factory.mktemp("room"))
 
 
 @pytest.fixture

@@ -205,8 +205,7 @@ def test_what_is_offered_is_what_is_written(source):
 
 def simulated(found: Fit, family: ModelicaFamily, model: Model, values: dict[str, float]) -> np.ndarray:
     calibration = family.transfer(found.calibration, model)
-    simulated = calibration.simulated
-    calibration = replace(calibration, simulated=replace(simulated, fixed={**simulated.fixed, **values}))
+    calibration = replace(calibration, fixed={**calibration.fixed, **values})
     with open_simulator(calibration.problem()) as simulator:
         run = simulator.simulate(found.values[None])
     values_seen: np.ndarray = run.outputs[0][0]

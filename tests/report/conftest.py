@@ -68,7 +68,7 @@ def _make(folder: Path) -> None:
 
 
 def _invoke(*arguments: str) -> None:
-    result = CliRunner().invoke(main, [*arguments, "--quiet"])
+    result = CliRunner().invoke(main, [*arguments, "--model", "Aero.Systems.OneDof", "--quiet"])
     assert result.exit_code == 0, result.output
 
 

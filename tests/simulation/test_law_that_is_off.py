@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runs import ran
 
-from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.attach import LawBlocks, attached
@@ -60,8 +60,7 @@ def test_a_law_that_is_off_changes_nothing(
         )
         experiment = Experiment(TIME, (output,), inputs)
         problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9))
-        with open_simulator(problem, pool=here) as simulator:
-            found.append(simulator.simulate(np.array([list(values.values())]), active=range(len(values))))
+        found.append(ran(problem, here, [list(values.values())], active=range(len(values))))
         assert found[-1].outcomes[0, 0] == Outcome.OK
     np.testing.assert_allclose(found[1].outputs[0], found[0].outputs[0], atol=1e-8)
     np.testing.assert_allclose(found[1].sensitivities[0], found[0].sensitivities[0], atol=1e-4)

@@ -217,9 +217,8 @@ class FirstFit:
         items = tuple(
             replace(p, free_if_identified=p.free_if_identified and p.name not in freed) for p in moved.parameters
         )
-        fixed = {n: v for n, v in moved.simulated.fixed.items() if n not in freed}
-        simulated = replace(moved.simulated, fixed=fixed)
-        return replace(moved, simulated=simulated, parameters=ParameterSet(items).extended(own.items))
+        fixed = {n: v for n, v in moved.fixed.items() if n not in freed}
+        return replace(moved, fixed=fixed, parameters=ParameterSet(items).extended(own.items))
 
 
 def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:

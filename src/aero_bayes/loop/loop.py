@@ -193,7 +193,7 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
 
 def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parameter]:
     """Values that a fit leaves fixed and that may be wrong, by the ids of their terms."""
-    model, fixed = plain.model, plain.simulated.fixed
+    model, fixed = plain.model, plain.fixed
     narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, settings.require)
     searched = {p.target.name for p in plain.parameters if isinstance(p.target, ParameterTarget)}
     found = [p for p in plain.parameters if p.free_if_identified and p.recording is None]
@@ -258,7 +258,7 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     read = replace(
         own.calibration, interpolation=between if between == "auto" else calibration.data.interpolation or "hold"
     )
-    fixed = {**calibration.simulated.fixed, **fixed, **own.fixed}
+    fixed = {**calibration.fixed, **fixed, **own.fixed}
     first = replace(own, method="local", cost="posterior", staged=False, calibration=read, fixed=fixed)
     return replace(settings, fit=first, parameters=chosen)
 

@@ -184,8 +184,8 @@ class ModelSource:
             columns = tuple(calibration.parameters.index(name) for name in names)
             candidates[candidate.id] = replace(candidate, columns=columns)
         targets = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
-        fixed = {n: v for n, v in calibration.simulated.fixed.items() if n not in targets}
-        calibration = replace(calibration, simulated=replace(calibration.simulated, fixed=fixed))
+        fixed = {n: v for n, v in calibration.fixed.items() if n not in targets}
+        calibration = replace(calibration, fixed=fixed)
         wanted = {id_: candidates[id_] for id_ in terms if id_ in candidates}
         if len(wanted) < len(set(terms)):
             raise CannotFinishError(f"no model has {', '.join(terms)} together")

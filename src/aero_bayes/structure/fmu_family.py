@@ -375,7 +375,7 @@ class FmuFamily(ModelicaFamily):
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the candidates; see the base class."""
         self._fixed_values.clear()
-        self._fixed_values.update(calibration.simulated.fixed)
+        self._fixed_values.update(calibration.fixed)
         return super().prepare(calibration, fit, open_simulator)
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:

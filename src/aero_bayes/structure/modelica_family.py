@@ -116,11 +116,10 @@ def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, s
         else p
         for p in calibration.parameters
     )
-    process = calibration.simulated.process
+    process = calibration.process
     if process is not None:
         process = replace(process, diffusion=renamed(process.diffusion))
-    simulated = replace(calibration.simulated, model=model, process=process)
-    return replace(calibration, data=data, simulated=simulated, parameters=ParameterSet(parameters))
+    return replace(calibration, data=data, model=model, process=process, parameters=ParameterSet(parameters))
 
 
 #: Magnitudes to start from, in nominal values: of a law with further parameters, and of a law with the magnitude only.
