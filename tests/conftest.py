@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.random import Generator
 
+from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.simulation.model import Model
 from aero_bayes.structure.compose import LawModels, law_models
 from aero_bayes.structure.law import Law, shipped_laws
 
@@ -38,3 +41,19 @@ def models(laws: tuple[Law, ...]) -> LawModels:
 @pytest.fixture
 def rng() -> Generator:
     return np.random.default_rng(20)
+
+
+@pytest.fixture(scope="session")
+def modelica(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Model]:
+    """``modelica(source)`` loads the model that a Modelica text defines."""
+    built: dict[str, Model] = {}
+
+    def load(source: str) -> Model:
+        if source not in built:
+            name = source.split()[1]
+            path = tmp_path_factory.mktemp(name) / f"{name}.mo"
+            path.write_text(source)
+            built[source] = Model.load(export_fmu(name, path.with_suffix(".fmu"), sources=[path]))
+        return built[source]
+
+    return load
