@@ -9,9 +9,9 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, write_csv
-from simulated_rigs import LawPlace, LawTruth, simulate_rig
 from simulated_rigs.designs import InputDesign, random_levels, random_multi_sine
 from simulated_rigs.kinds import KINDS
+from simulated_rigs.truth import LawPlace, LawTruth, simulate_rig
 
 FOLDER = Path(__file__).parents[1] / "examples" / "cart"
 TRUE = {"mass.m": 1.2, "spring.k": 56.0, "damper.d": 2.2}

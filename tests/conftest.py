@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+import heated_room
 import numpy as np
 import pytest
 from numpy.random import Generator
@@ -38,14 +40,33 @@ def models(laws: tuple[Law, ...]) -> LawModels:
     return law_models(laws)
 
 
+@pytest.fixture(scope="session")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    """The model of the heated room, built once."""
+    return heated_room.model(tmp_path_factory.mktemp("room"))
+
+
 @pytest.fixture
 def rng() -> Generator:
     return np.random.default_rng(20)
 
 
+@pytest.fixture
+def modelica(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a Modelica file, named after its first class or as told, and returns its path."""
+
+    def write(text: str, name: str = "") -> Path:
+        found = re.search(r"^[\s\ufeff]*(?:model|package|block|partial model) (\w+)", text, re.MULTILINE)
+        path = tmp_path / f"{name or (found[1] if found else 'Model')}.mo"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
 @pytest.fixture(scope="session")
-def modelica(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Model]:
-    """``modelica(source)`` loads the model that a Modelica text defines."""
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Model]:
+    """``exported(source)`` loads the model that a Modelica text defines, built once."""
     built: dict[str, Model] = {}
 
     def load(source: str) -> Model:

@@ -72,8 +72,9 @@ class RigExperiment:
         if change is not None:
             for name, factor in zip(self.kind.free, change, strict=False):
                 values[name] *= exp(float(factor))
+            sizes = [balance.size for balance in self.kind.states.values()]
             for k, shift in enumerate(change[len(self.kind.free) :]):
-                start[k] += float(shift) * self.kind.sizes[k]
+                start[k] += float(shift) * sizes[k]
         return simulate_rig(self.kind, values, laws, self.time, self.commands, start)[0]
 
     def white(self, outputs: FloatArray) -> FloatArray:
@@ -128,7 +129,7 @@ class RigExperiment:
         if place.kind == "input":
             values = self.commands[:, list(kind.inputs).index(place.name)]
         elif place.kind == "output":
-            values = outputs[:, kind.outputs.index(place.name)]
+            values = outputs[:, list(kind.outputs).index(place.name)]
         else:
             values = states[:, names.index(place.name)]
         # A held signal jumps; what counts is how fast the rig answers it.

@@ -98,7 +98,7 @@ def _read(law: Callable[[FloatArray, FloatArray, Parameters], FloatArray]) -> In
     """Make a law that turns times and true values into readings."""
 
     def install(a: Assembly, name: str, p: Parameters) -> None:
-        column = a.kind.outputs.index(name)
+        column = a.column(name)
         a.readings.append(lambda t, y, x: np.copyto(y[:, column], law(t, y[:, column], p)))
 
     return install
@@ -106,7 +106,7 @@ def _read(law: Callable[[FloatArray, FloatArray, Parameters], FloatArray]) -> In
 
 def _lag_out(a: Assembly, name: str, p: Parameters) -> None:
     """Show a state that follows the true one, settled at its first value."""
-    column, constant = a.kind.outputs.index(name), p["T"]
+    column, constant = a.column(name), p["T"]
     true = a.plant.shown[column]
     behind = a.add_state(true)
 
@@ -125,7 +125,7 @@ def _delay_out(a: Assembly, name: str, p: Parameters) -> None:
 
 def _resonance(a: Assembly, name: str, p: Parameters) -> None:
     """Add a weakly damped mode of the sensor's mount that its reading excites."""
-    column, w, damping = a.kind.outputs.index(name), p["w_0"], p["zeta"]
+    column, w, damping = a.column(name), p["w_0"], p["zeta"]
     shown = a.plant.shown[column]
     position, speed = a.add_state(shown), a.add_state()
 

@@ -49,11 +49,14 @@ class Plant:
 class Balance:
     """A state as laws see it: what is balanced (forces, flows, voltages; a rate only follows another state).
 
+    ``size`` is how large it usually gets, ``shake`` the standard deviation of where a recording starts, about rest.
     ``position`` is the state whose derivative this one is, ``reference`` the level at which losses vanish, and
     ``neighbour`` the storage that takes what spills, or exchanges with this one.
     """
 
     family: Literal["motion", "storage", "electrical", "rate"]
+    size: float
+    shake: float = 0.0
     position: str | None = None
     reference: float = 0.0
     neighbour: str | None = None
@@ -76,6 +79,7 @@ class Drive:
     centre: float
     height: float
     clock: float
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -83,26 +87,22 @@ class RigKind:
     """One kind of rig.
 
     ``name`` is also the folder of its model, ``parameters`` are the values in the Modelica file, from which the fit
-    starts; ``known`` are right there, all others are free. ``units`` are those of inputs and outputs (none where the
-    model declares none), ``step`` is the sample interval in s, ``rows`` the number of samples. ``plant`` makes of
-    parameters the equations. ``sizes`` and ``shake`` have per state how large it usually gets, and the standard
-    deviation of where a recording starts, about rest. ``laws`` has per place the laws that may be missing there, in
-    one string; inputs as ``in:NAME``, outputs as ``out:NAME``. ``resting`` makes of parameters the states at rest under
-    the drives' centres, where they are not zero. ``linear`` says whether the equations without laws are, ``method`` is
-    SciPy's for the others. A command holds for ``hold`` samples.
+    starts; ``known`` are right there, all others are free. ``outputs`` have their units (none where the model declares
+    none), ``step`` is the sample interval in s, ``rows`` the number of samples. ``plant`` makes of parameters the
+    equations. ``laws`` has per place the laws that may be missing there, in one string; inputs as ``in:NAME``, outputs
+    as ``out:NAME``. ``resting`` makes of parameters the states at rest under the drives' centres, where they are not
+    zero. ``linear`` says whether the equations without laws are, ``method`` is SciPy's for the others. A command holds
+    for ``hold`` samples.
     """
 
     name: str
     parameters: Parameters
     inputs: Mapping[str, Drive]
     states: Mapping[str, Balance]
-    outputs: tuple[str, ...]
-    units: Mapping[str, str]
+    outputs: Mapping[str, str]
     step: float
     rows: int
     plant: Callable[[Parameters], Plant]
-    sizes: tuple[float, ...]
-    shake: tuple[float, ...]
     laws: Mapping[str, str]
     known: tuple[str, ...] = ()
     resting: Callable[[Parameters], list[float]] | None = None
@@ -110,6 +110,11 @@ class RigKind:
     linear: bool = True
     method: str = "DOP853"
     hold: int = 1
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of time, inputs and outputs."""
+        return {"time": "s", **{name: drive.unit for name, drive in self.inputs.items()}, **self.outputs}
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -209,6 +214,10 @@ class Assembly:
         """Return the index of a state."""
         return list(self.kind.states).index(name)
 
+    def column(self, name: str) -> int:
+        """Return the index of an output."""
+        return list(self.kind.outputs).index(name)
+
     def add_state(self, like: int | None = None) -> int:
         """Add a state that starts at zero, or where the state ``like`` starts, and return its index."""
         self.extra.append(like)
@@ -242,7 +251,7 @@ class Assembly:
         at = np.searchsorted(grid, time - apart)
         outputs = found[np.ix_(at, self.plant.shown)]
         for name, times in late.items():
-            column = self.kind.outputs.index(name)
+            column = self.column(name)
             outputs[:, column] = found[np.searchsorted(grid, times - apart), self.plant.shown[column]]
         for reading in self.readings:
             reading(time, outputs, found[at])
@@ -251,7 +260,7 @@ class Assembly:
     def _solver(self, time: FloatArray, relative: float) -> dict[str, Any]:
         step = float(time[1] - time[0])
         stiff = self.method != "DOP853"
-        own = relative * np.array(self.kind.sizes)
+        own = relative * np.array([balance.size for balance in self.kind.states.values()])
         extra = [1e-3 * relative if like is None else own[like] for like in self.extra]
         return {
             "method": self.method, "rtol": relative, "atol": np.array([*own, *extra]),

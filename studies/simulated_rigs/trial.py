@@ -106,12 +106,11 @@ def make_trial(
     clean = simulate_rig(rig, parameters, [], time, commands["train"], starts["train"])
     noise = noise if noise is not None else draw_noise_levels(rng, rig, clean[0])
     laws = choose(rng, RigExperiment(rig, parameters, starts["train"], time, commands["train"], noise, clean))
-    units = {"time": "s", **{column: rig.units.get(column, "") for column in (*rig.inputs, *rig.outputs)}}
     noise_free = {}
     for run in runs:
         outputs, _ = simulate_rig(rig, parameters, laws, time, commands[run], starts[run])
         inputs = dict(zip(rig.inputs, commands[run].T, strict=True))
-        noise_free[run] = Recording(run, time, inputs, dict(zip(rig.outputs, outputs.T, strict=True)), units)
+        noise_free[run] = Recording(run, time, inputs, dict(zip(rig.outputs, outputs.T, strict=True)), rig.units)
     train, test = (
         replace(clean, outputs=readings(stream, time, clean.outputs, noise), sha256="")
         for stream, clean in zip(rng.spawn(2), noise_free.values(), strict=True)
@@ -152,8 +151,8 @@ def _commands(rng: Generator, kind: RigKind, time: FloatArray) -> FloatArray:
 
 def _start(rng: Generator, kind: RigKind, parameters: Mapping[str, float]) -> tuple[float, ...]:
     return tuple(
-        at + spread * float(rng.uniform(-1.5, 1.5))
-        for at, spread in zip(kind.rest(parameters), kind.shake, strict=True)
+        at + state.shake * float(rng.uniform(-1.5, 1.5))
+        for at, state in zip(kind.rest(parameters), kind.states.values(), strict=True)
     )
 
 

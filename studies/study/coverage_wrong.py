@@ -28,8 +28,7 @@ from numpy.random import Generator
 import aero_bayes
 from aero_bayes.data import Recording, write_csv
 from study.answers import close_loop
-from study.coverage import HEAD
-from study.repeated import RepeatedRig, repeated_rigs
+from study.coverage import HEAD, RepeatedRig, repeated_rigs
 from study.study import Row, Study, Told, percent, rate, write_json
 
 STATES = {

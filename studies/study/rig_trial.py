@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from simulated_rigs import DEVELOPMENT, REPORT, LawTruth, RigTrial, draw_rig_trial, write_trial
 from simulated_rigs.kinds import KINDS
+from simulated_rigs.trial import DEVELOPMENT, REPORT, RigTrial, draw_rig_trial, write_trial
+from simulated_rigs.truth import LawTruth
 from study.answers import claims_law, close_loop, same_as, unseen
 from study.study import Row, Study, Tasks, Told, keyed, number, quantile, rate, rate_cells, rate_of
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simulated_rigs import LawPlace, LawTruth, simulate_rig
 from simulated_rigs.aero import HALF_QUAD, Truth, even_times, pivot_friction
 from simulated_rigs.designs import Levels, paper_step
 from simulated_rigs.kinds import AERO
-from simulated_rigs.truth import assembled
+from simulated_rigs.truth import LawPlace, LawTruth, assembled, simulate_rig
 
 pytestmark = pytest.mark.long
 

@@ -14,10 +14,10 @@ from aero_bayes.errors import InputError
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.loop.decide import decide
 from aero_bayes.loop.table import Table
-from simulated_rigs import LawPlace, LawTruth
 from simulated_rigs.aero import Truth, pivot_friction, scaled, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import real, white
+from simulated_rigs.truth import LawPlace, LawTruth
 
 SETTINGS = LoopSettings(max_effects=2)
 close_aero = partial(close_loop, model="Aero.Systems.OneDof")

@@ -35,8 +35,8 @@ TIGHT = SolverSettings(1e-10, 1e-10)
 
 
 @pytest.fixture(scope="module")
-def model(modelica) -> Model:
-    return modelica(SOURCE)
+def model(exported) -> Model:
+    return exported(SOURCE)
 
 
 def step(at: float) -> np.ndarray:

@@ -25,9 +25,9 @@ from aero_bayes.simulation.interface import (
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.attach import OpenModel, attached
+from aero_bayes.structure.attach import LawBlocks, attached
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.law_blocks import LawBlocks
+from aero_bayes.structure.open_ports import OpenModel
 
 pytestmark = pytest.mark.fast
 
@@ -170,8 +170,8 @@ end Swap;
     np.testing.assert_allclose(*found, atol=1e-8)
 
 
-def test_events_loops_and_other_tools_run_singly(modelica, here):
-    model = modelica(
+def test_events_loops_and_other_tools_run_singly(exported, here):
+    model = exported(
         """model Ball
   parameter Real e = 0.7;
   output Real h(start = 1, fixed = true);

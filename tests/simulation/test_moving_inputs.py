@@ -94,12 +94,12 @@ def reference(
 @pytest.mark.parametrize("interpolation", ["hold", "linear"])
 @BOTH
 def test_no_further_from_the_reference_than_a_millionth_of_the_range(
-    modelica, here, interpolation, text, slope, method, interval, size
+    exported, here, interpolation, text, slope, method, interval, size
 ):
     rng = np.random.default_rng(2)
     time = interval * np.arange(81)
     level = size * (np.sin(time / (20.0 * interval)) + 0.2 * rng.standard_normal(time.size))
-    model = modelica(text)
+    model = exported(text)
     signal = InputSignal("u", time, level, interpolation)
     problem = Problem(model, (Experiment(time, (model.outputs[0].name,), (signal,)),), ((),))
     found = ran(problem, here)
@@ -127,11 +127,11 @@ def test_a_linear_model_is_exact_at_uneven_samples_and_with_a_delay(test_fmu, he
     np.testing.assert_allclose(found, exact, atol=2e-9 if delay == 0.0 else 2e-8)
 
 
-def test_a_tighter_tolerance_is_kept_too(modelica, here):
+def test_a_tighter_tolerance_is_kept_too(exported, here):
     time = 0.02 * np.arange(101)
     level = 6.0 * np.sin(time) + np.random.default_rng(3).standard_normal(time.size)
     experiment = Experiment(time, ("w",), (InputSignal("u", time, level),))
-    problem = Problem(modelica(MOTOR), (experiment,), ((),), settings=SolverSettings(1e-9, 1e-9))
+    problem = Problem(exported(MOTOR), (experiment,), ((),), settings=SolverSettings(1e-9, 1e-9))
     found = ran(problem, here).outputs[0][0, :, 0]
     exact = reference(motor, time, level, "hold", "LSODA", 0.02)
     assert np.abs(found - exact).max() <= 2e-8 * np.ptp(exact)
@@ -146,11 +146,11 @@ def test_a_tighter_tolerance_is_kept_too(modelica, here):
     ],
 )
 def test_sensitivities_meet_the_differences_of_tight_runs(
-    modelica, here, interpolation, text, parameters, interval, size
+    exported, here, interpolation, text, parameters, interval, size
 ):
     time = interval * np.arange(121)
     level = size * (np.sin(time / (20.0 * interval)) + 0.2 * np.random.default_rng(2).standard_normal(time.size))
-    model = modelica(text)
+    model = exported(text)
     experiment = Experiment(time, (model.outputs[0].name,), (InputSignal("u", time, level, interpolation),))
     targets = (*(ParameterTarget(p) for p in parameters), DelayTarget())
     values = np.array([*(float(model.parameter(p).start) for p in parameters), 0.3 * interval])
@@ -196,12 +196,12 @@ class Slave:
 
 @BOTH
 def test_exported_co_simulation_is_accurate_and_restarts_from_a_state(
-    modelica, tmp_path, text, slope, method, interval, size
+    exported, tmp_path, text, slope, method, interval, size
 ):
     rng = np.random.default_rng(2)
     time = interval * np.arange(81)
     level = size * (np.sin(time / (20.0 * interval)) + 0.2 * rng.standard_normal(time.size))
-    slave = Slave(modelica(text), tmp_path / "unpacked")
+    slave = Slave(exported(text), tmp_path / "unpacked")
     slave.begin()
     early = slave.run(time[:41], level[:41])
     state = slave.fmu.getFMUState()

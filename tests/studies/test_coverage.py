@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from study import coverage, coverage_wrong
-from study.coverage import held
+from study.coverage import SPREAD, held, levels, noise, repeated_rigs, white_force
 from study.coverage_wrong import STATES, of_rigs
-from study.repeated import SPREAD, levels, noise, repeated_rigs, white_force
 
 pytestmark = pytest.mark.long
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 import aero_bayes
-from simulated_rigs import draw_rig_trial
-from simulated_rigs.faults import FAULTS, Faulty, with_fault
-from study.fault_trial import Rig, attempt, draw, shortened, summary, tasks
+from simulated_rigs.trial import draw_rig_trial
+from study.fault_trial import FAULTS, Faulty, Rig, attempt, draw, shortened, summary, tasks, with_fault
 
 pytestmark = pytest.mark.long
 

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import ColumnSpec, Layout, read_recording
-from simulated_rigs import LawPlace, LawTruth, draw_rig_trial
+from simulated_rigs.trial import draw_rig_trial
+from simulated_rigs.truth import LawPlace, LawTruth
 from study.answers import answer_of
 from study.rig_trial import STUDY, attempt, joined_connectors, right_effect, right_pair, same_places, summary, table
 from study.study import Row, keyed, run, worked

@@ -8,7 +8,6 @@ from facts import facts
 from scipy.integrate import solve_ivp
 
 from aero_bayes.errors import InputError
-from simulated_rigs import LawPlace, LawTruth, law_places, simulate_rig
 from simulated_rigs.kinds import KINDS
 from simulated_rigs.rig import Assembly, run_linear
 from simulated_rigs.signals import (
@@ -18,7 +17,7 @@ from simulated_rigs.signals import (
     lagged_command,
     rate_limited_command,
 )
-from simulated_rigs.truth import law_kind
+from simulated_rigs.truth import LawPlace, LawTruth, law_kind, law_places, simulate_rig
 
 pytestmark = pytest.mark.long
 
@@ -198,7 +197,10 @@ def test_rates_of_change_by_textbook_formulas() -> None:
 @pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.linear])
 def test_two_ways_of_integrating_a_linear_rig_agree(name: str) -> None:
     kind = KINDS[name]
-    commands, start = steps(kind, 400), [r + s for r, s in zip(kind.rest(kind.parameters), kind.shake, strict=True)]
+    commands, start = (
+        steps(kind, 400),
+        [r + s for r, s in zip(kind.rest(kind.parameters), (b.shake for b in kind.states.values()), strict=True)],
+    )
     exact, _ = run_linear(kind.plant(kind.parameters), kind.step, commands, start)
     stepped, _ = Assembly(kind, kind.parameters).run(times(kind, 400), commands, start)
     assert (np.abs(stepped - exact).max(axis=0) < 1e-6 * np.ptp(exact, axis=0)).all()

@@ -16,10 +16,11 @@ from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.model import Model
-from simulated_rigs import MODELS, LawPlace, LawTruth, draw_rig_trial, law_places, simulate_rig, write_trial
 from simulated_rigs.experiment import RigExperiment, arma_innovations
 from simulated_rigs.kinds import KINDS
 from simulated_rigs.sensors import SensorNoise
+from simulated_rigs.trial import MODELS, draw_rig_trial, write_trial
+from simulated_rigs.truth import LawPlace, LawTruth, law_places, simulate_rig
 
 pytestmark = pytest.mark.long
 
@@ -41,12 +42,12 @@ def test_the_modelica_model_and_the_simulator_are_the_same_rig(name: str, tmp_pa
     aliases = dict(zip((list(kind.states)[index] for index in shown), kind.outputs, strict=True))
     states = [state if state in found else aliases[state] for state in kind.states]
     assert found == set(states)
-    assert {item.name: item.unit for item in (*model.inputs, *model.outputs) if item.unit} == kind.units
+    assert {"time": "s"} | {item.name: item.unit or "" for item in (*model.inputs, *model.outputs)} == kind.units
     rows = 500
     start = dict(zip(states, trial.starts["test"], strict=True))
     experiment = Experiment(
         noise_free.time[:rows],
-        kind.outputs,
+        tuple(kind.outputs),
         tuple(
             InputSignal(column, noise_free.time[:rows], values[:rows]) for column, values in noise_free.inputs.items()
         ),
@@ -56,7 +57,7 @@ def test_the_modelica_model_and_the_simulator_are_the_same_rig(name: str, tmp_pa
     problem = Problem(model, (experiment,), targets, trial.parameters, SolverSettings(1e-9, 1e-9))
     with open_simulator(problem, workers=0) as simulator:
         outputs = simulator.simulate(np.array([list(start.values())])).outputs[0][0]
-    expected = noise_free.measured(kind.outputs)
+    expected = noise_free.measured(tuple(kind.outputs))
     assert (np.abs(outputs - expected[:rows]).max(axis=0) < 2e-6 * np.ptp(expected, axis=0)).all()
 
 

@@ -180,7 +180,7 @@ def test_the_table_is_aligned_and_names_file_and_line(rig):
 
 
 def test_the_aero_has_the_ports_of_its_effects():
-    rows = json.loads(ports("--json"))
+    rows = json.loads(ports("--model", "Aero.Systems.OneDof", "--json"))
     expected = {
         "electrical": "supply_resistance brush_drop winding_heating amplifier_deadzone amplifier_saturation",
         "rotor": "rotor_coulomb_friction rotor_viscous_friction",

@@ -11,7 +11,7 @@ from scipy.special import ndtri
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import SettingsDisplay
-from aero_bayes.estimate.whiteness import autocovariance, integrated_time
+from aero_bayes.estimate.noise import autocovariance, integrated_time
 
 
 @dataclass(frozen=True, repr=False)

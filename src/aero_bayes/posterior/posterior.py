@@ -187,7 +187,7 @@ class Posterior(FittedResult, HasPage):
         return base | {
             "parameters": plain(self.parameters | chosen_estimates(self.fit.trials)),
             "noise": noise_table(self.calibration.data, self.noise),
-            "process_noise": process_noise_table(self.calibration.simulated.process, self.parameters),
+            "process_noise": process_noise_table(self.calibration.process, self.parameters),
             "mcmc": picked(
                 self,
                 "walkers tau r_hat_max ess_bulk_min ess_tail_min seconds converged reason acceptance evaluations",
